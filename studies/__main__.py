@@ -1,4 +1,4 @@
-"""``python -m studies NAME``: the paper's tables and page, the flow study and the donors of the Chimera block."""
+"""``python -m studies NAME``: the paper's tables and figures, the flow and the donors of the Chimera block."""
 
 import csv
 from collections.abc import Callable
@@ -46,11 +46,15 @@ def _written(name: str, scale: str, out: Path | None, as_json: bool, quiet: bool
 
 def _table(name: str) -> click.Command:
     def command(scale: str, cache: bool, **given: Any) -> int:
-        from studies import studies
+        from studies.files import write_study
+        from studies.measure import run_study
 
-        return _written(
-            name, scale, write=lambda folder, watch: studies.table(name, scale, folder, watch, cache), **given
-        )
+        def write(folder: Path, watch: Stopwatch) -> str:
+            result = run_study(name, scale, watch, cache)
+            write_study(result, folder)
+            return f"{len(result.measured)} adaptations"
+
+        return _written(name, scale, write=write, **given)
 
     return click.command(name, help=f"Measure {name} of the paper; write it as .csv, .md and .png.")(measured(command))
 
@@ -60,27 +64,25 @@ for table in TABLES:
 
 
 @study.command()
-@click.option("--again", is_flag=True, help="Write the page from what is in the output folder.")
 @measured
-def page(again: bool, scale: str, cache: bool, out: Path | None, **given: Any) -> int:
-    """Measure all tables and figures of the paper, and write a page that compares them."""
-    from studies import studies
-
-    kept = out or Path("runs/page")
+def page(scale: str, cache: bool, **given: Any) -> int:
+    """Measure all tables and figures of the paper, and the numbers that docs/paper.md quotes."""
+    from studies.figures import write_page
 
     def write(folder: Path, watch: Stopwatch) -> str:
-        return studies.again(folder, kept) if again else studies.page(scale, folder, kept, watch, cache)
+        write_page(scale, folder, watch.show, cache)
+        return "docs/paper.md quotes figures/ and tables/"
 
-    return _written("page", scale, out, write=write, **given)
+    return _written("page", scale, write=write, **given)
 
 
 @study.command()
 @measured
-def reasons(scale: str, cache: bool, **given: Any) -> int:
-    """Measure why the paper's numbers differ, into the folder from which the page quotes them."""
-    from studies import studies
+def centres(scale: str, cache: bool, **given: Any) -> int:
+    """Repeat adaptations of the paper with one thing changed at a time: why it needs more centres than we do."""
+    from studies.centres import write_trials
 
-    return _written("reasons", scale, write=lambda folder, watch: studies.reasons(scale, folder, watch, cache), **given)
+    return _written("centres", scale, write=lambda folder, watch: write_trials(scale, folder, watch, cache), **given)
 
 
 @study.command()

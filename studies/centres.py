@@ -1,12 +1,17 @@
 """Why the paper needs more centres than we do: one thing varied at a time, and how many centres it then takes."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
 
 import numpy as np
 
 from sdm_deflect.cases.aircraft.case import Case, Confinement
 from sdm_deflect.cases.aircraft.job import ON_LINE, distance_to_line, panel_of
+from sdm_deflect.cases.aircraft.pipeline import meshed
+from sdm_deflect.cases.aircraft.registry import case_named
+from sdm_deflect.cases.run.output import write_table
+from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray
 from sdm_deflect.deform.base.points import IndexArray
 from sdm_deflect.deform.base.progress import Progress
@@ -26,6 +31,7 @@ from studies.measure import SiteGroups, sites_of
 from studies.paper import Row, Table, paper
 from studies.trials import GMRES, NOTHING, TOLERANCE, Trial
 
+TABLES = ("table1", "table3", "table4")
 FACTORS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 """The tolerance is divided by them: as good as a model that is so many times larger, with all its displacements."""
 SMALLER = 4.0
@@ -216,6 +222,18 @@ def on_trailing_edge(sites: SiteGroups, fighter: Fighter, surface: str) -> BoolA
     """True for the surface sites (K,) on the trailing edge."""
     points = sites.plan.boundary.mesh.points[sites.plan.sites.moving]
     return np.asarray(distance_to_line(points, datum.trailing_edge(fighter, surface)) < ON_LINE)
+
+
+def write_trials(scale: str, folder: Path, watch: Stopwatch, cache: bool = True) -> str:
+    """Write centres.csv: all trials for the paper's tables 1, 3 and 4; table 2 has the sites of table 1."""
+    tables = paper().tables
+    cases = {n: replace(case_named(tables[n].case, scale), angle=tables[n].rows[0].setting.angle) for n in TABLES}
+    meshes = {name: meshed(case, watch, cache)[0] for name, case in cases.items()}
+    with watch.stage("centres") as progress:
+        trials = measured(cases, meshes, progress)
+    names = [one.name for one in fields(Trial)]
+    write_table(folder / "centres.csv", [names, *([getattr(one, name) for name in names] for one in trials)])
+    return f"{len(trials)} adaptations, each with one thing changed"
 
 
 def measured(cases: dict[str, Case], meshes: dict[str, Mesh], progress: Progress) -> tuple[Trial, ...]:

@@ -1,6 +1,6 @@
 """A study as CSV, as a table in Markdown and as a plot (figure 2 of the paper and its kin), ours beside the paper's."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from math import isnan
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,6 @@ from sdm_deflect.cases.report.pictures import write_png
 from sdm_deflect.cases.run.output import write_table
 from studies.measure import DEFAULT, GMRES, GROWN, REPETITIONS, Measured, Result
 from studies.paper import Row, Setting, Size, paper
-from studies.trends import TRENDS, listed, title
 
 SETTING = ("columns", "angle_deg", "initial_surface", "initial_hexahedron", "n_add")
 RESULTS = ("iterations", "centers", "seconds", "max_error")
@@ -50,7 +49,7 @@ def write_csv(result: Result, path: Path) -> None:
 
 
 def markdown(result: Result) -> str:
-    """Return heading, sizes, tables, loops and trends."""
+    """Return heading, sizes, tables and loops."""
     table = result.table
     loops = [f"- `{loop.name}`: {loop.meaning}." for loop in result.loops]
     parts = [
@@ -60,7 +59,6 @@ def markdown(result: Result) -> str:
         f"Seconds by loop (wall time, median of up to {REPETITIONS} runs):\n\n" + "\n".join(loops),
         seconds(result),
         convergence(result),
-        "\n".join(verdicts(result)),
     ]
     return "\n\n".join(parts) + "\n"
 
@@ -126,15 +124,14 @@ def small_motions(result: Result) -> Iterator[str]:
                 )
 
 
-def verdicts(result: Result) -> list[str]:
-    """Return one list item for each trend of the paper: whether it holds here, and the numbers."""
-    lines = []
-    for trend in TRENDS[result.name]:
-        found = result.findings(trend)
-        named = "`{}` " if trend.of_time else ""
-        judged = [f"{named.format(loop.name)}**{one.verdict}** ({one.evidence})" for loop, one in found.items()]
-        lines.append(f"- {trend.statement} Here: {'; '.join(judged) or 'these rows cannot tell'}.")
-    return lines
+def title(columns: str) -> str:
+    """Return how the paper calls it: MV or f_x."""
+    return "MV" if columns == "xyz" else f"f_{columns}"
+
+
+def listed(values: Iterable[float]) -> str:
+    """Join numbers with few digits."""
+    return ", ".join(f"{value:.3g}" if isinstance(value, float) else str(value) for value in values)
 
 
 def _size(size: Size) -> str:

@@ -28,14 +28,11 @@ from sdm_deflect.deform.volume.step import DIRECTIONS, GROUPINGS, initial_center
 from sdm_deflect.meshing.mesh import tets_of
 from studies.paper import Evaluation, Row, Setting, Size, Table, paper
 from studies.solves import DirectBasis, krylov
-from studies.trends import Finding, Trend
 
 REPETITIONS = 7
 """At most so many runs of one adaptation, of which the median time counts..."""
 ENOUGH_SECONDS = 1.0
 """...and no further run once they have taken this long."""
-ALIKE = 1.5
-"""Time may fall short of the number of points by this factor: measured times vary that much."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,12 +202,6 @@ class Result:
         """The loops that were timed, in a fixed order."""
         return tuple(loop for loop in ALL if self.by(loop))
 
-    def findings(self, trend: Trend) -> dict[Loop, Finding]:
-        """Judge a trend: for time by every loop with the paper's rule, for centres by the first of them."""
-        alike = [loop for loop in self.loops if isinstance(loop.rule, Worst)]
-        judged = {loop: trend.test(self.by(loop), self.table) for loop in (alike if trend.of_time else alike[:1])}
-        return {loop: finding for loop, finding in judged.items() if finding is not None}
-
 
 def carry_out(name: str, case: Case, mesh: Mesh, progress: Progress) -> Result:
     """Measure every row of a table on the mesh of its case."""
@@ -253,18 +244,6 @@ def timed(theirs: Evaluation, case: Case, mesh: Mesh) -> Evaluation:
         inside_seconds=_median_seconds(lambda: fit.interpolant(inside)),
         whole_seconds=_median_seconds(lambda: fit.interpolant(mesh.points)),
     )
-
-
-def savings(one: Evaluation, points: int) -> Finding:
-    """Judge whether confined evaluation is faster at least by the ratio of the numbers of points."""
-    time, share = one.whole_seconds / one.inside_seconds, points / one.inside
-    return Finding(time * ALIKE >= share, f"{time:.3g} times faster, {share:.3g} times fewer points")
-
-
-def filter_is_cheap(one: Evaluation) -> Finding:
-    """Judge whether filter and evaluation inside together take less time than evaluation on the whole mesh."""
-    confined = one.filter_seconds + one.inside_seconds
-    return Finding(confined < one.whole_seconds, f"{confined:.3g} s against {one.whole_seconds:.3g} s")
 
 
 def _median_seconds(work: Callable[[], object]) -> float:

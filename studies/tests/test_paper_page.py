@@ -1,8 +1,9 @@
-"""The page of the paper: written again from stored results to the letter, each verdict with its reason."""
+"""What docs/paper.md states of the paper's trends: each holds on the paper's own numbers, and on ours as stated."""
 
-import re
-import string
+import csv
+import json
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -14,138 +15,152 @@ from sdm_deflect.deform.rbf.interpolant import direct
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.rbf.selection import GreedyOptions, Worst
 from sdm_deflect.deform.rbf.sites import DataSites
-from studies import centres, studies
-from studies.centres_findings import numbers
+from studies import centres
 from studies.loop import Gmres, adapted
-from studies.page import read_page, text_of
+from studies.paper import Evaluation, Row, Setting, paper
 from studies.solves import DirectBasis
-from studies.stored import Counted
-from studies.trials import Trial, factors
-from studies.verdicts import UNKNOWN, because, counted, reasons, verdicts
-from tests.calls import run_study
 
 DOCS = Path(__file__).parents[2] / "docs"
+TEXT = (DOCS / "paper.md").read_text(encoding="utf-8")
+NUMBERS = json.loads((DOCS / "tables" / "page.json").read_text(encoding="utf-8"))
 
 
-@pytest.fixture(scope="module")
-def page():
-    return read_page(DOCS)
+def rows_of(name, source):
+    """The rows of a table: the paper's, or those of a loop as they are stored."""
+    if source == "paper":
+        return list(paper().tables[name].rows)
+    with (DOCS / "tables" / f"{name}.csv").open(newline="", encoding="utf-8") as file:
+        found = [row for row in csv.DictReader(file) if row["source"] == source]
+    settings = (
+        Setting(one["columns"], float(one["angle_deg"]), (int(one["initial_surface"]), int(one["initial_hexahedron"])),
+                int(one["n_add"])) for one in found
+    )  # fmt: skip
+    figures = ((int(o["iterations"]), int(o["centers"]), float(o["seconds"]), float(o["max_error"])) for o in found)
+    return [Row(setting, *own) for setting, own in zip(settings, figures, strict=True)]
 
 
-def test_the_page_is_what_its_stored_results_say(tmp_path):
-    said = studies.again(tmp_path, DOCS)
-    text = (tmp_path / "paper.md").read_text(encoding="utf-8")
-    assert text == (DOCS / "paper.md").read_text(encoding="utf-8")
-    assert said in text
-    assert len(said) < 100
-    assert (tmp_path / "figures" / "centres.png").read_bytes().startswith(b"\x89PNG")
+def by(rows, name, columns=("xyz", "x", "y", "z")):
+    """One figure of the rows, by direction."""
+    found = [[getattr(row, name) for row in rows if row.setting.columns == own] for own in columns]
+    return [own for own in found if own]
 
 
-def test_the_first_table_has_every_verdict_of_the_page(page):
-    text = (DOCS / "paper.md").read_text(encoding="utf-8")
-    head, body = text.split("## Figure 1", 1)
-    found = list(verdicts(page))
-    rows = [line for line in head.splitlines() if re.match(r"\| (Table|Figure|Timings)", line)]
-    below = re.findall(r"\*\*(holds|does not hold)\*\*", body)
-    assert len(rows) == len(found) == len(below) == 38
-    assert [one.finding.verdict for one in found] == below
-    assert counted(page) in head
+def rises(values):
+    return [b > a for a, b in pairwise(values)]
 
 
-def test_what_does_not_hold_has_a_measured_reason(page):
-    explained = [(one, because(one, page)) for one in verdicts(page) if not one.finding.holds]
-    for one, text in explained:
-        assert UNKNOWN not in text, one
-        assert re.search(r"\d", text), one
-    for reason in reasons():
-        assert any(reason.explains(one) for one, _ in explained), reason
-        assert [name for _, name, *_ in string.Formatter().parse(reason.text) if name], reason
+def most(steps):
+    return 2 * sum(steps) > len(steps)
 
 
-FAILS = {
-    "The initial centres hardly influence the time. (`grown`)",
-    "The initial centres hardly influence the time. (`lapack`)",
-    "MV is dearer than SQUV by more than a factor of two. (`grown`)",
-    "MV is dearer than SQUV by more than a factor of two. (`lapack`)",
-    "The time falls by a factor of more than 6 at best. (`grown`)",
-    "The time falls by a factor of more than 6 at best. (`lapack`)",
-    "The time falls by a factor of more than 6 at best. (`gmres`)",
-    "It falls monotonically up to M_add = 25 only, then often rises again. (`grown`)",
-    "It falls monotonically up to M_add = 25 only, then often rises again. (`lapack`)",
-    "It falls monotonically up to M_add = 25 only, then often rises again. (`gmres`)",
-    "No direction reaches the tolerance; all end at the limit after the same iterations.",
-    "The times differ little. (`lapack`)",
-    "At +12° the deformed mesh has no cell below 0.4.",
-    "aileron: confined evaluation is faster at least by the ratio of the numbers of points",
-}
-"""What the paper says and the stored results do not show; every other sentence holds."""
+def spread(values):
+    return max(values) / min(values)
 
 
-@pytest.mark.parametrize(
-    "verdict", list(verdicts(read_page(DOCS))), ids=lambda one: f"{one.place}: {one.statement}{one.note}"
-)
-def test_each_trend_stands_as_the_page_states_it(verdict):
-    sentence = verdict.statement + verdict.note
-    assert verdict.finding.holds == (sentence not in FAILS), f"{sentence} Measured: {verdict.finding.evidence}"
+def mv_over_squv(rows):
+    """Time of MV over that of the three directions, where a loop did all of them."""
+    squv = [sum(times) for times in zip(*by(rows, "seconds", "xyz"), strict=True)]
+    return min(mv / own for mv, own in zip(*by(rows, "seconds", ["xyz"]), squv, strict=False))
 
 
-def test_sentences_that_fail_are_on_the_page(page):
-    assert {one.statement + one.note for one in verdicts(page)} >= FAILS
+def ordered(rows, name, columns="yxz"):
+    return all(all(rises(own)) for own in zip(*by(rows, name, columns), strict=True))
 
 
-@pytest.mark.parametrize("name", ["unit", "norm", "size", "hinge", "sites", "gmres", "panel"])
-def test_each_explanation_is_settled_as_the_page_states_it(name, page):
-    assert numbers(page)[name]["settled"], f"the page's sentence on {name}: {numbers(page)[name]}"
+def grown(rows, name):
+    """Whether the larger of two deflections has more of a figure in each direction."""
+    return all(abs(a) < abs(b) for a, b in by(rows, name, "xyz"))
 
 
-def test_sections_that_could_not_be_made_say_why(page):
-    missing = {"figure5": "no mesh", "table2": "no time", "timings": "no clock"}
-    results = {name: result for name, result in page.results.items() if name not in missing}
-    less = replace(page, stored=replace(page.stored, missing=missing, evaluations=[]), results=results, reasons=None)
-    text = text_of(less)
-    assert "## Figure 5: the mesh in the gap\n\nNot made: no mesh.\n\n## Figure 6" in text
-    assert "5 + 5 initial centres)\n\nNot made: no time.\n\n## Figure 3" in text
-    assert text.rstrip().endswith("Not made: no clock.")
-    assert "Mesh points inside the hexahedron" not in text
+def least_in_y(rows, name):
+    return all(min(own) == own[1] for own in zip(*by(rows, name, "xyz"), strict=True))
 
 
-def test_gmres_that_never_leaves_the_tail_s_error_is_not_the_reason(page):
-    trials = tuple(replace(one, max_error=1e-9) if one.change == "GMRES" else one for one in page.reasons.trials)
-    text = text_of(replace(page, reasons=replace(page.reasons, trials=trials)))
-    assert "is left by none of these; with none of them do aileron and Chimera block reach theirs" in text
+def until_25(rows):
+    seconds = [row.seconds for row in rows if row.setting.n_add <= 25]
+    later = [row.seconds for row in rows if row.setting.n_add >= 25]
+    return not any(rises(seconds)) and any(rises(later))
 
 
-def test_a_verdict_that_fails_elsewhere_says_that_it_has_no_reason(page):
-    one = next(one for one in verdicts(page) if one.finding.holds)
-    failed = replace(one, finding=replace(one.finding, holds=False))
-    assert because(failed, page).startswith(UNKNOWN)
-    assert because(failed, replace(page, reasons=None)).startswith(UNKNOWN)
+def at_limit(rows):
+    table = paper().tables["table4"]
+    limited = all(row.centers == table.max_centers and row.max_error > table.tolerance for row in rows)
+    return limited and len({row.iterations for row in rows}) == 1
 
 
-def test_tables_are_narrow_enough_to_read():
-    for line in (DOCS / "paper.md").read_text(encoding="utf-8").splitlines():
-        if line.startswith("|"):
-            assert line.count("|") <= 10, line
+TRENDS = (
+    ("table1", "More initial centres mean fewer iterations.", {"grown": True},
+     lambda rows: all(not any(own) or all(rises(own[::-1])) for own in by(rows, "iterations"))),
+    ("table1", "More initial centres mostly mean more centres in the end.", {"grown": True},
+     lambda rows: most([step for own in by(rows, "centers") for step in rises(own)])),
+    ("table1", "The initial centres hardly influence the time.", {"grown": False, "lapack": False},
+     lambda rows: all(spread(own) <= 1.25 for own in by(rows, "seconds"))),
+    ("table1", "f_y needs the fewest centres, followed by f_x and f_z.", {"grown": True},
+     lambda rows: ordered(rows, "centers")),
+    ("table1", "SQUV for f_z ends with the same iterations and centres as MV.", {"grown": True},
+     lambda rows: all(len({*own}) == 1 for name in ("iterations", "centers")
+                      for own in zip(*by(rows, name, ("z", "xyz")), strict=True))),
+    ("table1", "MV is dearer than SQUV by more than a factor of two.", {"grown": False, "lapack": False, "gmres": True},
+     lambda rows: mv_over_squv(rows) > 2.0),
+    ("table2", "A larger M_add generally means fewer iterations.", {"grown": True},
+     lambda rows: most(rises([row.iterations for row in rows][::-1]))),
+    ("table2", "A larger M_add generally means more centres.", {"grown": True},
+     lambda rows: most(rises([row.centers for row in rows]))),
+    ("table2", "Any M_add above one takes less time than one.", {"grown": True, "lapack": True, "gmres": True},
+     lambda rows: max(row.seconds for row in rows[1:]) < rows[0].seconds),
+    ("table2", "The time falls by a factor of more than 6 at best.", {"grown": False, "lapack": False, "gmres": False},
+     lambda rows: rows[0].seconds > 6.0 * min(row.seconds for row in rows)),
+    ("table2", "It falls monotonically up to M_add = 25 only, then often rises again.",
+     {"grown": False, "lapack": False, "gmres": False}, until_25),
+    ("table3", "f_y needs the fewest centres, although it has the most sites.", {"grown": True},
+     lambda rows: least_in_y(rows, "centers")),
+    ("table3", "f_y takes the least time.", {"grown": True, "lapack": True}, lambda rows: least_in_y(rows, "seconds")),
+    ("table3", "A larger deflection needs more centres in every direction.", {"grown": True},
+     lambda rows: grown(rows, "centers")),
+    ("table3", "A larger deflection takes more time in every direction.", {"grown": True, "lapack": True},
+     lambda rows: grown(rows, "seconds")),
+    ("table4", "No direction reaches the tolerance; all end at the limit after the same iterations.", {"grown": False},
+     at_limit),
+    ("table4", "The times differ little.", {"grown": True, "lapack": False},
+     lambda rows: spread([row.seconds for row in rows]) <= 1.25),
+    ("table4", "The largest error is smallest for f_y, followed by f_x.", {}, lambda rows: ordered(rows, "max_error")),
+)  # fmt: skip
+"""Table, sentence of the page, whether it holds for a loop here, and the test of it."""
 
 
-def test_cells_below_the_limit_are_judged_by_what_is_new(page):
-    one = next(one for one in page.stored.counted if one.statement.finding == "as before")
-    assert not replace(one, after=one.before + one.cells // 100).finding().holds
-    none = next(one for one in page.stored.counted if one.statement.finding == "none" and one.after == 0)
-    assert isinstance(none, Counted)
-    assert not replace(none, after=1).finding().holds
+@pytest.mark.parametrize(("name", "statement", "here", "test"), TRENDS, ids=[trend[1] for trend in TRENDS])
+def test_each_trend_holds_for_the_paper_and_here_as_the_page_states_it(name, statement, here, test):
+    assert test(rows_of(name, "paper"))
+    for source, holds in here.items():
+        assert test(rows_of(name, source)) == holds, source
+        verdict = "holds" if holds else r"**does not hold**"
+        loop = f" (`{source}`)" if f"{statement} (`{source}`)" in TEXT else ""
+        assert f"| {statement}{loop} | {verdict} |" in TEXT
 
 
-@pytest.mark.parametrize(
-    ("words", "message"), [(["page", "--again", "--out", "empty"], "page.json: cannot be read as stored results")]
-)
-def test_mistake_is_one_line_and_code_2(words, message, capsys, monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
-    assert run_study(*words) == 2
-    err = capsys.readouterr().err
-    assert message in err
-    assert err.count("\n") == 1
-    assert not (tmp_path / "empty" / "paper.md").exists()
+@pytest.mark.parametrize("counted", NUMBERS["counted"], ids=lambda one: f"figure {one['statement']['figure']}")
+def test_cells_below_the_limit_of_the_paper_are_as_the_page_states(counted):
+    """As before is what adds a hundredth of a histogram's highest bars at most, 3e-4 of all cells: less is not seen."""
+    theirs = counted["statement"]
+    none = theirs["finding"] == "none"
+    holds = counted["after"] == 0 if none else counted["after"] - counted["before"] <= 3e-4 * counted["cells"]
+    said = "the deformed mesh has no cell below" if none else "no deterioration is visible below"
+    verdict = "holds" if holds else r"**does not hold**"
+    loop = " (MV)" if counted["strategy"] == "mv" else ""
+    figures = (
+        f"{counted['before']} of {counted['cells']} cells below {theirs['below']:g} before, {counted['after']} after"
+    )
+    assert f"At {theirs['angle']:+g}° {said} {theirs['below']:g}.{loop} | {verdict} | {figures}" in TEXT
+
+
+@pytest.mark.parametrize("source", ["paper", "here"])
+def test_confined_evaluation_is_cheaper_as_the_page_states(source):
+    known = paper().evaluations if source == "paper" else [Evaluation(**one) for one in NUMBERS["evaluations"]]
+    for one in known:
+        points = paper().size(one.case).points if source == "paper" else NUMBERS["sizes"][one.case]["points"]
+        assert one.filter_seconds + one.inside_seconds < one.whole_seconds
+        faster = 1.5 * one.whole_seconds / one.inside_seconds >= points / one.inside
+        assert faster == ((source, one.case) != ("here", "aileron"))  # too few pairs there for two threads
 
 
 def bump(count: int = 300) -> DataSites:
@@ -178,17 +193,6 @@ def test_limits_end_the_written_out_loop():
         ended = adapted(bump(), np.arange(10), replace(OPTIONS, **limit), direct)
         assert ended.stop is stop
         assert ended.centers <= 20
-
-
-def trial(factor: float, centers: int, stop: str = "CONVERGED") -> Trial:
-    return Trial("tolerance", f"/ {factor:g}", "table1", "z", -12.0, factor, 200, centers, 1, 1e-5, stop)
-
-
-def test_the_factor_of_the_paper_s_number_is_interpolated_between_converged_adaptations():
-    key = ("table1", -12.0, "z")
-    assert factors([trial(1.0, 100), trial(4.0, 400)])[key] == pytest.approx(2.0)
-    assert factors([trial(1.0, 100), trial(4.0, 150)])[key] == np.inf
-    assert factors([trial(1.0, 100), trial(4.0, 400, "MAX_CENTERS")])[key] == np.inf
 
 
 @pytest.mark.mesher

@@ -1,7 +1,6 @@
 """The paper's studies: the paper's numbers pass every test of its own trends, and ours are measured row by row."""
 
 import csv
-from dataclasses import replace
 from math import isnan
 
 import numpy as np
@@ -9,19 +8,8 @@ import pytest
 
 from sdm_deflect.cases.aircraft.registry import case_named
 from studies.files import FIELDS, markdown, write_study
-from studies.measure import DEFAULT, GMRES, GROWN, LAPACK, carry_out, filter_is_cheap, initial_centers, savings
-from studies.paper import Row, Setting, paper
-from studies.trends import (
-    TRENDS,
-    all_at_limit,
-    error_y_then_x_then_z,
-    falls_then_rises,
-    grows,
-    mv_twice_as_dear,
-    six_times_faster,
-    y_least,
-    z_equals_mv,
-)
+from studies.measure import DEFAULT, GMRES, GROWN, LAPACK, carry_out, initial_centers
+from studies.paper import Setting, paper
 from tests.calls import run_study
 
 
@@ -48,55 +36,6 @@ def test_paper_is_consistent():
 def test_unknown_direction_is_named():
     with pytest.raises(ValueError, match=r"columns = 'xy' is not one of x, y, z, xyz"):
         Setting("xy", -12.0, (5, 5), 1)
-
-
-@pytest.mark.parametrize(("name", "trend"), [(name, trend) for name, trends in TRENDS.items() for trend in trends])
-def test_every_trend_holds_on_the_paper_s_own_numbers(name, trend):
-    table = paper().tables[name]
-    found = trend.test(table.rows, table)
-    assert found is not None
-    assert found.holds, found.evidence
-
-
-def changed(table, change):
-    return [change(row) for row in table.rows]
-
-
-def cheaper_mv(row: Row) -> Row:
-    return replace(row, seconds=row.seconds / (2.3 if row.setting.columns == "xyz" else 1.0))
-
-
-@pytest.mark.parametrize(
-    ("name", "test", "change"),
-    [
-        ("table1", mv_twice_as_dear, cheaper_mv),
-        ("table1", z_equals_mv, lambda r: replace(r, centers=r.centers + (r.setting.columns == "z"))),
-        ("table2", six_times_faster, lambda r: replace(r, seconds=r.seconds + 4.0)),
-        ("table2", falls_then_rises, lambda r: replace(r, seconds=1.0 / r.setting.n_add)),
-        ("table3", y_least, lambda r: replace(r, centers=1000 if r.setting.columns == "y" else r.centers)),
-        ("table3", grows, lambda r: replace(r, centers=500)),
-        ("table4", all_at_limit, lambda r: replace(r, max_error=7e-5)),
-        ("table4", error_y_then_x_then_z, lambda r: replace(r, max_error=1.0 / r.max_error)),
-    ],
-)
-def test_trends_fail_on_numbers_that_deny_them(name, test, change):
-    table = paper().tables[name]
-    found = test(changed(table, change), table)
-    assert not found.holds
-    assert found.verdict == "does not hold"
-
-
-def test_converged_rows_have_no_order_of_errors():
-    table = paper().tables["table4"]
-    assert error_y_then_x_then_z(changed(table, lambda r: replace(r, max_error=7e-5)), table) is None
-
-
-def test_paper_s_timings_agree_with_its_points():
-    for one in paper().evaluations:
-        assert savings(one, paper().size(one.case).points).holds
-        assert filter_is_cheap(one).holds
-    slow = replace(paper().evaluations[1], inside_seconds=80.0)
-    assert not savings(slow, 623_387).holds
 
 
 @pytest.mark.parametrize(
@@ -155,15 +94,6 @@ def test_loops_with_the_paper_s_rule_choose_the_same_centres(results, name):
 
 @pytest.mark.nightly
 @pytest.mark.mesher
-def test_the_cost_of_mv_is_judged_for_every_loop(results):
-    """Which loops hold it depends on the machine's load; that each is judged from its own times does not."""
-    found = results["table1"].findings(TRENDS["table1"][-1])
-    assert {GROWN, GMRES} <= set(found)
-    assert all(finding.evidence for finding in found.values())
-
-
-@pytest.mark.nightly
-@pytest.mark.mesher
 def test_files_of_a_study(results, tmp_path):
     for name, result in results.items():
         write_study(result, tmp_path)
@@ -174,7 +104,6 @@ def test_files_of_a_study(results, tmp_path):
         assert sources.count("paper") == sources.count("grown") == len(result.table.rows)
         text = markdown(result)
         assert text.count("\n| ") == 2 * (len(result.table.rows) + 2)  # counts, and times
-        assert text.count("**holds**") + text.count("**does not hold**") >= len(TRENDS[name])
         assert (tmp_path / f"{name}.png").read_bytes().startswith(b"\x89PNG")
         assert (tmp_path / f"{name}.md").read_text(encoding="utf-8").startswith(text)
 

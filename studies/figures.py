@@ -1,0 +1,181 @@
+"""What the page `docs/paper.md` quotes: tables and figures of the paper's section 5, and the numbers beside them."""
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numba import get_num_threads
+
+from sdm_deflect.cases.aircraft.metrics import Run
+from sdm_deflect.cases.aircraft.pipeline import meshed, run_case
+from sdm_deflect.cases.aircraft.registry import case_named
+from sdm_deflect.cases.report.pictures import Picture, figure_of, write_png
+from sdm_deflect.cases.run.progress import Show, Stopwatch
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.quality import mean_ratio
+from sdm_deflect.deform.rbf.fitting import Strategy
+from sdm_deflect.meshing.files import hidden_folder
+from sdm_deflect.meshing.mesh import tets_of, touching
+from studies import pictures as aircraft
+from studies.files import write_csv, write_plot
+from studies.measure import run_study, sites_of, timed
+from studies.paper import QualityStatement, paper
+
+FILE = "page.json"
+Numbers = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Sources:
+    """Meshes and runs of one scale; runs write their files into `folder`."""
+
+    scale: str
+    folder: Path
+    show: Show
+    cache: bool = True
+    _runs: dict[tuple[str, float, Strategy], Run] = field(default_factory=dict)
+
+    def mesh(self, name: str) -> Mesh:
+        """Return the undeflected mesh of a case."""
+        return meshed(case_named(name, self.scale), Stopwatch(self.show), self.cache)[0]
+
+    def run(self, name: str, angle: float, strategy: Strategy = "squv") -> Run:
+        """Return a finished run with the paper's rule of adding centres, unrepaired, validated like every run."""
+        key = (name, angle, strategy)
+        if key not in self._runs:
+            case = case_named(name, self.scale)
+            adaptation = replace(case.adaptation, rule="worst", strategy=strategy)
+            case = replace(case, angle=angle, adaptation=adaptation, repair="off")
+            with TemporaryDirectory(dir=self.folder) as scratch:
+                self._runs[key] = run_case(case, Stopwatch(self.show), Path(scratch), self.cache)
+        return self._runs[key]
+
+
+Measure = Callable[[Sources, Numbers, Path], None]
+"""Measures a section into numbers, and writes its pictures and tables into a folder."""
+
+
+def write_page(scale: str, folder: Path, show: Show, cache: bool = True) -> None:
+    """Write figures/ and tables/ into `folder`, with all other numbers in tables/page.json."""
+    for name in ("figures", "tables"):
+        (folder / name).mkdir()
+    numbers: Numbers = {"scale": scale, "threads": get_num_threads(), "sizes": {}, "counted": [], "seen": []}
+    numbers |= {"evaluations": [], "pictures": {}, "grounds": {}}
+    with hidden_folder() as scratch:
+        runs = Sources(scale, scratch, show, cache)
+        for measure in SECTIONS:
+            measure(runs, numbers, folder)
+    (folder / "tables" / FILE).write_text(json.dumps(numbers, indent=1) + "\n", encoding="utf-8")
+
+
+def figure1(runs: Sources, numbers: Numbers, folder: Path) -> None:
+    """The aircraft and the two blocks."""
+    whole, block = runs.run("aileron", -12.0), runs.run("aileron-chimera", -12.0)
+    for run in (whole, block):
+        _sized(runs, numbers, run.case.name)
+    _drawn(aircraft.blocks(whole, block), "figure1", numbers, folder)
+
+
+def table(runs: Sources, numbers: Numbers, folder: Path, name: str) -> None:
+    """A table of the paper."""
+    result = run_study(name, runs.scale, Stopwatch(runs.show), runs.cache)
+    write_csv(result, folder / "tables" / f"{name}.csv")
+    numbers["pictures"][name] = write_plot(result, folder / "figures" / f"{name}.png")
+    numbers["grounds"][name] = asdict(result.ground)
+
+
+Wanted = tuple[tuple[str, float, Strategy, str], ...]
+
+
+def histograms(runs: Sources, numbers: Numbers, folder: Path, number: int, wanted: Wanted) -> None:
+    """Histograms of some runs (case, angle, strategy, title), and the cells that the paper speaks of."""
+    found = [runs.run(name, angle, strategy) for name, angle, strategy, _ in wanted]
+    for run in sorted(found, key=lambda run: run.case.adaptation.strategy, reverse=True):  # SQUV first
+        before, after = (mean_ratio(mesh.points, tets_of(mesh)) for mesh in (run.mesh, run.deflected))
+        theirs = [one for one in paper().quality if (one.figure, one.angle) == (number, run.case.angle)]
+        numbers["counted"] += [counted(one, run, before, after) for one in theirs]
+    figure, alternative = aircraft.histograms(found, [title for *_, title in wanted])
+    _shown(figure, alternative, f"figure{number}", numbers, folder)
+
+
+def counted(theirs: QualityStatement, run: Run, before: FloatArray, after: FloatArray) -> Numbers:
+    """Count the cells below the paper's limit, by the mean ratios (M,) before and after: of all, and near the box."""
+    near = touching(run.mesh, run.deflection.boxes[0].plan.region.inside)
+    sides = {"before": before, "after": after, "near_before": before[near], "near_after": after[near]}
+    return {
+        "statement": asdict(theirs), "strategy": run.case.adaptation.strategy, "cells": len(before),
+        "near": int(near.sum()), "least": [float(before[near].min()), float(after[near].min())],
+        **{name: int(np.sum(own < theirs.below)) for name, own in sides.items()},
+    }  # fmt: skip
+
+
+def figure5(runs: Sources, numbers: Numbers, folder: Path) -> None:
+    """The gap at both angles."""
+    pair = [runs.run("aileron-chimera", angle) for angle in (-12.0, -30.0)]
+    _checked(5, pair, ("outside_moved", "fixed_surfaces_moved", "planarity", "inverted_cells"), numbers)
+    _drawn(aircraft.gaps(pair), "figure5", numbers, folder)
+
+
+def figure6(runs: Sources, numbers: Numbers, folder: Path) -> None:
+    """The tail with its hexahedron and sites."""
+    _sized(runs, numbers, "tail")
+    _drawn(aircraft.confinement(runs.run("tail", 12.0)), "figure6", numbers, folder)
+
+
+def figure8(runs: Sources, numbers: Numbers, folder: Path) -> None:
+    """The mesh around the tail."""
+    run = runs.run("tail", 12.0)
+    _checked(
+        8, [run], ("planarity", "cylindricity", "root_on_cylinder", "fixed_surfaces_moved", "outside_moved"), numbers
+    )
+    _drawn(aircraft.around(run), "figure8", numbers, folder)
+
+
+def timings(runs: Sources, numbers: Numbers, _folder: Path) -> None:
+    """Filter and evaluation times for f_x."""
+    for one in paper().evaluations:
+        _sized(runs, numbers, one.case)
+        own = timed(one, case_named(one.case, runs.scale), runs.mesh(one.case))
+        numbers["evaluations"].append(asdict(own))
+
+
+def _sized(runs: Sources, numbers: Numbers, name: str) -> None:
+    """Note the sizes of the mesh and of the sites of a case."""
+    if name not in numbers["sizes"]:
+        mesh = runs.mesh(name)
+        numbers["sizes"][name] = asdict(sites_of(case_named(name, runs.scale), mesh).size(name, mesh))
+
+
+def _checked(number: int, runs: list[Run], names: tuple[str, ...], numbers: Numbers) -> None:
+    for run in runs:
+        for one in run.checks:
+            if one.name in names:
+                numbers["seen"].append({"figure": number, "angle": run.case.angle, **asdict(one)})
+
+
+def _drawn(picture: Picture, name: str, numbers: Numbers, folder: Path) -> None:
+    _shown(figure_of(picture), picture.alternative, name, numbers, folder)
+
+
+def _shown(figure: Figure, alternative: str, name: str, numbers: Numbers, folder: Path) -> None:
+    write_png(figure, folder / "figures" / f"{name}.png")
+    numbers["pictures"][name] = alternative
+
+
+_AILERON: Wanted = (("aileron", -12.0, "mv", "MV"), ("aileron", -12.0, "squv", "SQUV"))
+_CHIMERA: Wanted = tuple(("aileron-chimera", angle, "squv", f"{angle:+g} deg") for angle in (-12.0, -30.0))
+_TAIL: Wanted = (("tail", 12.0, "squv", "+12 deg"),)
+
+
+SECTIONS: tuple[Measure, ...] = (
+    figure1, *(partial(table, name=f"table{number}") for number in (1, 2, 3, 4)),
+    partial(histograms, number=3, wanted=_AILERON), partial(histograms, number=4, wanted=_CHIMERA), figure5, figure6,
+    partial(histograms, number=7, wanted=_TAIL), figure8, timings,
+)  # fmt: skip
