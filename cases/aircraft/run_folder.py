@@ -24,8 +24,7 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.volume.deflection import Deflected, ended
 from sdm_deflect.geometry.parameters import LARGEST_TURN
-from sdm_deflect.meshing.formats.vtu import read_vtu
-from sdm_deflect.meshing.formats.vtu_write import write_vtu
+from sdm_deflect.meshing.formats.vtu import read_vtu, write_vtu
 from sdm_deflect.meshing.generate.parameters import FAR_FIELD
 from sdm_deflect.meshing.mesh import skin, tets_of
 

@@ -63,7 +63,7 @@ from sdm_deflect.deform.volume.deflection import Deflected, ended
 from sdm_deflect.deform.volume.job import Sliding
 from sdm_deflect.deform.volume.plan import Plan, Planned, Plans
 from sdm_deflect.meshing.formats.registry import ending, format_of
-from sdm_deflect.meshing.formats.vtu_write import write_vtu
+from sdm_deflect.meshing.formats.vtu import write_vtu
 
 PART = "deflected.vtu holds only the {cells:,} cells with a node that may move; its array node numbers their nodes"
 

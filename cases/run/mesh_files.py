@@ -224,7 +224,7 @@ def write_mesh(
 
 def write_sensitivity(mesh: Mesh, points: FloatArray, rates: FloatArray, out: tuple[Path, Path], unit: str) -> None:
     """Write d(points)/d(angle): an .npz with the points, and a .vtu to look at."""
-    from sdm_deflect.meshing.formats.vtu_write import write_vtu
+    from sdm_deflect.meshing.formats.vtu import write_vtu
 
     arrays, picture = out
     np.savez_compressed(arrays, points=points, unit=np.array(unit), d_points_d_angle=rates)

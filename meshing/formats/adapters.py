@@ -15,7 +15,7 @@ from sdm_deflect.deform.mesh.quality import quality_of
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.shapes import simple_faces
-from sdm_deflect.meshing.formats.vtu_write import TYPES, in_memory
+from sdm_deflect.meshing.formats.vtu import TYPES, in_memory
 
 VTK_SHAPES = {kind: shape for shape, kind in TYPES.items()}
 

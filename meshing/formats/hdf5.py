@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from itertools import pairwise
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -132,16 +131,6 @@ def spans(stored: Any) -> list[Span]:
     return [(begin, first, min(first + size, stored.size)) for begin, first in starts]
 
 
-def _check_apart(arrays: Sequence[Replacement]) -> None:
-    packed = [stored for stored, places, _, _ in arrays if not places]
-    places = sorted(
-        (at, at + (end - first) * stored.dtype.itemsize) for stored, own, _, _ in arrays for at, first, end in own
-    )
-    shared = any(end > begin for (_, end), (begin, _) in pairwise(places))
-    if shared or len({h5py.h5o.get_info(stored.id).addr for stored in packed}) < len(packed):
-        raise MeshFileError("coordinates of several axes or zones are one and the same data")
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Replaced:
     """New numbers in the arrays of a file.
@@ -159,9 +148,8 @@ class Replaced:
     def of(cls, path: Path, arrays: Sequence[Replacement]) -> Replaced:
         """Take open arrays of real numbers, each with where it is, its new values, and which of them changed.
 
-        What does not change keeps its bits. MeshFileError if arrays share their data, or values are too large.
+        What does not change keeps its bits. MeshFileError if values are too large.
         """
-        _check_apart(arrays)
         found = cls()
         for stored, own, values, changed in arrays:
             rows = np.flatnonzero(changed)

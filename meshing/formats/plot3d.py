@@ -1,15 +1,14 @@
-"""PLOT3D grids: blocks of hexahedra, or of quadrilaterals in a plane; text and binary; and NASA's neutral maps (.nmf).
+"""PLOT3D grids, blocks of hexahedra or quadrilaterals, in text and binary (NASA TM 101067); and their maps (.nmf).
 
-A grid has the number of blocks if there are several, the size of each, then for each block all x, all y, all z and
-perhaps all IBLANK, the first index fastest (NASA TM 101067; Plot3d File Format, NASA Glenn). A map says which faces of
-blocks are boundaries, and which meet (The Neutral Map File, W. T. Jones, NASA Langley).
+A grid has the number of blocks if there are several, their sizes, then for each block all x, y, z and perhaps IBLANK.
+A map says which faces are boundaries, and which meet (The Neutral Map File, W. T. Jones, NASA Langley).
 """
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import accumulate, product
+from itertools import accumulate, product, takewhile
 from math import prod
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
@@ -47,10 +46,9 @@ ENTRY = re.compile(r"""\s*('[^']*'|"[^"]*"|[^\s\d]\S*)((?:\s+[+-]?\d{1,9}){6,12}
 class Plot3d(Format):
     """Blocks of hexahedra, or of quadrilaterals in a plane, left- or right-handed; those that meet are one zone.
 
-    How a file is stored follows from its counts and its length. Two faces with all corners at the same places are one,
-    unless the map says that they are boundaries; so are faces that the map pairs, ``ONE_TO_ONE``, if they are near.
-    ``PATCHED`` faces are on no patch. The map names patches (`map_of`); all others are ``block1/imin`` and so on. A
-    rewritten file keeps IBLANK.
+    Faces with all corners at the same places are one, unless the map says that they are boundaries; so are those that
+    it pairs, ``ONE_TO_ONE``, if they are near. ``PATCHED`` faces are on no patch. The map names patches; all others are
+    ``block1/imin`` and so on. A rewritten file keeps IBLANK.
     """
 
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
@@ -157,8 +155,7 @@ class Plot3dFile:
         opened = cls(file, fit[0], report, values)
         for number, size in enumerate(opened.sizes, 1):
             if min(size) < 2:
-                sides = " x ".join(map(str, size))
-                raise MeshFileError(f"block {number} of {sides} points has no cells; 2 are needed along each axis")
+                raise MeshFileError(f"block {number} of {' x '.join(map(str, size))} points has no cells")
         return opened
 
     @property
@@ -172,10 +169,9 @@ class Plot3dFile:
         found, real = np.zeros((sum(map(prod, self.layout.sizes)), 3)), self.layout.real
         for at, axis, rows in self.layout.columns():
             count = rows.stop - rows.start
-            if real is None:
-                assert self.values is not None
+            if self.values is not None:
                 found[rows, axis] = self.values[at : at + count]
-            else:
+            elif real:
                 self.file.seek(at)
                 with np.errstate(invalid="ignore"):  # `Mesh` refuses coordinates that are not finite
                     found[rows, axis] = np.frombuffer(self.file.read(count * real.itemsize), real)
@@ -196,13 +192,21 @@ def _words(file: BinaryIO, report: Callable[[float], None]) -> Iterator[tuple[in
 
 def _layouts(file: BinaryIO, values: FloatArray | None) -> Iterator[Layout]:
     """Yield the layouts that fit the counts and the length of a file; `values` are all numbers of a text."""
-    text, size = values is not None, file.seek(0, 2) if values is None else len(values)
-    ways = product(("",), (False,)) if text else product("<>", (False, True))
-    for (order, records), counted, axes in product(ways, (True, False), (3, 2)):
-        whole = partial(_whole, file, order) if values is None else partial(_whole_of_text, values)
-        sizes = _sizes(whole, 1 if text else MARKER, MARKER * records, (counted, axes), size)
-        for real, blanked in product((None,) if text else ("f4", "f8"), (False, True)) if sizes else ():
-            layout = Layout(sizes, counted, blanked, np.dtype(order + real) if real else None, records)
+    if values is not None:
+        yield from _fitting(partial(_whole_of_text, values), len(values), [None], False)
+        return
+    for order, records in product("<>", (False, True)):
+        kinds = [np.dtype(f"{order}{real}") for real in ("f4", "f8")]
+        yield from _fitting(partial(_whole, file, order), file.seek(0, 2), kinds, records)
+
+
+def _fitting(
+    whole: Callable[[int, int], IntArray], size: int, kinds: Sequence[np.dtype[Any] | None], records: bool
+) -> Iterator[Layout]:
+    for counted, axes in product((True, False), (3, 2)):
+        sizes = _sizes(whole, MARKER if kinds[0] else 1, MARKER * records, (counted, axes), size)
+        for real, blanked in product(kinds, (False, True)) if sizes else ():
+            layout = Layout(sizes, counted, blanked, real, records)
             if layout.begins[-1] == size and (not records or _has_markers(whole, layout)):
                 yield layout
 
@@ -210,7 +214,7 @@ def _layouts(file: BinaryIO, values: FloatArray | None) -> Iterator[Layout]:
 def _sizes(
     whole: Callable[[int, int], IntArray], step: int, mark: int, how: tuple[bool, int], size: int
 ) -> tuple[Size, ...]:
-    """Return the sizes of the blocks as one way of storing them has it; none if they are no sizes."""
+    """Return the sizes of the blocks in one way of storing them; none if they are no sizes."""
     (counted, axes), at, blocks = how, mark, 1
     if counted:
         blocks, at = int(whole(at, 1).max(initial=-1)), at + step + 2 * mark
@@ -286,27 +290,24 @@ def maps(path: Path) -> Iterator[Path]:
 
 def entries(text: str, sizes: Sequence[Size]) -> Iterator[MapEntry]:
     """Yield what the lines of a map say; MeshFileError for wrong ones, and for blocks of other sizes."""
-    wanted = [len(sizes), *(n for i, own in enumerate(sizes, 1) for n in (i, *own, *[1] * (3 - len(own))))]
-    head: list[int] = []
-    rest = []
-    for number, line in enumerate(text.splitlines(), 1):
-        own, comment = COMMENT.sub("", line).strip(), COMMENT.search(line)
-        words = own.split()
-        if len(head) < len(wanted) and words and all(map(NUMBER.fullmatch, words)):
-            head += map(int, words)
-        elif own:
-            rest.append((number, own, comment[1].strip() if comment else ""))
-    if head != wanted:
-        first, given = (" ".join(map(str, all[:9])) + " ..." * (len(all) > 9) for all in (wanted, head))
-        raise MeshFileError(
-            f"should begin with {first}, the number and the sizes of the grid's blocks, but has {given or 'none'}; it "
-            "is of another grid, or damaged"
-        )
-    for number, own, said in rest:
+    lines = [(i, own, line) for i, line in enumerate(text.splitlines(), 1) if (own := COMMENT.sub("", line).strip())]
+    head = list(takewhile(lambda line: all(map(NUMBER.fullmatch, line[1].split())), lines[: 1 + len(sizes)]))
+    _check_head(" ".join(line[1] for line in head).split(), sizes)
+    for number, own, line in lines[len(head) :]:
         try:
-            yield _entry(own, said, sizes)
+            yield _entry(own, "".join(COMMENT.findall(line)[:1]).strip(), sizes)
         except MeshFileError as error:
             raise MeshFileError(f"line {number}: {error}") from error
+
+
+def _check_head(given: Sequence[str], sizes: Sequence[Size]) -> None:
+    wanted = [len(sizes), *(n for i, own in enumerate(sizes, 1) for n in (i, *own, *[1] * (3 - len(own))))]
+    if list(map(int, given)) != wanted:
+        first, said = (" ".join(map(str, all[:9])) + " ..." * (len(all) > 9) for all in (wanted, given))
+        raise MeshFileError(
+            f"should begin with {first}, the number and the sizes of the grid's blocks, but has {said or 'none'}; it "
+            "is of another grid, or damaged"
+        )
 
 
 def _entry(line: str, comment: str, sizes: Sequence[Size]) -> MapEntry:
@@ -358,34 +359,34 @@ def put_together(points: FloatArray, sizes: Sequence[Size], said: Sequence[MapEn
 
 
 def _block(number: int, size: Size, points: FloatArray, said: Sequence[MapEntry]) -> tuple[ZoneMesh, list[Cells]]:
-    """Return a block by itself, and its outer faces that may be of another block, too."""
+    """Return a block by itself, and its faces that may be of another block, too."""
     own, title = cells(size), f"block{number + 1}"
     turned = oriented(points, own)
     left_handed = bool(2 * np.count_nonzero(turned.nodes[:, 1] != own.nodes[:, 1]) > len(own))
-    free = {
-        (axis, at): np.ones(prod(n - 1 for d, n in enumerate(size) if d != axis), dtype=np.bool_)
-        for axis in range(len(size))
-        for at in (0, size[axis] - 1)
-    }
+    sides = [(axis, at) for axis in range(len(size)) for at in (0, size[axis] - 1)]
+    free = {(axis, at): np.ones(prod(np.delete(size, axis) - 1), dtype=np.bool_) for axis, at in sides}
     named: dict[str, list[Cells]] = {}
-    bounded = [one for one in said if one.kind not in (ONE_TO_ONE, UNPROCESSED)]
-    for entry, end in ((one, end) for one in bounded for end in one.ranges):
-        if end.block == number and end.axis < len(size):
-            plane = end.plane(size)
-            mask = free[plane.axis, plane.at]
-            rows = plane.rows[mask[plane.rows]]
-            mask[rows] = False
-            if entry.kind not in WITHOUT and len(rows):
-                named.setdefault(entry.name, []).append(faces(size, BlockFace(plane.axis, plane.at, rows), left_handed))
-    rest = {
-        f"{title}/{AXES[axis]}{'max' if at else 'min'}": faces(size, BlockFace(axis, at, rows), left_handed)
-        for (axis, at), mask in free.items()
-        if len(rows := np.flatnonzero(mask))
-    }
+    for entry, plane in _bounded(number, size, said):
+        mask = free[plane.axis, plane.at]
+        rows = plane.rows[mask[plane.rows]]
+        mask[rows] = False
+        if entry.kind not in WITHOUT and len(rows):
+            named.setdefault(entry.name, []).append(faces(size, BlockFace(plane.axis, plane.at, rows), left_handed))
     patches = [Patch(name, tuple(blocks)) for name, blocks in named.items()]
-    patches += [Patch(name, (block,)) for name, block in rest.items()]
-    part = ZoneMesh(title, Mesh(points, (turned,), tuple(patches)), frozenset(named), block=True)
-    return part, list(rest.values())
+    rest = []
+    for (axis, at), mask in free.items():
+        if mask.any():
+            rest.append(faces(size, BlockFace(axis, at, np.flatnonzero(mask)), left_handed))
+            patches.append(Patch(f"{title}/{AXES[axis]}{'max' if at else 'min'}", (rest[-1],)))
+    return ZoneMesh(title, Mesh(points, (turned,), tuple(patches)), frozenset(named), block=True), rest
+
+
+def _bounded(number: int, size: Size, said: Sequence[MapEntry]) -> Iterator[tuple[MapEntry, BlockFace]]:
+    """Yield what is said of sides of a block that are no interfaces, each with the faces that it is said of."""
+    for entry in said:
+        for end in () if entry.kind in (ONE_TO_ONE, UNPROCESSED) else entry.ranges:
+            if end.block == number and end.axis < len(size):
+                yield entry, end.plane(size)
 
 
 def _paired(points: FloatArray, ends: Sequence[IndexRange], sizes: Sequence[Size], starts: IntArray) -> IntArray | None:

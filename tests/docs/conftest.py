@@ -6,7 +6,7 @@ from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.output import write_interpolants
 from sdm_deflect.deform.volume.deflection import deflected
-from sdm_deflect.meshing.formats.vtu_write import write_vtu
+from sdm_deflect.meshing.formats.vtu import write_vtu
 
 
 @pytest.fixture(scope="session")

@@ -7,8 +7,7 @@ import pyvista as pv
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio, signed_volumes
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.vtu import read_vtu
-from sdm_deflect.meshing.formats.vtu_write import write_vtu
+from sdm_deflect.meshing.formats.vtu import read_vtu, write_vtu
 from sdm_deflect.meshing.mesh import skin, tets_of
 
 

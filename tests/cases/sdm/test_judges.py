@@ -17,7 +17,7 @@ from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.export import export_run
 from sdm_deflect.deform.volume.deflection import deflected
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
-from sdm_deflect.meshing.formats.vtu_write import write_vtu
+from sdm_deflect.meshing.formats.vtu import write_vtu
 from sdm_deflect.meshing.mesh import skin, tets_of
 from tests.cases import foam
 

@@ -11,8 +11,7 @@ from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.aircraft.run_folder import FinishedCase, undeflected_models
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.quality import mean_ratio
-from sdm_deflect.meshing.formats.vtu import vtu_arrays
-from sdm_deflect.meshing.formats.vtu_write import write_vtu
+from sdm_deflect.meshing.formats.vtu import vtu_arrays, write_vtu
 from sdm_deflect.meshing.mesh import tets_of
 from tests.cases.sdm.deflected_cad import built
 

@@ -12,8 +12,7 @@ from sdm_deflect.cases.view.labels import mending
 from sdm_deflect.cases.view.page import Control
 from sdm_deflect.cases.view.run import InteractiveRun
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.meshing.formats.vtu import vtu_arrays
-from sdm_deflect.meshing.formats.vtu_write import write_vtu
+from sdm_deflect.meshing.formats.vtu import vtu_arrays, write_vtu
 
 pytestmark = pytest.mark.mesher
 EQUAL = 1e-11  # m

@@ -146,7 +146,7 @@ def test_a_point_of_two_displacements_is_named(suffix, tmp_path):
     [
         ({"points": np.zeros((9, 3)), "vectors": 1j * np.zeros((9, 3))}, "vectors must be real numbers"),
         ({"points": np.full((9, 3), "text"), "vectors": np.zeros((9, 3))}, "points must be real numbers"),
-        ({"points": np.full((9, 3), None), "vectors": np.zeros((9, 3))}, "no array of"),
+        ({"points": np.full((9, 3), None), "vectors": np.zeros((9, 3))}, "no archive of arrays"),
         ({"points": np.zeros((9, 2)), "vectors": np.zeros((9, 2))}, "must be (P, 3) both"),
         ({"points": np.zeros(9), "vectors": np.zeros(9)}, "must be (P, 3) both"),
         ({"points": np.zeros((9, 3)), "vectors": np.full((9, 3), np.inf)}, "not finite"),

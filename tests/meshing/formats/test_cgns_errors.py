@@ -305,15 +305,6 @@ def test_data_elsewhere_are_refused_and_never_written(link, name, path, tmp_path
     assert {file: file.read_bytes() for file in tmp_path.iterdir()} == before
 
 
-def test_one_dataset_for_two_axes_is_not_written_twice(path, tmp_path):
-    with h5py.File(path, "r+") as file:
-        grid = zone_of(file)["GridCoordinates"]
-        del grid["CoordinateY"]
-        grid["CoordinateY"] = grid["CoordinateX"]
-    with pytest.raises(MeshFileError, match="one and the same data"):
-        Cgns().rewrite(path, hybrid().points, tmp_path / "out.cgns")
-
-
 def test_two_volume_bases_are_one_too_many(path):
     with h5py.File(path, "r+") as file:
         create(file, "Second", "CGNSBase_t", np.array([3, 3], dtype=np.int32))

@@ -15,7 +15,7 @@ import pytest
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.known import written
 from sdm_deflect.meshing.formats.registry import FORMATS
-from sdm_deflect.meshing.formats.vtu_write import write_vtu
+from sdm_deflect.meshing.formats.vtu import write_vtu
 from sdm_deflect.meshing.mesh import Skin, tetrahedral
 from tests.calls import files_of_at_most
 from tests.meshing.formats import fluent_files, plot3d_files

@@ -298,17 +298,6 @@ def test_variables_that_share_bytes(tmp_path):
     assert "variables share bytes" in complaint(Tau(), path)
 
 
-@pytest.mark.parametrize("kind", ["hdf5", "chunks", "packed"])
-def test_one_dataset_for_two_axes_is_not_rewritten(kind, tmp_path):
-    path = written(hybrid(), tmp_path / "mesh.grid", kind)
-    with h5py.File(path, "r+") as file:
-        del file["points_yc"]
-        file["points_yc"] = file["points_xc"]
-    with pytest.raises(MeshFileError, match="one and the same data"):
-        Tau().rewrite(path, hybrid().points, tmp_path / "out.grid")
-    assert not (tmp_path / "out.grid").exists()
-
-
 @pytest.mark.parametrize(
     ("given", "said"),
     [
