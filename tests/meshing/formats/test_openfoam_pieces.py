@@ -120,27 +120,11 @@ def small(tmp_path):
     return tmp_path / "case"
 
 
-def cut(name: str, count: int):
-    return lambda mesh: (mesh / name).write_bytes((mesh / name).read_bytes()[:count])
-
-
 def replaced(name: str, old: bytes, new: bytes):
     def change(mesh: Path) -> None:
         data = (mesh / name).read_bytes()
         assert old in data
         (mesh / name).write_bytes(data.replace(old, new))
-
-    return change
-
-
-def label(name: str, row: int, value: int):
-    """Put another label into the first list of a file."""
-
-    def change(mesh: Path) -> None:
-        data = (mesh / name).read_bytes()
-        count = openfoam_pieces.located(open_foam(mesh, name), open_foam(mesh, name).start, "label", 1)
-        at = count.begin + 4 * (row % count.rows)
-        (mesh / name).write_bytes(data[:at] + value.to_bytes(4, "little", signed=True) + data[at + 4 :])
 
     return change
 
@@ -155,53 +139,6 @@ def listed(name: str, values):
         (mesh / name).write_bytes(file.data[: file.start] + b"\n%d(" % len(new) + new.tobytes() + b")\n")
 
     return change
-
-
-DAMAGE = {
-    **{f"{name} cut at {size}": cut(name, size) for name in openfoam_pieces.NAMES for size in (0, 60, 200, -3)},
-    **{
-        f"{name} without a header": replaced(name, b"FoamFile", b"File")
-        for name in (*openfoam_pieces.NAMES, "boundary")
-    },
-    "faces cut after their beginnings": cut("faces", 400),
-    "labels of 16 bits": replaced("owner", b"label=32", b"label=16"),
-    "faces that do not begin": label("faces", 0, 1),
-    "faces of one corner": label("faces", 3, 9),
-    "faces that do not end": label("faces", -1, 10),
-    "no owner": label("owner", 2, -1),
-    "an owner too large": label("owner", 2, 1000),
-    "an owner far too large": label("owner", 2, 2**31 - 1),
-    "a neighbour too large": label("neighbour", -1, 999),
-    "a cell of few faces": label("owner", 0, 9),
-    "fewer owners": listed("owner", lambda own: own[:-2]),
-    "fewer neighbours": listed("neighbour", lambda own: own[:-2]),
-    "more neighbours than faces": listed("neighbour", lambda own: np.resize(own, 1000)),
-    "no faces": listed("owner", lambda own: own[:0]),
-    "a patch too far": replaced("boundary", b"nFaces ", b"nFaces 10"),
-    "a patch within": replaced("boundary", b"startFace ", b"startFace 0; was "),
-    "a part": replaced("boundary", b"type wall", b"type processor"),
-    "no patches": cut("boundary", 200),
-}
-
-
-@pytest.mark.parametrize("damage", DAMAGE)
-def test_a_damaged_case_is_refused_in_the_same_words(damage, small):
-    DAMAGE[damage](small / MESH)
-    said = []
-    for take in (lambda: read(small), lambda: taken(small)):
-        with pytest.raises(MeshFileError) as error:
-            take()
-        said.append(str(error.value))
-    assert said[0] == said[1]
-    assert str(small) in said[0]
-
-
-def taken(path: Path) -> Mesh:
-    """Open a case in pieces; what must be read as a whole is read so."""
-    with in_pieces(path) as found:
-        if found is None:
-            return read(path)
-    raise AssertionError("not refused")
 
 
 @pytest.mark.parametrize(
