@@ -1,5 +1,7 @@
 """The whole method from Python: read a mesh, deflect it, look at it, save it."""
 
+from __future__ import annotations
+
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -11,6 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, Unpack
 
 from numpy.typing import ArrayLike
 
+from sdm_deflect.cases.file_mesh import FileMesh
 from sdm_deflect.cases.run.metrics import notes_of, warnings_of
 from sdm_deflect.cases.settings.job_settings import FLAT, GONE, IN_PYTHON, angles_of, settings_of, tables_of
 from sdm_deflect.cases.settings.keywords import Options
@@ -35,12 +38,11 @@ from sdm_deflect.meshing.formats.format import MeshFileError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from sdm_deflect.cases.run.mesh_files import Targets
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-def read(path: str | PathLike[str], progress: Progress = silent) -> Mesh:
+def read(path: str | PathLike[str], progress: Progress = silent) -> FileMesh:
     """Read a mesh file: SU2, CGNS, Gmsh, UGRID, TAU, Fluent, PLOT3D, OpenFOAM, VTK.
 
     Parameters
@@ -50,7 +52,7 @@ def read(path: str | PathLike[str], progress: Progress = silent) -> Mesh:
 
     Returns
     -------
-    The mesh, in the file's unit of length and order of nodes.
+    The mesh, in the file's unit of length and order of nodes. `print` shows its patches; `mesh["flap"]` is one of them.
 
     Raises
     ------
@@ -59,7 +61,7 @@ def read(path: str | PathLike[str], progress: Progress = silent) -> Mesh:
     from sdm_deflect.meshing.formats.registry import read as read_file
 
     with _about_files():
-        return read_file(_path(path), progress)
+        return FileMesh.of(read_file(_path(path), progress))
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -134,8 +136,10 @@ class Result:
 
         return metrics_of(self.deflection, self.checks, None, {})
 
-    def save(self, path: str | PathLike[str], *, to_solver: None = None) -> tuple[str, ...]:
+    def save(self, path: str | PathLike[str], *, to_solver: None = None) -> Path:
         """Write the mesh; in the format that was read, only coordinates change.
+
+        A warning says what the format cannot hold.
 
         Parameters
         ----------
@@ -144,32 +148,22 @@ class Result:
 
         Returns
         -------
-        Sentences on what that format cannot hold; none if it holds everything.
+        The path of what was written.
 
         Raises InputError if the format is unknown, the file is the one that was read, or it cannot be written; if the
         file that was read has changed since, and its copy is to be written; if a check fails once coordinates are
         rounded to those that the file keeps (`stored_in(path).save(path)` writes it all the same).
         """
-        from sdm_deflect.cases.run.mesh_files import Targets
-        from sdm_deflect.meshing.files import permitted_as
-
         if to_solver is not None:
             raise InputError(f"to_solver: {GONE['to_solver']}")
-        mesh, out = self.plan.mesh, _path(path)
-        with _about_files():
-            source = Path(mesh.source) if mesh.source else out.with_name(f"no file but {out.name}.vtu")
-            wanted = Targets.of(source, out, (self.angle,))
-            wanted.check()
-            wanted.check_names(mesh)
-            found = self.stored_in(path)
-            failed = {check.name for check in self.checks if not check.passed}
-            for one in found.checks:
-                if not one.passed and one.name not in failed:
-                    raise InputError(f"{out}: {one.name} is {one.value:.3g} there, limit {one.limit:.3g}; {one.where}")
-            with permitted_as(mesh.source):
-                return found._save(wanted)
+        found = self.stored_in(path)
+        failed = {check.name for check in self.checks if not check.passed}
+        for one in found.checks:
+            if not one.passed and one.name not in failed:
+                raise InputError(f"{path}: {one.name} is {one.value:.3g} there, limit {one.limit:.3g}; {one.where}")
+        return saved(self.plan.mesh, found.points, path)
 
-    def stored_in(self, path: str | PathLike[str]) -> "Result":
+    def stored_in(self, path: str | PathLike[str]) -> Result:
         """Return the same as a file at `path` would keep it, judged again: some keep coordinates of 32 bits alone.
 
         Raises InputError if the format is unknown, or the coordinates are beyond its numbers.
@@ -183,19 +177,6 @@ class Result:
             return self
         one = self.deflection.stored(precision)
         return replace(self, deflection=one, checks=checks_of(one))
-
-    def _save(self, wanted: "Targets") -> tuple[str, ...]:
-        """Write the mesh, and put it in place once it reads back as it was judged."""
-        from sdm_deflect.cases.run.deflect_file import write_angle
-        from sdm_deflect.cases.run.output import OutputError, output_files
-
-        try:
-            with output_files(wanted.out.parent) as scratch:
-                lost = write_angle(wanted, self.deflection, scratch / wanted.out.name, silent)
-                wanted.keep_tables(scratch)
-        except OutputError as error:
-            raise InputError(str(error)) from None
-        return lost
 
     def report(self, folder: str | PathLike[str]) -> Path:
         """Write a report of one self-contained page, with its pictures, figures and settings.
@@ -226,7 +207,7 @@ class Result:
             raise InputError(str(error)) from None
         return place / "report.html"
 
-    def plot(self) -> "Figure":
+    def plot(self) -> Figure:
         """Draw the moving surface and what is near it: before, and after, coloured by the displacement.
 
         It needs no display.
@@ -441,6 +422,31 @@ def _run(mesh: Any, jobs: Sequence[Job], angles: Sequence[float], progress: Prog
         (i, Result(one, given.with_points(one.points), checks_of(one))) for i, one in swept(plan, angles, progress)
     ]
     return tuple(result for _, result in sorted(results, key=lambda pair: pair[0]))
+
+
+def saved(mesh: Mesh, points: FloatArray, path: str | PathLike[str]) -> Path:
+    """Write a mesh with new points (N, 3) and return its path; see `Result.save`. It must read back as it is."""
+    from sdm_deflect.cases.run.mesh_files import Targets, write_mesh
+    from sdm_deflect.cases.run.output import OutputError, output_files
+    from sdm_deflect.cases.run.read_back import check_written
+    from sdm_deflect.meshing.files import permitted_as
+
+    out, source = _path(path), Path(mesh.source) if mesh.source else None
+    with _about_files():
+        wanted = Targets.of(source or out.with_name(f"no file but {out.name}.vtu"), out, (0.0,))
+        wanted.check()
+        wanted.check_names(mesh)
+        try:
+            with permitted_as(mesh.source), output_files(wanted.out.parent) as scratch:
+                beside = scratch / wanted.out.name
+                lost = write_mesh(source and wanted.source, mesh, points, beside)
+                check_written(mesh, points, beside, wanted.out)
+                wanted.keep_tables(scratch)
+        except OutputError as error:
+            raise InputError(str(error)) from None
+    for text in lost:
+        warnings.warn(f"{out}: {text}", stacklevel=3)
+    return wanted.out
 
 
 def _path(path: Any) -> Path:

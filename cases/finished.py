@@ -20,4 +20,6 @@ def finished(folder: Path) -> FinishedRun:
         from sdm_deflect.cases.aircraft.run_folder import FinishedCase
 
         return FinishedCase.of(folder)
-    raise InputError(f"{folder} is not the output folder of a run: it has no case.toml and no settings.toml")
+    beside = folder.with_name(f"{folder.name.removesuffix(folder.suffix)}-deflected-report")
+    hint = f"; try {beside}" if beside.is_dir() else ""
+    raise InputError(f"{folder} is not the output folder of a run: it has no case.toml and no settings.toml{hint}")

@@ -222,7 +222,7 @@ def test_values_are_made_of_lists():
 
 
 def test_a_file_is_saved_read_and_never_overwritten(result, tmp_path):
-    assert result.save(tmp_path / "block.vtu") == ()
+    assert result.save(tmp_path / "block.vtu") == tmp_path / "block.vtu"
     mesh = sd.read(str(tmp_path / "block.vtu"))
     assert np.array_equal(mesh.points, result.points)
     again = sd.deflect(str(tmp_path / "block.vtu"), "body", HINGE, -3.0)
@@ -234,6 +234,22 @@ def test_a_file_is_saved_read_and_never_overwritten(result, tmp_path):
         sd.read(5)
     with pytest.raises(sd.InputError, match=r"no mesh format has the suffix '\.doc'"):
         again.save(tmp_path / "block.doc")
+
+
+def test_a_mesh_of_a_file_shows_judges_and_saves_itself(result, tmp_path):
+    result.save(tmp_path / "block.su2")
+    mesh = sd.read(tmp_path / "block.su2")
+    head, *rows = repr(mesh).splitlines()
+    assert head == f"block.su2: {len(mesh.points)} points, {len(mesh.cells[0])} hexahedra"
+    assert [row.split()[:3] for row in rows] == [[one.name, str(len(one)), "faces,"] for one in mesh.patches]
+    assert mesh["body"] is mesh.patch("body")
+    with pytest.raises(sd.InputError, match=r"did you mean body\?"):
+        mesh["bdy"]
+    (quality,) = mesh.quality()
+    assert (quality.cells, quality.inverted) == (len(mesh.cells[0]), 0)
+    again = sd.read(mesh.save(tmp_path / "same.cgns"))
+    assert np.array_equal(again.points, mesh.points)
+    assert isinstance(sd.deflect(mesh, "body", HINGE, 1.0).mesh, type(mesh))
 
 
 def test_a_report_is_written_and_holds_no_other_folder(result, tmp_path):

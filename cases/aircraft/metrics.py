@@ -127,7 +127,7 @@ def summary(run: Run) -> Iterator[str]:
         yield f"{name} {fit_text(one, 'm')}; kernel: {kernel_text(one['kernel'])}"
         for surface, motion in one["motion"].items():
             if motion:
-                yield f"{surface} reaches {Reached(**motion).text}"
+                yield f"{surface}: {Reached(**motion).text}"
         if one["repair"]:
             yield f"{name} {repair_text(one)}"
     if run.pinned:

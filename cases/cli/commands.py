@@ -6,13 +6,14 @@ import sys
 from contextlib import suppress
 from dataclasses import asdict
 from io import TextIOWrapper
+from itertools import chain
 from pathlib import Path
 from typing import NoReturn, TextIO
 
 import click
 
 from sdm_deflect.cases.cli import options
-from sdm_deflect.cases.cli.deflect import apply, deflect, quality
+from sdm_deflect.cases.cli.deflect import apply, deflect, example, quality
 from sdm_deflect.cases.cli.run import compare, export, geometry, limit, list_cases, report, run, study, validate, view
 
 OBJECTS = 100_000
@@ -21,35 +22,27 @@ LONGEST = 200
 """Letters of a path that a message shows."""
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+class InOrder(click.Group):
+    """A group whose help lists its commands by subject, in the order of use."""
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write one section for each subject; a command without one is hidden."""
+        for subject, commands in SUBJECTS.items():
+            with formatter.section(subject):
+                formatter.write_dl([(str(one.name), one.get_short_help_str(80)) for one in commands])
+
+
+@click.group(cls=InOrder, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="sdm-deflect")
 def cli() -> None:
-    """Deflect aircraft control surfaces in CFD meshes, and check the result against CAD."""
+    """Deflect control surfaces in CFD meshes, and check the result."""
 
 
-for command in (
-    list_cases,
-    run,
-    deflect,
-    apply,
-    validate,
-    report,
-    compare,
-    view,
-    export,
-    limit,
-    geometry,
-    quality,
-    study,
-):
-    cli.add_command(command)
-
-
-@cli.command()
+@click.command()
 @click.option("--clear", is_flag=True, help="Delete the cached meshes and compiled code.")
 @options.json_option
 def cache(clear: bool, as_json: bool) -> None:
-    """Show where meshes and compiled code are cached and how much they take."""
+    """Show or clear the cached meshes and compiled code."""
     from sdm_deflect.deform.base.cache_folder import default_folder
     from sdm_deflect.meshing.cache import MeshCache, clear_code, code_bytes
 
@@ -66,11 +59,11 @@ def cache(clear: bool, as_json: bool) -> None:
         click.echo(f"{store.folder}: {meshes}; compiled code, {code / 1e6:.1f} MB")
 
 
-@cli.command()
+@click.command()
 @options.json_option
 @options.progress_options
 def doctor(as_json: bool, quiet: bool, verbose: bool) -> int:
-    """Check libraries, threads, cache, disk and memory, and say what to install."""
+    """Check this machine, and say what is missing."""
     from sdm_deflect.cases.cli.console import findings
     from sdm_deflect.cases.cli.examination import examined
 
@@ -78,6 +71,31 @@ def doctor(as_json: bool, quiet: bool, verbose: bool) -> int:
         found = list(examined(progress))
     options.print_either(as_json, [asdict(one) for one in found], findings(found))
     return options.code_of(all(one.well for one in found))
+
+
+@click.command()
+@click.argument("shell", type=click.Choice(("bash", "zsh", "fish")))
+def completion(shell: str) -> None:
+    """Print a script that completes commands in a shell.
+
+    bash: eval "$(sdm completion bash)"
+    """
+    from click.shell_completion import get_completion_class
+
+    script = get_completion_class(shell)
+    assert script
+    click.echo(script(cli, {}, "sdm", "_SDM_COMPLETE").source())
+
+
+SUBJECTS = {
+    "Your mesh": (example, quality, deflect, apply, view),
+    "The SDM, an aircraft": (list_cases, run, limit, geometry, validate),
+    "Results": (report, compare, export),
+    "This machine": (doctor, cache, completion),
+}
+"""The commands that the help lists."""
+for command in (*chain.from_iterable(SUBJECTS.values()), study):
+    cli.add_command(command)
 
 
 def carry_out(commands: click.Command = cli, name: str = "sdm") -> NoReturn:

@@ -95,24 +95,35 @@ def plan_table(plan: Planned) -> Group:
     return Group(*warning_texts(warnings_of(plan)), table, *_texts(_lines(plan)))
 
 
-def result_table(done: "Outcome") -> Group:
-    """Return the checks of a single angle, or a row for each of many, and what was written."""
+def result_table(done: "Outcome", whole: bool) -> Group:
+    """Return verdict, warnings, motion, quality and files; with `whole` all checks, the box and the fit, too."""
     ordered = sorted(done.angles, key=lambda judged: judged.angle)
-    tables, texts = _of_one_angle(done, ordered[0]) if len(ordered) == 1 else _of_many_angles(done, ordered)
-    texts += _lines(done.plan)
-    texts += [f"note: {text}" for text in done.notes]
+    by_angle = _of_one_angle(done, ordered[0], whole) if len(ordered) == 1 else _of_many_angles(done, ordered)
+    tables, texts = by_angle
+    texts = [*_lines(done.plan, whole), *texts, *(f"note: {text}" for text in done.notes)]
     texts += [f"not held by this format: {text}" for text in done.lost]
+    if whole:
+        further = [judged.seconds for judged in done.angles[1:]]
+        mean = f", {sum(further) / len(further):.2f} s for each further one" if further else ""
+        texts.append(f"first angle {done.angles[0].seconds:.2f} s{mean}")
+    if done.files:
+        unfit = "" if done.passed else "; do not use the mesh as it is"
+        texts.append(f"wrote {', '.join(map(str, (*done.files, *done.reports)))}{unfit}")
     warned = warnings_of(done.plan)
     last = outcome([check for judged in done.angles for check in judged.checks], warned)
-    return Group(*warning_texts(warned, last), *tables, *_texts([*texts, *_closing(done), last]))
+    return Group(*warning_texts(warned, last), *tables, *_texts([*texts, last]))
 
 
-def _of_one_angle(done: "Outcome", judged: "Judged") -> tuple[list[Table], list[str]]:
-    """Return the tables of a single angle, and what is said of its repair and its fit."""
-    checks = verdict(judged.checks, f"{_title(done)}, {judged.angle:+g} {_unit(done)}")
-    tables = [checks, quality_table(done.plan.before, judged.quality), *face_table(judged.figures)]
+def _of_one_angle(done: "Outcome", judged: "Judged", whole: bool) -> tuple[list[Table], list[str]]:
+    """Return the tables of a single angle, or of its checks that failed, and lines on quality, repair and fit."""
+    title, repair = f"{_title(done)}, {judged.angle:+g} {_unit(done)}", repair_text(judged.figures)
+    texts = [repair] if repair else []
+    if not whole:
+        failed = [check for check in judged.checks if not check.passed]
+        return [verdict(failed, title)] * bool(failed), [*_quality_lines(done.plan.before, judged.quality), *texts]
     fits = [f"{name} {fit_text(figures)}" for name, figures in judged.figures.get("deflections", {}).items()]
-    return tables, [text for text in (repair_text(judged.figures), *(fits or [fit_text(judged.figures)])) if text]
+    tables = [verdict(judged.checks, title), quality_table(done.plan.before, judged.quality)]
+    return [*tables, *face_table(judged.figures)], [*texts, *(fits or [fit_text(judged.figures)])]
 
 
 def _of_many_angles(done: "Outcome", ordered: Sequence["Judged"]) -> tuple[list[Table], list[str]]:
@@ -131,16 +142,6 @@ def _unit(done: "Outcome") -> str:
     return done.plan.job.surfaces[0].motion.unit
 
 
-def _closing(done: "Outcome") -> Iterator[str]:
-    """Yield how long it took, and what was written."""
-    further = [judged.seconds for judged in done.angles[1:]]
-    mean = f", {sum(further) / len(further):.2f} s for each further one" if further else ""
-    yield f"first angle {done.angles[0].seconds:.2f} s{mean}"
-    if done.files:
-        warning = "" if done.passed else ", of which the mesh should not be used as it is"
-        yield f"wrote {', '.join(map(str, (*done.files, *done.reports)))}{warning}"
-
-
 def quality_table(before: Sequence[Quality], after: Sequence[Quality]) -> Table:
     """Return the quality of the touched cells before and after, by type."""
     headings = ("cells", "min", "1 %", "mean", "inverted")
@@ -149,6 +150,14 @@ def quality_table(before: Sequence[Quality], after: Sequence[Quality]) -> Table:
         pairs = [f"{a:.3f}, {b:.3f}" for a, b in ((old.min, new.min), (old.p01, new.p01), (old.mean, new.mean))]
         table.add_row(old.shape, old.measure, str(old.cells), *pairs, f"{old.inverted}, {new.inverted}")
     return table
+
+
+def _quality_lines(before: Sequence[Quality], after: Sequence[Quality]) -> Iterator[str]:
+    """Yield the quality of the touched cells of each type before and after."""
+    for old, new in zip(before, after, strict=True):
+        pairs = (("least", old.min, new.min), ("1 %", old.p01, new.p01), ("mean", old.mean, new.mean))
+        figures = ", ".join(f"{name} {a:.3f} to {b:.3f}" for name, a, b in pairs)
+        yield f"{new.cells} cells in the box, {new.shape}: {new.inverted} inverted; {new.measure}: {figures}"
 
 
 def face_table(figures: Json) -> list[Table]:
@@ -194,12 +203,13 @@ def _word(verdict: Verdict) -> Text:
     return Text(verdict, style="bold" if verdict == "FAILED" else "")
 
 
-def _lines(plan: Planned) -> list[str]:
+def _lines(plan: Planned, whole: bool = True) -> list[str]:
+    """Return how the surfaces move, and of the `whole` also boxes and notes."""
+    boxes = (line for box in plan.boxes for line in _box_lines(box))
     return [
         *(f"{name} moves by up to {travel}" for name, travel in travels(plan)),
-        *(f"{name} reaches {text}" for name, text in motions(plan)),
-        *(line for box in plan.boxes for line in _box_lines(box)),
-        *(f"note: {note}" for note in notes_of(plan)),
+        *(f"{name}: {text}" for name, text in motions(plan)),
+        *((*boxes, *(f"note: {note}" for note in notes_of(plan))) if whole else ()),
     ]
 
 

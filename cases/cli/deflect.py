@@ -1,7 +1,9 @@
-"""Commands on any mesh file: deflect, apply, quality."""
+"""Commands on any mesh file: example, quality, deflect, apply."""
 
+import lzma
 from dataclasses import replace
 from functools import partial
+from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +19,7 @@ from sdm_deflect.cases.settings.job_settings import (
     selections_of,
     with_options,
 )
+from sdm_deflect.deform.base.errors import InputError
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.run.mesh_files import Targets
@@ -49,7 +52,7 @@ moved = partial(click.option, cls=options.Grouped, group="What moves")
 @click.option("--config", type=options.FILE, help="Settings in a TOML file; several surfaces as [[surface]].")
 @options.set_option
 def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, report: bool, **given: Any) -> int:
-    """Deflect marked surfaces of a mesh file, and let the mesh around them follow.
+    """Deflect surfaces of a mesh, and judge the new mesh.
 
     sdm deflect wing.su2 --surface flap --fixed wing --hinge 0.7,0,0 0.7,1,0 --angle 10 --motion blended
     """
@@ -81,7 +84,7 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
         return _show_plan(wanted, plan, as_json)
     from sdm_deflect.cases.cli.console import result_table
 
-    options.print_either(as_json, figures(done, watch), result_table(done))
+    options.print_either(as_json, figures(done, watch), result_table(done, verbose))
     return options.code_of(done.passed)
 
 
@@ -95,9 +98,10 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
 def apply(
     field: Path, meshes: tuple[Path, ...], out: Path | None, zones: tuple[str, ...], as_json: bool, **show: bool
 ) -> None:
-    """Move meshes, or parts of a decomposed OpenFOAM case, by a field of `sdm deflect --field`, to the same bits.
+    """Move further files of a mesh by a saved field.
 
-    sdm apply flap.npz case/processor*
+    `sdm deflect --field` saves it. The files may be the parts of a decomposed OpenFOAM case; every point gets the same
+    bits as in the whole: sdm apply flap.npz case/processor*
     """
     from sdm_deflect.cases.run.apply import apply_field
 
@@ -112,11 +116,29 @@ def apply(
     options.print_either(as_json, figures, *lines)
 
 
+@click.command()
+@click.argument("folder", type=options.FILE, default=Path())
+def example(folder: Path) -> None:
+    """Write a half wing with a flap, to try the commands on.
+
+    The file is naca.su2, in FOLDER or here.
+    """
+    from sdm_deflect.meshing.files import fresh
+
+    out = folder / "naca.su2"
+    if out.exists():
+        raise InputError(f"{out} is there already: delete it, or name another folder")
+    with fresh(out) as beside:
+        beside.write_bytes(lzma.decompress(files("sdm_deflect.cases").joinpath("naca.su2.xz").read_bytes()))
+    click.echo(f"wrote {out}, a half wing of 37,000 cells with a flap. Next:")
+    click.echo(f"sdm deflect {out} --surface flap --fixed wing --hinge 0.7,0.6,0 0.7,1.4,0 --angle 15 --motion blended")
+
+
 @click.command(params=options.settings_options([FLAT["select"]]))
 @click.argument("mesh", type=options.FILE)
 @options.json_option
 def quality(mesh: Path, select: tuple[str, ...], as_json: bool) -> None:
-    """Print points, cells, patches with their connected components, quality and inverted cells of a mesh file."""
+    """List the patches of a mesh, its sizes and its cell quality."""
     from sdm_deflect.cases.run.inspection import inspect, inspected
 
     if as_json:

@@ -27,6 +27,9 @@ FILE = click.Path(path_type=Path)
 SCALES = click.Choice(("small", "medium", "paper"))
 FORMATS = click.Choice(written())
 
+BASIC = ("patches", "fixed", "hinge", "angle", "motion", "dry_run", "out")
+"""Options of `sdm deflect` that its help shows first."""
+
 Command = Callable[..., Any]
 
 
@@ -92,12 +95,14 @@ class DeflectCommand(click.Command):
     """A command with its options in groups, whose ``--hinge`` takes two points, or one of a plane mesh."""
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the options by group, and name the settings without one."""
-        rows: dict[str, list[tuple[str, str]]] = {group: [] for group in (*GROUPS, OUTPUT, CLUSTER)}
-        for option in self.get_params(ctx):
+        """Write the basic options, then the others by group, and name the settings without one."""
+        rows: dict[str, list[tuple[str, str]]] = {group: [] for group in ("Basic", *GROUPS, OUTPUT, CLUSTER)}
+        order = {name: i for i, name in enumerate(BASIC)}
+        for option in sorted(self.get_params(ctx), key=lambda option: order.get(str(option.name), len(BASIC))):
             record = option.get_help_record(ctx) if isinstance(option, click.Option) else None
             if record:
-                rows.setdefault(getattr(option, "group", "Options"), []).append(record)
+                group = "Basic" if option.name in BASIC else getattr(option, "group", "Options")
+                rows.setdefault(group, []).append(record)
         for group, records in filter(lambda row: row[1], rows.items()):
             with formatter.section(group):
                 formatter.write_dl(records)
@@ -133,7 +138,7 @@ scale_option = click.option("--scale", type=SCALES, default="small", show_defaul
 def progress_options(command: Command) -> Command:
     """Give a command ``--quiet`` and ``--verbose``; its function takes both."""
     quiet = output_option("-q", "--quiet", is_flag=True, help="No progress.")
-    verbose = output_option("-v", "--verbose", is_flag=True, help="Progress as lines: all that is reported.")
+    verbose = output_option("-v", "--verbose", is_flag=True, help="All figures, and progress as lines.")
     return quiet(verbose(command))
 
 

@@ -13,7 +13,7 @@ from sdm_deflect.cases.settings.job_settings import FLAT
 @click.command("list")
 @options.json_option
 def list_cases(as_json: bool) -> None:
-    """List the cases with their default angle."""
+    """List the cases and their angles."""
     from sdm_deflect.cases.aircraft.registry import CASES
 
     if as_json:
@@ -37,7 +37,7 @@ def list_cases(as_json: bool) -> None:
 def run(
     case: str, out: Path | None, cache: bool, report: bool, as_json: bool, quiet: bool, verbose: bool, **given: Any
 ) -> int:
-    """Run a case: geometry, mesh, deformation, validation, report."""
+    """Build a case as CAD, mesh it, deflect it and validate it."""
     from sdm_deflect.cases.aircraft.registry import resolve
 
     resolved = resolve(case, **given)
@@ -74,7 +74,10 @@ def run(
 @click.option("--binary", is_flag=True, help="Of an .stl: triangles in binary, without the names of patches.")
 @options.progress_options
 def geometry(out: Path, case: str, angle: float | None, binary: bool, **given: Any) -> None:
-    """Write the CAD alone, deflected by --angle (default 0): faces in .step and solids in .stl bear patches' names."""
+    """Write the CAD of a case.
+
+    --angle deflects it (default: 0). Faces in a .step and solids in an .stl have the names of the patches.
+    """
     from sdm_deflect.cases.aircraft.registry import resolve
     from sdm_deflect.deform.base.errors import InputError
 
@@ -100,7 +103,10 @@ def geometry(out: Path, case: str, angle: float | None, binary: bool, **given: A
 @options.json_option
 @options.progress_options
 def validate(folder: Path, as_json: bool, quiet: bool, verbose: bool) -> int:
-    """Repeat the validation of a finished run, or of a deflected mesh by the folder beside it, from the files."""
+    """Repeat the checks of a finished run from its files.
+
+    The run may also be the folder beside a deflected mesh.
+    """
     from sdm_deflect.cases.cli.console import outcome, rigid_lines, verdict
     from sdm_deflect.cases.finished import finished
     from sdm_deflect.cases.run.metrics import verdict_figures
@@ -116,7 +122,10 @@ def validate(folder: Path, as_json: bool, quiet: bool, verbose: bool) -> int:
 @click.argument("folder", type=options.FILE)
 @options.progress_options
 def report(folder: Path, quiet: bool, verbose: bool) -> int:
-    """Make report.html and figures/ of a finished run, or of a deflected mesh, anew from the files beside it."""
+    """Make the report of a finished run again.
+
+    The run may also be the folder beside a deflected mesh. The command writes report.html and figures/ into it.
+    """
     from sdm_deflect.cases.finished import finished
     from sdm_deflect.cases.run.output import check_report
 
@@ -133,9 +142,10 @@ def report(folder: Path, quiet: bool, verbose: bool) -> int:
 @options.json_option
 @options.progress_options
 def compare(folders: tuple[Path, ...], out: Path, as_json: bool, quiet: bool, verbose: bool) -> None:
-    """Compare finished runs, or deflected meshes by the folders beside them: figures, histograms, pictures.
+    """Compare finished runs on one page.
 
-    Writes one page: what differs in settings and figures, and pictures of the same mesh over each other.
+    A run may also be the folder beside a deflected mesh. The page shows the settings and figures that differ, and
+    pictures of the same mesh over each other.
     """
     from sdm_deflect.cases.compare.page import write_page
     from sdm_deflect.cases.compare.runs import read_runs
@@ -157,10 +167,11 @@ def compare(folders: tuple[Path, ...], out: Path, as_json: bool, quiet: bool, ve
 @click.option("--open/--no-open", "show", default=True, help="Whether to open the page in the browser.")
 @options.progress_options
 def view(folder: Path, port: int, show: bool, quiet: bool, verbose: bool) -> None:
-    """Show a finished run, or a deflected mesh by the folder beside it, with a slider for the angle; Ctrl-C ends it.
+    """Turn the surface of a finished run by a slider.
 
-    The mesh follows the slider with the centres of the run. Nothing leaves this machine: the page is served on
-    the loopback interface and draws in the browser.
+    RUN is the folder of a run, or the one beside a deflected mesh. The mesh follows the slider with the centres of the
+    run. Nothing leaves this machine: the page is served on the loopback interface and draws in the browser. Ctrl-C ends
+    the command.
     """
     from sdm_deflect.cases.view.serve import check_free, serve
 
@@ -183,7 +194,7 @@ def view(folder: Path, port: int, show: bool, quiet: bool, verbose: bool) -> Non
 @click.option("--out", type=options.FILE, help="File to write, for OpenFOAM a new folder (default: beside RUN).")
 @options.progress_options
 def export(folder: Path, form: str, which: str, out: Path | None, quiet: bool, verbose: bool) -> None:
-    """Write a finished run's mesh in a flow solver's format, boundary names included."""
+    """Write the mesh of a finished run in another format."""
     from sdm_deflect.cases.run.export import export_run
 
     with options.watched(quiet, verbose) as watch, watch.stage("export") as progress:
@@ -203,9 +214,10 @@ def export(folder: Path, form: str, which: str, out: Path | None, quiet: bool, v
 @options.json_option
 @options.progress_options
 def limit(case: str, threshold: float, resolution: float, out: Path | None, as_json: bool, **given: Any) -> None:
-    """Find the largest angle of each sign that inverts no cell and keeps a quality, and what ends it.
+    """Find the largest angles of a case, and what ends them.
 
-    The quality is measured over the angle without repair and with it; --repair off measures the former alone.
+    These are the angles, up and down, that invert no cell and keep the --quality. The command measures the quality over
+    the angle without repair and with it; with --repair off it measures the former alone.
     """
     from sdm_deflect.cases.aircraft.registry import resolve
     from sdm_deflect.deform.base.errors import InputError
@@ -230,7 +242,7 @@ def limit(case: str, threshold: float, resolution: float, out: Path | None, as_j
     options.print_either(as_json, {**figures, "limits": [asdict(one) for one in limits]}, table)
 
 
-@click.command(context_settings={"ignore_unknown_options": True, "help_option_names": []})
+@click.command(hidden=True, context_settings={"ignore_unknown_options": True, "help_option_names": []})
 @click.argument("words", nargs=-1, type=click.UNPROCESSED)
 def study(words: tuple[str, ...]) -> int:
     """Measure a table of the paper, in a clone of the project: python -m studies --help."""

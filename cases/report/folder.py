@@ -193,7 +193,7 @@ def _data(
         facts=(
             ("mesh", mesh.name),
             *((f"{name} moves by up to", travel) for name, travel in travels(plan)),
-            *((f"{name} reaches", text) for name, text in motions(plan)),
+            *((f"{name} turns", text) for name, text in motions(plan)),
         ),
         mesh=mesh,
         points=points,

@@ -64,13 +64,13 @@ def _patch_lines(figures: Json) -> Iterator[str]:
     if figures["patches"]:
         yield "patches (faces, extent):"
     for name, count in figures["patches"].items():
-        yield f"  {name} {count}{_reach(figures['extents'][name])}"
+        yield f"  {name} {count}{reach(figures['extents'][name])}"
     for name, count in figures["components"].items():
         yield f"{name} has {count} connected components" + (f", the largest {MOST}" if count > MOST else "")
     if figures["parts"]:
         yield "parts of patches (faces, extent):"
     for part in figures["parts"]:
-        yield f"  {part['name']} {part['faces']}{_reach([part['low'], part['high']])}"
+        yield f"  {part['name']} {part['faces']}{reach([part['low'], part['high']])}"
 
 
 def inspected(path: Path, select: Mapping[str, str] = NOTHING) -> Json:
@@ -112,7 +112,7 @@ def inspected(path: Path, select: Mapping[str, str] = NOTHING) -> Json:
         "zones": {zone.name: zone.stop - zone.start for zone in mesh.zones},
         "blocks": {zone.name: list(zone.blocks) for zone in mesh.zones if zone.blocks},
         "patches": dict(zip(mesh.names, map(len, mesh.patches), strict=True)),
-        "extents": {patch.name: _extent(mesh.points[patch.nodes]) for patch in mesh.patches},
+        "extents": {patch.name: extent(mesh.points[patch.nodes]) for patch in mesh.patches},
         "components": components,
         "parts": [_part(part) for part in parts],
         "quality": [asdict(quality) for quality in by_shape(mesh.points, [*zip(mesh.cells, repeat(None), signs)])],
@@ -146,12 +146,13 @@ def _part(part: Part) -> Json:
     return {"name": part.name, "faces": len(part), "low": low.tolist(), "high": high.tolist()}
 
 
-def _extent(points: FloatArray) -> list[list[float]]:
+def extent(points: FloatArray) -> list[list[float]]:
     """Return the least and largest coordinates of points (K, 3); nothing without points."""
     return [end.tolist() for end in (points.min(axis=0), points.max(axis=0))] if len(points) else []
 
 
-def _reach(extent: list[list[float]]) -> str:
+def reach(extent: list[list[float]]) -> str:
+    """Return an extent as text, after a comma; empty without points."""
     return f", {' to '.join(map(_point, extent))}" if extent else ""
 
 

@@ -150,13 +150,13 @@ def repair_text(figures: Json) -> str:
     if not found:
         return ""
     before, after = (
-        f"{min(quality['min'] for quality in states.values()):.3f} with {sum(q['inverted'] for q in states.values())} "
-        "inverted"
+        f"{min(quality['min'] for quality in states.values()):.3f}, {sum(q['inverted'] for q in states.values())}"
         for states in (found["quality"], figures["quality_inside"]["after"])
     )
     return (
-        f"repair: {found['spoiled']} cells spoiled, {found['left']} left; {found['moved']} nodes moved in "
-        f"{found['seconds']:.2f} s; least quality {before} before, {after} after"
+        f"repair: {found['spoiled']} cells were inverted or much worse than before, {found['left']} still are; "
+        f"{found['moved']} nodes moved in {found['seconds']:.2f} s; least quality and inverted cells: {before} without "
+        f"the repair, {after} with it"
     )
 
 

@@ -51,7 +51,7 @@ def jobs_of(settings: JobSettings) -> tuple[Job, ...]:
 def job_of(settings: JobSettings) -> Job:
     """Return the job, files read; InputError if one cannot be, or a value does not fit or is missing."""
     if not settings.surface:
-        raise InputError("no surface to move: name its patches")
+        raise InputError("no surface to move: name its patches (--surface); sdm quality MESH lists them")
     return Job(
         surfaces=tuple(_moving(surface, _stays_beside(surface, settings)) for surface in settings.surface),
         slides=tuple(Sliding(patch, shape) for patch, shape in settings.slide.items()),

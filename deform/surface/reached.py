@@ -62,11 +62,11 @@ class Reached:
 
     @property
     def text(self) -> str:
-        """The figures as a sentence without its subject."""
+        """The figures as a sentence."""
         place = ", ".join(f"{x:.4g}" for x in self.place)
         return (
-            f"the full angle over {self.full:.0%} of its span, on average {self.mean:.0%} of it; up to {self.off:.2g} "
-            f"chords from a rigid turn" + (f", at ({place})" if self.off else "")
+            f"{self.full:.0%} of the span turns by the full angle; the mean over the span is {self.mean:.0%} of it; "
+            f"nodes are up to {self.off:.2g} chords from a rigid turn" + (f", at ({place})" if self.off else "")
         )
 
 

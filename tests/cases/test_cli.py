@@ -110,9 +110,32 @@ def test_a_shell_is_told_what_may_follow(typed, offered, sdm, monkeypatch):
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_a_shell_gets_its_script(shell, sdm, monkeypatch):
-    monkeypatch.setenv("_SDM_COMPLETE", f"{shell}_source")
-    assert "_SDM_COMPLETE" in sdm()[1]
+def test_a_shell_gets_its_script(shell, sdm):
+    code, out, _ = sdm("completion", shell)
+    assert code == 0
+    assert f"{shell}_complete" in out
+
+
+def test_the_help_lists_every_command_but_study_by_subject_and_cuts_no_sentence(sdm):
+    lines = [line for line in sdm("--help")[1].splitlines() if line]
+    subjects = [line for line in lines if line.endswith(":")]
+    assert subjects == ["Options:", "Your mesh:", "The SDM, an aircraft:", "Results:", "This machine:"]
+    rows = [line.split(maxsplit=1) for line in lines[lines.index("Your mesh:") :] if line.startswith(" ")]
+    assert [name for name, _ in rows] == [name for name in cli.commands if name != "study"]
+    assert all(text.endswith(".") and not text.endswith("...") for _, text in rows)
+
+
+def test_the_example_is_a_mesh_that_its_own_next_line_deflects(sdm, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, out, _ = sdm("example")
+    assert code == 0
+    assert out.splitlines()[1].startswith("sdm deflect naca.su2 --surface flap ")
+    assert sdm(*out.splitlines()[1].split()[1:], "--dry-run")[0] == 0
+    written = (tmp_path / "naca.su2").read_bytes()
+    code, _, complaint = sdm("example")
+    assert code == 2
+    assert "naca.su2 is there already" in complaint
+    assert (tmp_path / "naca.su2").read_bytes() == written
 
 
 HEAVY = ("numba", "scipy", "pyvista", "vtkmodules", "matplotlib", "cadquery", "OCP", "gmsh", "h5py", "trimesh")

@@ -64,6 +64,18 @@ def test_each_format_is_deflected_in_itself_and_the_input_stays(name, files, sdm
     assert not moved[old.on("wing_upper", "far_field")].any()
 
 
+def test_twelve_lines_say_what_counts_and_verbose_says_all(files, sdm, tmp_path):
+    words = ["deflect", files["su2"], *TURN, "--out", tmp_path / "w.su2"]
+    lines, whole = (sdm(*words, *more)[1].splitlines() for more in (["--quiet"], ["--verbose"]))
+    assert len(lines) <= 12
+    for text in (" moves by up to ", " cells in the box, ", f"wrote {tmp_path}"):
+        assert any(text in line for line in lines), text
+    assert lines[-1] == whole[-1] == "all validations passed"
+    for text in ("outside_moved", "box along the hinge", "data sites:", "kernel:"):
+        assert not any(text in line for line in lines), text
+        assert any(text in line for line in whole), text
+
+
 def test_boundary_conditions_of_an_earlier_export_stay(files, sdm, tmp_path):
     out, table = tmp_path / "wing.lb8.ugrid", tmp_path / "wing.mapbc"
     words = ["deflect", files["su2"], *TURN, "--out", out, "--quiet"]

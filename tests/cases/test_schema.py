@@ -81,7 +81,7 @@ def test_every_setting_is_told_wherever_settings_are():
 def test_help_is_in_groups_of_80_columns():
     lines = CliRunner().invoke(command, ["--help"], terminal_width=80).output.splitlines()
     titles = [line.removesuffix(":") for line in lines if line and line[0] != " " and line.endswith(":")]
-    assert titles == [*GROUPS, "Output", "Cluster", "Options"]
+    assert titles == ["Basic", *GROUPS, "Output", "Cluster", "Options"]
     assert max(map(len, lines)) <= 80
     assert len(lines) <= 120
 

@@ -18,7 +18,7 @@ ELSEWHERE = (
     (r"apt-get (update|install)", CI, "apt-get install"),
     (r"python3 -m venv \.venv", CI, "python3 -m venv"),
     (r"\.venv/bin/pip install -e '\.\[test\]'( pre-commit)?", CI, 'bash -euc "$install -q"'),
-    (r"(\.venv/bin/)?pip install ('\.\[all\]'|\.)$", CI, "pip install -q --no-deps --target"),
+    (r"(\.venv/bin/)?pip install ('\.\[(all|report)\]'|\.)$", CI, "pip install -q --no-deps --target"),
     (r"\. \.venv/bin/activate", CI, "python3 -m venv"),
     (r"\.venv/bin/pre-commit install", ".pre-commit-config.yaml", "repos:"),
     (r"\.venv/bin/python -m pytest -n 2 --dist loadfile", CI, ".venv/bin/python -m pytest"),
@@ -124,7 +124,7 @@ def test_the_pipeline_reads_packages_and_set_up_from_the_readme():
 
 def test_every_set_up_of_the_readme_asks_for_the_same_packages():
     asked = [line for line in lines_of(ROOT / "README.md") if "apt-get install" in line]
-    assert len(asked) == 3
+    assert len(asked) == 2
     assert all(f"python3-venv {PACKAGES}" in line for line in asked)
 
 

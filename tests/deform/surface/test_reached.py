@@ -62,7 +62,10 @@ def test_a_rigid_turn_is_reached_everywhere(wedge):
     found = reached(wedge, HINGE, 20.0)
     assert (found.full, found.mean) == (1.0, pytest.approx(1.0))
     assert found.off == 0.0
-    assert found.text == "the full angle over 100% of its span, on average 100% of it; up to 0 chords from a rigid turn"
+    assert found.text == (
+        "100% of the span turns by the full angle; the mean over the span is 100% of it; nodes are up to 0 chords from "
+        "a rigid turn"
+    )
 
 
 def test_a_longer_unit_of_length_changes_nothing_but_the_place(wedge):
@@ -80,7 +83,7 @@ def test_figures_of_a_job_have_it_for_each_surface(inboard_wing):
     assert found[name].keys() == {"full", "mean", "off", "place"}
     ((named, text),) = motions(plan)
     assert named == name
-    assert text.startswith(f"the full angle over {found[name]['full']:.0%} of its span, on average ")
+    assert text.startswith(f"{found[name]['full']:.0%} of the span turns by the full angle; the mean ")
 
 
 def test_displacements_of_a_table_have_no_angle(inboard_wing):

@@ -193,6 +193,6 @@ def test_a_plane_grid_with_a_map_turns_about_a_point(tmp_path):
     assert mesh.plane
     assert len(mesh.patch("body")) == 16
     result = sdm.deflect(source, "body", hinge=[(0, 0)], angle=10.0, fixed="block*")
-    assert result.save(tmp_path / "b.xyz") == ()
+    assert result.save(tmp_path / "b.xyz") == tmp_path / "b.xyz"
     assert np.abs(stored(tmp_path / "b.xyz") - stored(source)).max() > 0.01
     assert len({point.tobytes() for point in stored(tmp_path / "b.xyz")}) == len(mesh.points)
