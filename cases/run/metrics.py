@@ -154,7 +154,7 @@ def repair_text(figures: Json) -> str:
         for states in (found["quality"], figures["quality_inside"]["after"])
     )
     return (
-        f"repair: {found['spoiled']} cells were inverted or much worse than before, {found['left']} still are; "
+        f"repair: {found['spoiled']} cells were inverted or much worse than before, afterwards {found['left']}; "
         f"{found['moved']} nodes moved in {found['seconds']:.2f} s; least quality and inverted cells: {before} without "
         f"the repair, {after} with it"
     )

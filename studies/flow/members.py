@@ -1,4 +1,4 @@
-"""The meshes of the study, each a case of OpenFOAM: undeflected, deflected, repaired, and made anew."""
+"""The meshes of the study, each a case of OpenFOAM: undeflected, deflected, repaired, and new."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -40,7 +40,7 @@ class FlowStudy:
     Attributes
     ----------
     case : the aircraft, its mesh and what turns; its domain is the whole aircraft.
-    angles : degrees; at the first one there are `fresh` meshes made anew, at each other one there is one. If `fresh` is
+    angles : degrees; at the first one there are `fresh` new meshes, at each other one there is one. If `fresh` is
         more than one, there are so many undeflected ones, too: an increment is the difference of two meshes. These are
         deflected to the first angle as well.
     stream : the free stream.
@@ -104,7 +104,7 @@ def study_of(
 
 @dataclass(frozen=True, slots=True)
 class Member:
-    """One mesh: its kind, its angle (degrees, 0 undeflected), its number among those made anew, from 1."""
+    """One mesh: its kind, its angle (degrees, 0 undeflected), its number among the new ones, from 1."""
 
     kind: str
     angle: float = 0.0
@@ -120,7 +120,7 @@ class Member:
 
 
 def fresh_members(study: FlowStudy) -> Iterator[Member]:
-    """Yield the members whose meshes are made anew."""
+    """Yield the members whose meshes are new."""
     several = (0.0, study.angles[0]) if study.fresh > 1 else ()
     for angle in dict.fromkeys((*several, *study.angles)):
         for number in range(1, (study.fresh if angle in several else 1) + 1):
@@ -171,7 +171,7 @@ def moved_points(case: Case, flow: Mesh) -> FloatArray:
 
 
 def fresh_mesh(study: FlowStudy, member: Member, watch: Stopwatch) -> Mesh:
-    """Return a mesh made anew around the CAD at the member's angle, blended as the mesh is or turned rigidly."""
+    """Return a new mesh around the CAD at the member's angle, blended as the mesh is or turned rigidly."""
     from sdm_deflect.geometry.aircraft import build  # the CAD kernel
     from sdm_deflect.meshing.generate.generation import Generated, generate
 

@@ -100,15 +100,20 @@ def _sections(results: Results, spent: str) -> Iterator[str]:
         f"{own.chord:.3g} m. "
         f"{spent}"
     )
+    yield (
+        "The first column of numbers is the coefficient on the undeflected mesh. *Increments* are what the deflection "
+        "adds to it. Drag and yawing moment, which decide nothing, are in the .json of a study. The swing is half the "
+        "range of the deflected value in the iterations that are averaged."
+    )
     yield "\n".join(_table(results))
     if study.fresh > 1 and len(study.angles) > 1:
         yield (
-            f"Where one mesh alone is made anew, the scatter at {study.angles[0]:+g} degrees counts, in brackets; its "
-            "increment is that from the mean of the undeflected meshes made anew."
+            f"Where there is one new mesh alone, the scatter at {study.angles[0]:+g} degrees counts, in brackets; its "
+            "increment is that from the mean of the new undeflected meshes."
         )
     decided = [one for one in results.judged if not one.agrees]
     verdict = (
-        f"All {len(results.judged)} increments that decide agree: the difference to the mean of the meshes made anew "
+        f"All {len(results.judged)} increments that decide agree: the difference to the mean of the new meshes "
         f"is within their scatter or within {ALLOWED:.0%} of the increment."
         if results.passed
         else "These do not agree: " + "; ".join(f"{one.name} at {one.angle:+g} deg" for one in decided) + "."
@@ -130,25 +135,25 @@ def _sections(results: Results, spent: str) -> Iterator[str]:
 
 
 def several(results: Results) -> Iterator[str]:
-    """Say of several deflected meshes and several made anew whether their means differ."""
+    """Say of several deflected meshes and several new ones whether their means differ."""
     rows = [one for one in results.increments if one.others and one.judged]
     study = results.study
     lacking = study.fresh - (len(rows[0].others) if rows else 0)
     if study.fresh > 1 and lacking:
         yield (
-            f"{lacking} of the {study.fresh} undeflected meshes made anew could not be deflected to "
+            f"{lacking} of the {study.fresh} new undeflected meshes could not be deflected to "
             f"{study.angles[0]:+g} degrees without inverted cells, and are left out."
         )
     if not rows:
         return
     yield (
-        f"One deflected mesh may differ by chance. The {len(rows[0].others)} undeflected meshes made anew were "
+        f"One deflected mesh may differ by chance. The {len(rows[0].others)} new undeflected meshes were "
         f"deflected to {rows[0].angle:+g} degrees, too. Increments of all that were deflected, each on its own cells, "
-        "beside those made anew (mean, standard deviation), and the difference of the means with its confidence "
+        "beside the new ones (mean, standard deviation), and the difference of the means with its confidence "
         f"interval of {CONFIDENCE:.0%} (Welch), by the increment:"
     )
     lines = [
-        "|  | deflected | made anew | difference | interval | holds 0 |",
+        "|  | increment, deflected meshes | increment, new meshes | difference | interval | holds 0 |",
         "| --- | ---: | ---: | ---: | ---: | --- |",
     ]
     for one in rows:
@@ -163,11 +168,15 @@ def several(results: Results) -> Iterator[str]:
 
 def _table(results: Results) -> Iterator[str]:
     """Yield the lines of the table of increments; without a column of repaired meshes where there are none."""
-    heads = ["angle, deg", "", "undeflected", "deflected", "repaired", "made anew", "scatter", "difference",
-             "by increment", "agrees", "swing"]  # fmt: skip
-    rows = [heads, ["---:", "---", *["---:"] * 7, "---", "---:"], *map(_cells, results.increments)]
+    heads = ["angle, deg", "", "undeflected value", "increment, deflected mesh", "increment, repaired mesh",
+             "increment, new meshes", "their scatter", "difference", "difference by increment", "agrees",
+             "swing of the value"]  # fmt: skip
+    judged_alone = (one for one in results.increments if one.judged)
+    rows = [heads, ["---:", "---", *["---:"] * 7, "---", "---:"], *map(_cells, judged_alone)]
     if all(one.repaired is None for one in results.increments):
-        rows = [[cell for head, cell in zip(heads, row, strict=True) if head != "repaired"] for row in rows]
+        rows = [
+            [cell for head, cell in zip(heads, row, strict=True) if head != "increment, repaired mesh"] for row in rows
+        ]
     for row in rows:
         yield "| " + " | ".join(row) + " |"
 

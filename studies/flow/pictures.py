@@ -24,7 +24,7 @@ LABELS = {
     DEFLECTED: "deflected",
     REPAIRED: "deflected and repaired",
     FRESH_DEFLECTED: "other meshes, deflected",
-    FRESH: "made anew",
+    FRESH: "new mesh",
 }
 PRESSURES = Normalize(-0.6, 0.6)
 BESIDE = 0.6

@@ -56,11 +56,11 @@ class Increment:
     angle, name : degrees, and the coefficient.
     base : that of the undeflected mesh.
     deflected, repaired : increments; None where there is no such mesh.
-    fresh : increments of the meshes made anew, each from an undeflected one made anew; see `fresh_increments`.
+    fresh : increments of the new meshes, each from a new undeflected one; see `fresh_increments`.
     change : largest change of an average over the last iterations, of all these.
     judged : whether the control surface is there to change it.
-    elsewhere : scatter at the study's first angle, which counts where one mesh alone is made anew; nan without one.
-    others : increments on other meshes that were deflected: made anew undeflected, each on its own cells.
+    elsewhere : scatter at the study's first angle, which counts where there is one new mesh alone; nan without one.
+    others : increments on other meshes that were deflected: new ones, each on its own cells.
     """
 
     angle: float
@@ -84,24 +84,24 @@ class Increment:
 
     @property
     def expected(self) -> float:
-        """Mean over the meshes made anew; without any, nan."""
+        """Mean over the new meshes; without any, nan."""
         return float(np.mean(self.fresh)) if self.fresh else nan
 
     @property
     def scatter(self) -> float:
-        """Largest distance of a mesh made anew from their mean; of a single one that at the first angle."""
+        """Largest distance of a new mesh from their mean; of a single one that at the first angle."""
         if len(self.fresh) == 1:
             return self.elsewhere
         return max((abs(one - self.expected) for one in self.fresh), default=nan)
 
     @property
     def difference(self) -> float:
-        """Own increment minus that of the meshes made anew."""
+        """Own increment minus that of the new meshes."""
         return self.own - self.expected
 
     @property
     def share(self) -> float:
-        """Difference by the increment of the meshes made anew."""
+        """Difference by the increment of the new meshes."""
         return self.difference / abs(self.expected)
 
     @property
@@ -116,7 +116,7 @@ class Increment:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Ends of the 95 % confidence interval of the mean of all deflected meshes minus that of those made anew.
+        """Ends of the 95 % confidence interval of the mean of all deflected meshes minus that of the new ones.
 
         By Welch's t-test; nan where there is but one mesh of a kind.
         """
@@ -145,7 +145,7 @@ class Results:
 
     @property
     def judged(self) -> tuple[Increment, ...]:
-        """Increments that decide: of what the control surface is there to change, where meshes were made anew."""
+        """Increments that decide: of what the control surface is there to change, where there are new meshes."""
         return tuple(one for one in self.increments if one.judged and one.fresh)
 
     @property
@@ -215,7 +215,7 @@ def increments(study: FlowStudy, values: Mapping[Member, Mapping[str, Value]]) -
 
 
 def fresh_increments(deflected: Sequence[float], undeflected: Sequence[float]) -> tuple[float, ...]:
-    """Return increments between meshes made anew: pairs, where there are as many of both, else from the latter's mean.
+    """Return increments between new meshes: pairs, where there are as many of both, else from the latter's mean.
 
     No mesh takes part in two pairs, so the increments scatter by what both ends of one are worth. The increment of a
     mesh that is deflected has the same cells at both ends.

@@ -41,7 +41,7 @@ from tests.cases.foam import needed
 
 @pytest.fixture(scope="module")
 def flow(tmp_path_factory, make_mesh):
-    """The command's own output for a few iterations: aileron up on the left side, with one mesh made anew."""
+    """The command's own output for a few iterations: aileron up on the left side, with one new mesh."""
     needed("rhoCentralFoam")
     make_mesh(case_named("aileron"))
     folder = tmp_path_factory.mktemp("flow")
@@ -61,7 +61,9 @@ def test_the_study_leaves_its_page_its_figures_and_its_cases(flow):
     assert {path.name for path in (out / "figures").iterdir()} == figures
     page = (out / "flow-aileron.md").read_text()
     assert all(f"(figures/{name})" in page for name in figures)
-    assert "| undeflected | deflected | made anew | scatter |" in page  # and no column of repaired meshes
+    assert (
+        "| undeflected value | increment, deflected mesh | increment, new meshes | their scatter |" in page
+    )  # and no column of repaired meshes
     assert {path.name for path in (out / FOLDER).iterdir()} == {"undeflected", "-12-deflected", "-12-fresh-1"}
     for member in (out / FOLDER).iterdir():
         assert Forces.read(member, "all").iteration.tolist() == list(range(5, 55, 5))
@@ -184,14 +186,14 @@ def test_all_deflected_meshes_are_compared_with_all_made_anew():
     assert low < 0.0 < high
     assert np.isnan(second.interval).all()
     page = "".join(several(Results(study, values, rows)))
-    assert "The 2 undeflected meshes made anew were deflected to -12 degrees, too." in page
+    assert "The 2 new undeflected meshes were deflected to -12 degrees, too." in page
     assert re.search(r"\| CL \| -0.96667, 0.15275 \| -1.05000, 0.07071 \| \+7.9 % \| .* \| yes \|", page)
     assert "left out" not in page
     (none,) = several(Results(study, values, (second,)))
-    assert none.startswith("2 of the 2 undeflected meshes made anew could not be deflected to -12 degrees without")
+    assert none.startswith("2 of the 2 new undeflected meshes could not be deflected to -12 degrees without")
     del values[Member(FRESH_DEFLECTED, -12.0, 2)]
     fewer = "".join(several(Results(study, values, tuple(increments(study, values)))))
-    assert fewer.startswith("1 of the 2 undeflected meshes made anew could not be deflected")
+    assert fewer.startswith("1 of the 2 new undeflected meshes could not be deflected")
     assert not list(several(Results(replace(study, fresh=1), values, (second,))))
 
 
