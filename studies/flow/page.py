@@ -203,5 +203,6 @@ def _convergence(results: Results) -> str:
     )
     if not left:
         return what + " of each coefficient that decides."
-    names = ", ".join(f"{one.name} at {one.angle:+g} deg by {one.change:.1e}" for one in left)
-    return what + f", but not all: {names}. Go on with more iterations in the same folder."
+    worst = max(left, key=lambda one: one.change)
+    far = f"most of all {worst.name} at {worst.angle:+g} deg, by {worst.change:.1e}"
+    return what + f", but not {len(left)} of them, {far}. Go on with more iterations in the same folder."
