@@ -106,7 +106,7 @@ class Result:
 
     @property
     def quality(self) -> tuple[Quality, ...]:
-        """Quality of the cells with a node in the box, by type; that of the undeflected mesh is `plan.before`."""
+        """Quality of the cells with a node in the box, by type; `plan.before` is the quality before."""
         return self.deflection.quality
 
     @property
@@ -150,9 +150,11 @@ class Result:
         -------
         The path of what was written.
 
-        Raises InputError if the format is unknown, the file is the one that was read, or it cannot be written; if the
-        file that was read has changed since, and its copy is to be written; if a check fails once coordinates are
-        rounded to those that the file keeps (`stored_in(path).save(path)` writes it all the same).
+        Raises
+        ------
+        InputError : if the format is unknown, or the file cannot be written or is the one that was read. If that file
+            has changed since. If a check fails once coordinates are rounded to what the file keeps;
+            `stored_in(path).save(path)` writes it all the same.
         """
         if to_solver is not None:
             raise InputError(f"to_solver: {GONE['to_solver']}")
@@ -249,7 +251,7 @@ class Result:
 
     @property
     def title(self) -> str:
-        """What was moved, of which mesh, how far, and the verdict."""
+        """The surface, the mesh, the angle and the verdict."""
         unit, failed = self.plan.job.surfaces[0].motion.unit, [c.name for c in self.checks if not c.passed]
         verdict = f"FAILED: {', '.join(failed)}" if failed else "all checks passed"
         return f"{', '.join(self.plan.patches)} of {self.plan.mesh.name} at {self.angle:+g} {unit}: {verdict}"
@@ -302,9 +304,9 @@ def deflect(
 
     Parameters
     ----------
-    mesh : From `read`, or the path of a file; a meshio mesh with a cell set or a physical group for each patch; a
-        pyvista grid whose faces have the cell array ``patch``, named by the field array ``patch_names``; or arrays
-        ``(points (N, 3), {patch: node indices (K,)})``.
+    mesh : From `read`, the path of a file, or arrays ``(points (N, 3), {patch: node indices (K,)})``. Or a meshio mesh
+        with a cell set or a physical group for each patch. Or a pyvista grid whose faces have the cell array ``patch``,
+        named by the field array ``patch_names``.
     surfaces : Name of the moving patch, or several; ``*`` stands for any letters. For surfaces with hinges and angles
         of their own, a list of dictionaries with ``patches``, ``hinge``, ``angle`` and, if need be, ``motion`` and what
         belongs to it.
@@ -346,10 +348,10 @@ def plan(
     progress: Progress = silent,
     **options: Unpack[Options],
 ) -> Field:
-    """Decide and fit a deflection, but move no node: a small value does, wherever the nodes are.
+    """Fit a deflection without moving a node, and return it as a function of coordinates.
 
-    Of a file that can be read in pieces (CGNS in HDF5, binary UGRID, Gmsh and OpenFOAM) no more than the boundary and
-    what is in the box is held in memory. Cells are judged, and repaired where that is wanted, as by `deflect`.
+    A file that can be read in pieces takes memory for its boundary and its box alone: CGNS, and binary UGRID, Gmsh and
+    OpenFOAM. Cells are judged and repaired as by `deflect`.
 
     Parameters
     ----------

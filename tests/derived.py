@@ -38,9 +38,9 @@ class Options(TypedDict, total=False):
 '''
 ABOUT = """# Settings of a deflection
 
-Each setting has one name: in Python it is a keyword of `deflect`, `sweep` and `plan`, in a file of settings a key, and
-`--set NAME=VALUE` sets it on the command line, as its option does where it has one. The settings of a surface, the
-first table, stand in a table `[[surface]]` of a file.
+Each setting has one name. In Python it is a keyword of `deflect`, `sweep` and `plan`; in a file of settings it is a
+key. On the command line `--set NAME=VALUE` sets it, or its option. The settings of a surface, the first table, stand in
+a table `[[surface]]` of a file.
 """
 
 

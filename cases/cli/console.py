@@ -154,10 +154,11 @@ def quality_table(before: Sequence[Quality], after: Sequence[Quality]) -> Table:
 
 def _quality_lines(before: Sequence[Quality], after: Sequence[Quality]) -> Iterator[str]:
     """Yield the quality of the touched cells of each type before and after."""
+    yield from ["quality of the cells with a node in the box, before to after:"] * bool(after)
     for old, new in zip(before, after, strict=True):
         pairs = (("least", old.min, new.min), ("1 %", old.p01, new.p01), ("mean", old.mean, new.mean))
         figures = ", ".join(f"{name} {a:.3f} to {b:.3f}" for name, a, b in pairs)
-        yield f"{new.cells} cells in the box, {new.shape}: {new.inverted} inverted; {new.measure}: {figures}"
+        yield f"  {new.cells} {new.shape}: {figures}{f', {new.inverted} inverted' if new.inverted else ''}"
 
 
 def face_table(figures: Json) -> list[Table]:

@@ -32,21 +32,23 @@ moved = partial(click.option, cls=options.Grouped, group="What moves")
 
 @click.command(cls=options.DeflectCommand, params=options.settings_options(FLAT.values()))
 @click.argument("mesh", type=options.FILE)
-@moved("--angles", metavar="A:B:STEP", help="Many angles, one file each; or a list with commas.")
+@moved("--angles", metavar="A:B:STEP", help="Many angles, a file for each; or a list with commas.")
 @options.gone("--history")
 @options.gone("--cpacs")
 @options.gone("--device")
 @options.gone("--to-solver")
-@options.output_option("--out", type=options.FILE, help="File (default: MESH-deflected); its suffix says the format.")
+@options.output_option(
+    "--out", type=options.FILE, help="File to write (default: MESH-deflected); its suffix is the format."
+)
 @options.output_option("--sensitivity", is_flag=True, help="Also write d(points)/d(angle), as .npz and .vtu.")
 @options.output_option("--field", type=options.FILE, help="Also write the displacement field, for `sdm apply`.")
 @options.report_option
 @options.output_option("--dry-run", is_flag=True, help="Print what would be done, and write nothing.")
 @options.json_option
 @options.progress_options
-@options.cluster_option("--workers", type=int, metavar="N", help="Let so many processes do the work, with Dask.")
+@options.cluster_option("--workers", type=int, metavar="N", help="Number of Dask processes that do the work.")
 @options.cluster_option(
-    "--scheduler", metavar="ADDRESS|FILE", help="Let the workers of a Dask scheduler do it: tcp://HOST:PORT."
+    "--scheduler", metavar="ADDRESS|FILE", help="Dask scheduler whose workers do the work: tcp://HOST:PORT."
 )
 @options.cluster_option("--worker-memory", metavar="SIZE", help="Memory of each of the --workers, such as 2GB.")
 @click.option("--config", type=options.FILE, help="Settings in a TOML file; several surfaces as [[surface]].")

@@ -149,14 +149,13 @@ def repair_text(figures: Json) -> str:
     found = figures["repair"]
     if not found:
         return ""
-    before, after = (
-        f"{min(quality['min'] for quality in states.values()):.3f}, {sum(q['inverted'] for q in states.values())}"
-        for states in (found["quality"], figures["quality_inside"]["after"])
-    )
+    states = found["quality"], figures["quality_inside"]["after"]
+    before, after = (min(quality["min"] for quality in state.values()) for state in states)
+    inverted = [sum(quality["inverted"] for quality in state.values()) for state in states]
+    turned = f"; inverted cells {inverted[0]} without it, {inverted[1]} with it" if any(inverted) else ""
     return (
-        f"repair: {found['spoiled']} cells were inverted or much worse than before, afterwards {found['left']}; "
-        f"{found['moved']} nodes moved in {found['seconds']:.2f} s; least quality and inverted cells: {before} without "
-        f"the repair, {after} with it"
+        f"repair: {found['spoiled']} cells inverted or much worse than before, {found['left']} after it; "
+        f"{found['moved']} nodes moved in {found['seconds']:.2f} s; least quality {before:.3f} without it, {after:.3f} with it{turned}"
     )
 
 

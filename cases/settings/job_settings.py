@@ -118,29 +118,28 @@ class SurfaceSettings:
 
     # fmt: off
     patches: Annotated[tuple[str, ...], Option("--surface", "NAME"), Doc(
-        "What moves", "Patches that move; repeat, or use commas. wall#2: a part.")]
+        "What moves", "Patches that move; repeat, or use commas. wall#2 is a part.")]
     hinge: Annotated[tuple[Corner, ...] | None, Option(metavar="x0,y0,z0 x1,y1,z1"), Spelling(read=points_of), Doc(
-        "What moves", "Two points of the hinge line; of a plane mesh one, x,y.")] = None
+        "What moves", "Two points of the hinge line; one, x,y, in a plane mesh.")] = None
     angle: Annotated[float | None, Doc(
         "What moves", "Degrees, right-handed from the first hinge point to the second.",
-        "About one point counter-clockwise. At most 90 either way.")] = None
+        "Counter-clockwise about one point. At most 90 either way.")] = None
     motion: Annotated[Literal["rigid", "blended"] | Motion, Doc(
-        "What moves", "Whole surface, or hinge to trailing edge.",
-        "Blended: between nodes that stay and nodes that follow. In Python also a motion such as `Rotation`, `Blended` "
-        "or `Table`, which has its own hinge.")] = "rigid"
+        "What moves", "rigid: the surface turns as a whole; blended: its border stays and its trailing edge turns.",
+        "In Python also a motion such as `Rotation`, `Blended` or `Table`, which has its own hinge.")] = "rigid"
     held: Annotated[tuple[str | int, ...] | NodeSet, Spelling(file=".txt"), BLENDED, Doc(
         "What moves", "blended: nodes that stay: patches, or a .txt of node indices (default: on `fixed` patches).",
         "Or node indices (K,) counted from 0; in Python also `OnPatches`, `TrailingEdge` or `Listed`.")] = ()
     driven: Annotated[tuple[str | int, ...] | NodeSet, Spelling(file=".txt"), BLENDED, Doc(
-        "What moves", "blended: nodes that follow: edges[:DEG], patches, or a .txt.",
+        "What moves", "blended: nodes that turn by the angle: edges[:DEG], patches, or a .txt.",
         "``edges:40`` are the sharp edges far from the hinge. Otherwise as `held`.")] = ("edges:40",)
     strip: Annotated[float, Range(0.0, 1.0, above=True), BLENDED, Doc(
-        "What moves", "blended: width beside a closed rib, as a share of the span.")] = 0.2
+        "What moves", "blended: width of the strip beside a closed rib, as a share of the span.")] = 0.2
     table: Annotated[str | None, Spelling(file=""), IN_WORDS, Doc(
-        "What moves", "Displacements instead of a hinge: .csv of x,y,z,dx,dy,dz, or .npz.")] = None
-    amount: Annotated[float, ONLY_SET, Doc("What moves", "Share of the table; in Python it is the `angle`.")] = 1.0
+        "What moves", "Displacements in place of a hinge: a .csv of x,y,z,dx,dy,dz, or an .npz.")] = None
+    amount: Annotated[float, ONLY_SET, Doc("What moves", "Share of the table; in Python this is the `angle`.")] = 1.0
     corners: Annotated[tuple[Corner, ...] | None, ONLY_SET, Doc(
-        "Box", "Of `box_each`: corners of this surface's box, as of `box`, instead of an automatic one.")] = None
+        "Box", "With `box_each`: the corners of this surface's box.")] = None
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -202,37 +201,36 @@ class JobSettings(JobOptions):
     # fmt: off
     surface: tuple[SurfaceSettings, ...] = ()
     select: Annotated[dict[str, str], Option(metavar="NAME=EXPR|FILE"), Spelling(read=selections_of), Doc(
-        "What moves", "Make a part of a patch a patch, as flap=wall#2; repeat.",
-        "``wall#2`` is the second connected component of ``wall``, and can stand for a patch everywhere without being "
-        "selected; ``wall box:x,y,z,x,y,z`` and ``wall side:x,y,z,nx,ny,nz`` are the faces with their centre in a box "
-        "or in front of a plane; ``wall sharp:40`` makes ``flap~1``, ``flap~2``, ... between edges that turn by more "
-        "than 40 degrees. Or the path of a .toml file with a table `select`.")] = field(default_factory=dict)
+        "What moves", "Make a part of a patch a patch, such as flap=wall#2; repeat.",
+        "``wall#2`` is the second connected component of ``wall``; it needs no selection. ``wall box:x,y,z,x,y,z`` are "
+        "the faces with their centre in a box, ``wall side:x,y,z,nx,ny,nz`` those in front of a plane. ``wall "
+        "sharp:40`` makes ``flap~1``, ``flap~2``, ... between edges that turn by more than 40 degrees. A .toml file "
+        "may hold a table `select`.")] = field(default_factory=dict)
     slide: Annotated[dict[str, Shape], Option(metavar=SHAPES), Spelling(read=shapes_of), Doc(
-        "What stays", "Patches that stay on their shape.",
-        "Planes and cylinders are fitted to the patch's nodes and verified; a surface is the patch as it is.",
+        "What stays", "Patches whose nodes move, but stay on their shape.",
+        "Planes and cylinders are fitted to the patch's nodes and verified. A surface is the patch as it is.",
         )] = field(default_factory=dict)
     periodic: Annotated[
         tuple[PeriodicSettings, ...], Option(metavar="NAME NAME"), Spelling(read=pairs_of), Doc(
-        "What stays", "Patches that are images; repeat.",
-        "Where the file does not say so. The motion is the translation between the two, or the rotation about x, y or "
-        "z through the origin, whichever fits node by node; for another one a table: `patches`, and `axis`, two "
-        "points, or `translation` (3,).")] = ()
+        "What stays", "Two patches whose nodes are images, if the file does not say so; repeat.",
+        "The program finds the translation, or the rotation about x, y or z through the origin. For another one give a "
+        "table: `patches`, and `axis` (two points) or `translation` (3,).")] = ()
     box: Annotated[
         str | tuple[Corner, ...] | BoxRule | Hexahedron, Option(metavar="auto|FILE"), Spelling(file=".toml"), Doc(
         "Box", "The box: auto, or a .toml with `corners`.",
-        "Or eight corners (8, 3), or two opposite ones (2, 3) of a box along the axes; in a plane mesh four or two, "
-        "without z; in Python also a `Hexahedron`.")] = "auto"
-    margin: Annotated[float, Doc("Box", "Distance from the surface to an automatic box; 0: chosen.")] = 0.0
+        "Or eight corners (8, 3), or two opposite ones (2, 3) of a box along the axes. In a plane mesh four or two, "
+        "without z. In Python also a `Hexahedron`.")] = "auto"
+    margin: Annotated[float, Doc("Box", "Distance from the surface to an automatic box; 0: the program chooses.")] = 0.0
     box_each: Annotated[bool, Doc(
-        "Box", "A box for each surface, not one around all; boxes must not overlap.")] = False
+        "Box", "A box for each surface; boxes must not overlap.")] = False
     open_faces: Annotated[tuple[str, ...], ONLY_SET, Doc(
-        "Box", "Faces of a given box without zero sites, of x-, x+, y-, y+, z-, z+.")] = ()
+        "Box", "Faces of a given box without zero sites: x-, x+, y-, y+, z-, z+.")] = ()
     section: Annotated[tuple[SectionSettings, ...], ONLY_SET, Doc(
         "Box", "Faces of an overlapping block that cut the box (section 5.2 of the paper).",
-        "For each a table: `patch`, `point` (3,) of its plane, `axis` ``x``, ``y`` or ``z`` along its normal, `slides` "
-        "(true): whether nodes slide in it.")] = ()
+        "A table for each: `patch`, `point` (3,) of its plane, `axis` ``x``, ``y`` or ``z`` along its normal, and "
+        "`slides` (true), whether nodes slide in it.")] = ()
     repair_slide: Annotated[dict[str, Shape], ONLY_SET, Spelling(read=shapes_of), Doc(
-        "Quality", "Further patches, as `slide`, whose nodes may slide while cells are mended; moving ones too.",
+        "Quality", "Further patches, as in `slide`, whose nodes may slide in the repair; moving ones, too.",
         )] = field(default_factory=dict)
     # fmt: on
 

@@ -397,7 +397,7 @@ class Mesh:
         return tuple(patch.name for patch in self.patches)
 
     def patch(self, name: str) -> Patch:
-        """Return the patch of that name; KeyError if there is none."""
+        """Return the patch of that name; KeyError for an unknown name."""
         for patch in self.patches:
             if patch.name == name:
                 return patch

@@ -56,34 +56,31 @@ class Fitting:
     """How the displacement is interpolated: choice of centres (section 4), sites on the box, steps."""
 
     # fmt: off
-    strategy: Annotated[Strategy, Doc("Accuracy", "squv: centres for each direction; mv: common ones.")] = "squv"
+    strategy: Annotated[Strategy, Doc("Accuracy", "squv: centres for each direction; mv: common centres.")] = "squv"
     tolerance: Annotated[float, Range(0.0), Doc(
         "Accuracy", "Largest error at a data site, a length; 0: 1 % of the surface's median edge.")] = 0.0
     initial_surface: Annotated[int, Range(4), ONLY_SET, Doc(
         "Accuracy", "Centres at the start on the moving surface.")] = 30
     initial_hexahedron: Annotated[int, Range(1), ONLY_SET, Doc(
-        "Accuracy", "Centres at the start on all but the moving surface.")] = 30
+        "Accuracy", "Centres at the start on the box and on patches that stay.")] = 30
     n_add: Annotated[int, Range(1), ONLY_SET, Doc(
-        "Accuracy", "Largest number of centres added at a time (`rule` worst), or least size of a block.")] = 10
+        "Accuracy", "Centres added in a round (`rule` worst), or the least size of a block (separated).")] = 10
     max_centers: Annotated[int, Range(8), ONLY_SET, Doc(
-        "Accuracy", "At most so many centres in each direction.")] = 5000
+        "Accuracy", "Largest number of centres in each direction.")] = 5000
     rule: Annotated[RuleName, ONLY_SET, Doc(
-        "Accuracy", "separated: add large blocks of sites that are no neighbours; worst: as the paper.")] = "separated"
+        "Accuracy", "separated: add blocks of sites that are no neighbours; worst: the paper's rule.")] = "separated"
     spacing: Annotated[float, Range(0.0), ONLY_SET, Doc(
         "Accuracy", "Distance of the sites on the box, a length; 0: from `spacing_edges`.")] = 0.0
     spacing_edges: Annotated[float, Range(0.1), ONLY_SET, Doc(
         "Accuracy", "Distance of the sites on the box in median edges of the surface.")] = 1.75
     max_steps: Annotated[int, Range(1), Option("--steps", "auto|N"), Spelling(read=steps_of), Doc(
-        "Accuracy", "Most steps in which an angle is taken if cells invert.")] = 8
+        "Accuracy", "Largest number of steps for an angle, if cells invert.")] = 8
     kernel: Annotated[KernelName, ONLY_SET, Doc(
-        "Accuracy", "tps: the thin plate spline; mq: the multiquadric; wendland: Wendland's C2 function with compact "
-        "support; cubic.")] = "tps"
+        "Accuracy", "tps: thin plate spline; mq: multiquadric; wendland: Wendland's C2 function; cubic.")] = "tps"
     kernel_radius: Annotated[float, Range(0.0), ONLY_SET, Doc(
-        "Accuracy", "Length where a multiquadric turns from a parabola into a cone, or Wendland's function ends; 0: "
-        "the surface's median edge, or the diagonal of the box.")] = 0.0
+        "Accuracy", "Radius of mq or wendland, a length; 0: the surface's median edge, or the box's diagonal.")] = 0.0
     polynomial: Annotated[Polynomial, ONLY_SET, Doc(
-        "Accuracy", "Added to the kernels: every kernel may have linear, which tps and cubic need; constant is enough "
-        "for mq, none for wendland.")] = "linear"
+        "Accuracy", "Polynomial beside the kernel: tps and cubic need linear, mq at least constant.")] = "linear"
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -118,12 +115,12 @@ class Repair:
 
     # fmt: off
     mode: Annotated[RepairMode, Spelling("repair"), Doc(
-        "Quality", "auto: mend cells if one is inverted, or the least quality of its type fell below `repair_share` of "
-        "that before; always: if it fell at all.")] = "auto"
+        "Quality", "auto: repair if cells are inverted, or the worst cell of a type keeps less than `repair_share` of "
+        "its quality; always: if it lost any; off: never.")] = "auto"
     share: Annotated[float, Range(0.0, 1.0, above=True), Spelling("repair_share"), ONLY_SET, Doc(
-        "Quality", "Share of the undeflected mesh's least quality below which auto mends.")] = 0.9
+        "Quality", "Share of the worst cell's quality below which auto repairs.")] = 0.9
     min_quality: Annotated[float, Range(0.0, 1.0), Doc(
-        "Quality", "Share of its least quality that a type of cell must keep; 0: no such check.")] = 0.1
+        "Quality", "Share of its quality that the worst cell of each type must keep; 0: no such check.")] = 0.1
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -145,11 +142,11 @@ class JobOptions:
     zones: Annotated[tuple[str, ...], Option("--zone", "NAME"), Doc(
         "Box", "Further zones of the file that deform; '*' for all.")] = ()
     near_wall: Annotated[bool, ONLY_SET, Doc(
-        "Box", "Whether the mesh near walls follows them rigidly, so that prism layers keep their heights.",
-        "Nodes of fixed patches that reach into the box are data sites then. Without it, as in the paper, the moving "
-        "surface and the box are the only data sites, and no other patch may reach into the box.")] = True
-    allow_inverted: Annotated[bool, Doc("Quality", "Take a mesh that has inverted cells already.")] = False
-    force: Annotated[bool, Doc("What moves", "Take a hinge farther from its surface than that is wide.")] = False
+        "Box", "Whether the mesh near walls follows them, so that prism layers keep their heights.",
+        "Nodes of fixed patches in the box are then data sites. Without it, as in the paper, no other patch may reach "
+        "into the box.")] = True
+    allow_inverted: Annotated[bool, Doc("Quality", "Take a mesh that already has inverted cells.")] = False
+    force: Annotated[bool, Doc("What moves", "Take a hinge farther from its surface than the surface is wide.")] = False
     # fmt: on
     fitting: Annotated[Fitting, INLINE] = field(default_factory=Fitting)
     repair: Annotated[Repair, INLINE] = field(default_factory=Repair)

@@ -116,7 +116,7 @@ def _sections(results: Results, spent: str) -> Iterator[str]:
         f"All {len(results.judged)} increments that decide agree: the difference to the mean of the new meshes "
         f"is within their scatter or within {ALLOWED:.0%} of the increment."
         if results.passed
-        else "These do not agree: " + "; ".join(f"{one.name} at {one.angle:+g} deg" for one in decided) + "."
+        else f"{len(decided)} of {len(results.judged)} increments do not agree; the table says which."
     )
     yield verdict
     yield from several(results)
@@ -129,8 +129,8 @@ def _sections(results: Results, spent: str) -> Iterator[str]:
     for name, slope in slopes_of(results).items():
         if any(one.judged for one in results.of(name)):
             yield (
-                f"{name}: {slope.rate:.4g} per degree; an increment leaves that line by more than 5 % beyond "
-                f"{slope.low:+g} and {slope.high:+g} degrees, of the angles computed."
+                f"{name}: {slope.rate:.4g} per degree. Increments are within 5 % of that line from {slope.low:+g} to "
+                f"{slope.high:+g} degrees."
             )
 
 
@@ -197,8 +197,8 @@ def _cells(one: Increment) -> list[str]:
 def _convergence(results: Results) -> str:
     left = [one for one in results.increments if one.judged and not one.converged]
     what = (
-        f"Values are averages over the last {WINDOW} iterations, since the flow behind the blunt base does not become "
-        f"quite steady; over the last {LAST} iterations these averages change by less than {CONVERGED:.1%} of the "
+        f"Values are averages over the last {WINDOW} iterations, since the flow behind the blunt base stays unsteady. "
+        f"Over the last {LAST} iterations these averages change by less than {CONVERGED:.1%} of the "
         "increment"
     )
     if not left:

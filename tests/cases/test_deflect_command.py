@@ -64,11 +64,12 @@ def test_each_format_is_deflected_in_itself_and_the_input_stays(name, files, sdm
     assert not moved[old.on("wing_upper", "far_field")].any()
 
 
-def test_twelve_lines_say_what_counts_and_verbose_says_all(files, sdm, tmp_path):
+def test_twelve_lines_say_what_counts_and_verbose_says_all(files, sdm, tmp_path, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "160")
     words = ["deflect", files["su2"], *TURN, "--out", tmp_path / "w.su2"]
     lines, whole = (sdm(*words, *more)[1].splitlines() for more in (["--quiet"], ["--verbose"]))
     assert len(lines) <= 12
-    for text in (" moves by up to ", " cells in the box, ", f"wrote {tmp_path}"):
+    for text in (" moves by up to ", "quality of the cells ", f"wrote {tmp_path}"):
         assert any(text in line for line in lines), text
     assert lines[-1] == whole[-1] == "all validations passed"
     for text in ("outside_moved", "box along the hinge", "data sites:", "kernel:"):
