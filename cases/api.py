@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from sdm_deflect.cases.file_mesh import FileMesh
 from sdm_deflect.cases.run.metrics import notes_of, warnings_of
+from sdm_deflect.cases.run.progress import of_notebook
 from sdm_deflect.cases.settings.job_settings import FLAT, GONE, IN_PYTHON, angles_of, settings_of, tables_of
 from sdm_deflect.cases.settings.keywords import Options
 from sdm_deflect.deform.base.arrays import FloatArray
@@ -313,7 +314,7 @@ def deflect(
     hinge : (2, 3) two points of the hinge line, in the mesh's unit of length; in a plane mesh one point (2,).
     angle : Degrees, right-handed from the first hinge point to the second, at most 90 either way; of a `table` its
         share.
-    progress : Called with what is being done and the fraction done (0 to 1, or nan).
+    progress : Called with what is being done and the fraction done (0 to 1, or nan); a notebook shows it by itself.
     **options : Settings by the names that they have in the TOML file of ``sdm deflect``.
 
         {settings}
@@ -416,6 +417,7 @@ def _run(mesh: Any, jobs: Sequence[Job], angles: Sequence[float], progress: Prog
     """Plan jobs for all angles and bring the mesh to each; results in the order of the angles."""
     if not callable(progress):
         raise InputError(f"progress = {shortened(progress)} must be a function of a text and a fraction")
+    progress = of_notebook() if progress is silent else progress
     given = adapters.accepted(read(mesh, progress) if isinstance(mesh, str | PathLike) else mesh)
     plan = Plans.of(given.mesh, jobs, angles, progress)
     for text in warnings_of(plan):

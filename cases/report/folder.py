@@ -130,7 +130,7 @@ class FinishedJob(FinishedRun):
             settings = (folder / SETTINGS).read_text(encoding="utf-8")
             path, count = loads(settings).get("mesh", ""), read_json(folder)["mesh"]["points"]
         if not path or not isinstance(path, str):
-            raise InputError(f"{folder / SETTINGS} names no mesh: that of this deflection was no file")
+            raise InputError(f"{folder / SETTINGS} names no mesh: this deflection was of no file")
         source = (folder / path).resolve()
         mesh = replace(format_of(source).read(source), name=source.name, source=str(source))
         if len(mesh.points) != count:

@@ -85,7 +85,7 @@ def _found(field: Field, path: Path, meshes: Sequence[Path], zones: Sequence[str
             for rows in _deforming(mesh, own, box, zones):
                 found |= box.matches(points[rows])
     if rounded := sum(int((near & ~exact).sum()) for exact, near in known):
-        raise InputError(f"{path}: {rounded} of its places are but nearly points of {_names(meshes)}: write all digits")
+        raise InputError(f"{path}: {rounded} of its places are nearly points of {_names(meshes)}: write all digits")
     if not (count := sum(int(exact.sum()) for exact, _ in known)):
         raise InputError(f"{path}: is of another mesh: none of its places is a point of {_names(meshes)}")
     return count

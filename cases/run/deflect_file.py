@@ -96,7 +96,7 @@ def _by_workers(wanted: Targets, jobs: Sequence[Job], progress: Progress, runner
     with in_pieces(wanted.source, progress) as mesh:
         if mesh:
             return excerpt(mesh, jobs, wanted.angles, runner, progress)
-    raise InputError(f"{wanted.source}: workers need {_sent()}, and this file is none of them")
+    raise InputError(f"{wanted.source}: workers need {_sent()}, and this file is something else")
 
 
 def _sent() -> str:

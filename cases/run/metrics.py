@@ -155,7 +155,8 @@ def repair_text(figures: Json) -> str:
     turned = f"; inverted cells {inverted[0]} without it, {inverted[1]} with it" if any(inverted) else ""
     return (
         f"repair: {found['spoiled']} cells inverted or much worse than before, {found['left']} after it; "
-        f"{found['moved']} nodes moved in {found['seconds']:.2f} s; least quality {before:.3f} without it, {after:.3f} with it{turned}"
+        f"{found['moved']} nodes moved in {found['seconds']:.2f} s; least quality {before:.3f} without it, "
+        f"{after:.3f} with it{turned}"
     )
 
 

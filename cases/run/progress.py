@@ -1,5 +1,6 @@
 """Stages of a run: who reports progress, who shows it, and how long each stage took."""
 
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
@@ -7,7 +8,7 @@ from math import isnan
 from os import sysconf
 from pathlib import Path
 from time import CLOCK_BOOTTIME, clock_gettime, perf_counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from sdm_deflect.deform.base.errors import printable
 from sdm_deflect.deform.base.progress import Progress, silent
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
+PATIENCE = 2.0
+"""Seconds after which a notebook shows progress."""
 Show = Callable[[str], AbstractContextManager[Progress]]
 """Shows a stage of a run while its context lasts, which gives what takes the stage's progress."""
 
@@ -92,6 +95,26 @@ def shown(*, quiet: bool, verbose: bool, console: "Console | None" = None) -> It
     else:
         with bars(out) as show:
             yield show
+
+
+def of_notebook() -> Progress:
+    """Return what shows progress in a notebook once that takes two seconds, and nothing elsewhere."""
+    shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
+    if type(shell).__name__ != "ZMQInteractiveShell":
+        return silent
+    from IPython.display import display
+
+    start = perf_counter()
+    shown: list[Any] = []
+
+    def report(text: str, fraction: float) -> None:
+        line = {"text/plain": printable(text) + ("" if isnan(fraction) else f" {fraction:.0%}")}
+        if shown:
+            shown[0].update(line, raw=True)
+        elif perf_counter() - start > PATIENCE:
+            shown.append(display(line, raw=True, display_id=True))  # type: ignore[no-untyped-call]
+
+    return report
 
 
 def process_start() -> float:

@@ -112,7 +112,7 @@ class Selection:
         what, (patch, conditions) = f"{mesh.name}: {place}", self._resolved(mesh, place)
         whole = part = Part.of(mesh, mesh.patch(patch))
         if not len(whole):
-            raise InputError(f"{what} patch {patch} has no faces of which some could be chosen")
+            raise InputError(f"{what} patch {patch} has no faces to choose from")
         if any(patch in pair.patches for pair in mesh.periodic):
             raise InputError(f"{what} patch {patch} is one side of a pair, whose nodes move as their images do")
         for condition in conditions:

@@ -230,8 +230,8 @@ class PrescribedNodes:
         behind = self._left_behind(displacement)
         if behind > SAME * self.size:
             raise InputError(
-                f"{mesh.name}: nodes of the moving surface move by up to {behind:.4g}, and others, of which they are "
-                "images in a periodic pair, are on no moving surface; name the patches on both sides"
+                f"{mesh.name}: nodes of the moving surface move by up to {behind:.4g}, but their "
+                "images in a periodic pair are on no moving surface; name the patches on both sides"
             )
         out = self.images.among(self.nodes).projected(displacement)
         off = float(np.linalg.norm(out - displacement, axis=1).max(initial=0.0))
@@ -311,7 +311,7 @@ def _size(mesh: Mesh, nodes: IntArray) -> float:
     if 0.0 < size < LEAST * max(1.0, far):
         raise InputError(
             f"{mesh.name}: the moving surface is {size:.2g} long at {far:.2g} from the origin: its nodes cannot be "
-            "told apart; take another unit of length, or another origin"
+            "kept apart; take another unit of length, or another origin"
         )
     return size
 

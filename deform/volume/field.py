@@ -115,7 +115,7 @@ class FieldBox:
         rows = rows[np.lexsort(plan.mesh.points[rows].T)]
         again = (np.diff(plan.mesh.points[rows], axis=0) == 0.0).all(axis=1)
         if (one.points[rows[1:][again]] != one.points[rows[:-1][again]]).any():
-            raise InputError(f"{plan.mesh.name}: nodes at one place move apart: no function of the place does that")
+            raise InputError(f"{plan.mesh.name}: nodes at one place move apart: the motion is no function")
         rows = np.sort(rows[np.append(True, ~again)]) if len(rows) else rows
         near = ON_FACE * plan.boundary.size
         planes = [(s.component, s.point[s.component], near) for s, _ in plan.region.sections]
@@ -188,7 +188,7 @@ class Field:
         """
         if not deflected.plan.precision.is_double:
             raise InputError(
-                f"{deflected.plan.mesh.name}: a field is of double precision; take that of the result itself"
+                f"{deflected.plan.mesh.name}: a field is of double precision; take the field of the result itself"
             )
         return cls(tuple(FieldBox.of(one) for one in deflected.boxes))
 

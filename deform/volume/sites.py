@@ -254,7 +254,7 @@ def _zero_sites(
                 f"smaller box ({boundary.job.box.settings}), or name a side in fixed"
             )
         raise InputError(
-            f"spacing = {spacing:.3g} leaves no site on the box that is half of it from the surface; lower it, or "
+            f"spacing = {spacing:.3g} leaves no site on the box that is half as far from the surface; lower it, or "
             f"enlarge the box ({boundary.job.box.settings})"
         )
     found = [pinned(faces, boundary.components)] if len(faces) else []

@@ -57,7 +57,7 @@ def size_of(zone: Any, dimensions: int) -> Size:
     """Return the points of a block along each axis; MeshFileError if it has no cells, or its sizes are damaged."""
     sizes = integers(zone).tolist()
     if len(sizes) != 3 * dimensions or min(sizes[:dimensions]) < 0:
-        raise MeshFileError(f"its size {sizes} is none of {dimensions} axes; the file is damaged")
+        raise MeshFileError(f"its size {sizes} does not fit {dimensions} axes; the file is damaged")
     size = tuple(sizes[:dimensions])
     if 0 in size or len(wide(size)) < 2:
         raise no_cells(size)

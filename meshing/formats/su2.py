@@ -84,7 +84,7 @@ class Su2(Format):
             texts = [Su2File.opened(file, lambda _: None) for file in (new, old)]
             for own, other in zip(*map(_around, texts), strict=True):
                 if not _same(new, old, own, other):
-                    raise MeshFileError("its text is other than that of the source, not in its points alone")
+                    raise MeshFileError("its text differs from the source, not in its points alone")
             return points_of(texts[0], _points(texts[0]))
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:

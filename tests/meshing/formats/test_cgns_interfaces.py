@@ -236,7 +236,7 @@ def connect(zone, donor, how, own, partners):
 
 
 DAMAGE = {
-    "size": (lambda z: replace_data(z, np.array([4, 3, 5], dtype=np.int32)), "its size [4, 3, 5] is none of 3 axes"),
+    "size": (lambda z: replace_data(z, np.array([4, 3, 5], dtype=np.int32)), "its size [4, 3, 5] does not fit 3 axes"),
     "flat": (lambda z: replace_data(z, np.array([[4, 3, 1], [3, 2, 0], [0, 0, 0]])), "4 x 3 x 1 points hold no cells"),
     "larger": (lambda z: replace_data(z, np.array([[4, 3, 6], [3, 2, 5], [0, 0, 0]])), "CoordinateX holds (5, 3, 4)"),
     "huge": (lambda z: replace_data(z, np.full((3, 3), 2**40)), "CoordinateX holds (5, 3, 4)"),
