@@ -91,9 +91,9 @@ def needed(wanted: Targets, jobs: Sequence[Job], progress: Progress, runner: Run
 def _by_workers(wanted: Targets, jobs: Sequence[Job], progress: Progress, runner: Runner) -> Mesh:
     if not format_of(wanted.source).for_workers:
         raise InputError(f"{wanted.source}: workers need {_sent()}; leave out --workers and --scheduler, or convert it")
-    if not wanted.is_copy:
-        raise InputError(f"{wanted.out}: workers write copies of {wanted.source.name} alone, and no sensitivity")
     with in_pieces(wanted.source, progress) as mesh:
+        if not wanted.is_copy:
+            raise InputError(f"{wanted.out}: workers write copies of {wanted.source.name} alone, and no sensitivity")
         if mesh:
             return excerpt(mesh, jobs, wanted.angles, runner, progress)
     raise InputError(f"{wanted.source}: workers need {_sent()}, and this file is something else")
