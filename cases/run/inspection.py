@@ -114,7 +114,10 @@ def inspected(path: Path, select: Mapping[str, str] = NOTHING) -> Json:
         "patches": dict(zip(mesh.names, map(len, mesh.patches), strict=True)),
         "extents": {patch.name: extent(mesh.points[patch.nodes]) for patch in mesh.patches},
         "components": components,
-        "parts": [_part(part) for part in parts],
+        "parts": [
+            {"name": part.name, "faces": len(part), "low": low.tolist(), "high": high.tolist()}
+            for part, (low, high) in ((part, part.extent) for part in parts)
+        ],
         "quality": [asdict(quality) for quality in by_shape(mesh.points, [*zip(mesh.cells, repeat(None), signs)])],
         "face_quality": _face_quality(mesh),
         "left_handed": min(signs) < 0.0,
@@ -141,11 +144,6 @@ def _components(mesh: Mesh) -> tuple[dict[str, int], list[Part]]:
     return counts, found
 
 
-def _part(part: Part) -> Json:
-    low, high = part.extent
-    return {"name": part.name, "faces": len(part), "low": low.tolist(), "high": high.tolist()}
-
-
 def extent(points: FloatArray) -> list[list[float]]:
     """Return the least and largest coordinates of points (K, 3); nothing without points."""
     return [end.tolist() for end in (points.min(axis=0), points.max(axis=0))] if len(points) else []
@@ -153,11 +151,7 @@ def extent(points: FloatArray) -> list[list[float]]:
 
 def reach(extent: list[list[float]]) -> str:
     """Return an extent as text, after a comma; empty without points."""
-    return f", {' to '.join(map(_point, extent))}" if extent else ""
-
-
-def _point(corner: list[float]) -> str:
-    return f"({', '.join(f'{x:.4g}' for x in corner)})"
+    return ", " * bool(extent) + " to ".join(f"({', '.join(f'{x:.4g}' for x in corner)})" for corner in extent)
 
 
 def _quality_line(found: Json) -> str:
