@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[1]
 FOLDERS = ("sdm_deflect", "cases", "deform", "geometry", "meshing")
 FILES = ("pyproject.toml", "README.md", "LICENSE", "MANIFEST.in", "CHANGELOG.md", "CITATION.cff", "SECURITY.md")
 BUILD = "import sys; from setuptools import build_meta; print(getattr(build_meta, sys.argv[1])(sys.argv[2]))"
-DATA = (".html", ".css", ".js", ".gz", ".LICENSE")
+DATA = (".html", ".css", ".js", ".gz", ".xz", ".LICENSE")
 
 
 def built(what: str, source: Path, out: Path) -> Path:

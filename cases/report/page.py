@@ -23,8 +23,8 @@ from sdm_deflect.deform.base.reading import damaged
 from sdm_deflect.deform.mesh.quality import Quality
 
 HERE = "sdm_deflect.cases.report"
-LIBRARY = "plotly-gl3d.min.js.gz"
-"""plotly.js 4.1.1, the part that draws in three dimensions, as npm's plotly.js-gl3d-dist-min has it, compressed."""
+LIBRARY = "three.min.js.gz"
+"""What the picture needs of three.js, made by `npm ci && npm run build` in the folder ``.ci/three``."""
 LARGEST = 4_000_000
 """Bytes of a page."""
 SHARES = (1.0, 0.7, 0.5, 0.35)

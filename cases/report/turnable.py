@@ -203,7 +203,7 @@ def _corners_shown(data: ReportData, box: Box) -> FloatArray:
 
 
 def shades(name: str) -> list[list[object]]:
-    """Return a colour map as plotly takes it."""
+    """Return a colour map: shares of the range, and the colours there."""
     return [[float(s), to_hex(colormaps[name](s))] for s in np.linspace(0.0, 1.0, SHADES)]
 
 

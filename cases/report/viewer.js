@@ -1,15 +1,11 @@
 "use strict";
-// Draws the turnable picture from the JSON in #scene-data and the arrays in #scene-arrays with plotly, which is in
-// #scene-library; all three are compressed.
-// All names of the data go through text() or textContent.
+// Draws the picture from the JSON in #scene-data and the arrays in #scene-arrays with three.js, which is in
+// #scene-library; all three are compressed. Names of the data go through textContent alone.
 (async () => {
   const plot = document.getElementById("turnable");
   const control = (name) => document.getElementById("scene-" + name);
-  const text = (name) => name.replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
 
   const bytes = (base64) => Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0)).buffer;
-  const column = (rows, width, which) => rows.filter((_, i) => i % width === which);
-  const axes = (points) => ({ x: column(points, 3, 0), y: column(points, 3, 1), z: column(points, 3, 2) });
 
   const inflated = async (name) => {
     const packed = new Blob([bytes(document.getElementById(name).textContent)]);
@@ -24,7 +20,7 @@
   function without(reason) {
     control("controls").hidden = true;
     plot.classList.add("empty");
-    plot.textContent = "The turnable picture cannot be drawn: " + reason + " All else on this page is complete.";
+    plot.textContent = "The picture cannot be drawn: " + reason + " All else on this page is complete.";
   }
 
   // On paper nothing can be opened.
@@ -69,15 +65,15 @@
   }));
   const boxes = data.boxes.map((box) => lengthsOf(box.segments));
   const dots = data.dots.map((one) => ({ ...one, points: lengthsOf(one.points) }));
-  const LABELS = { beside: 60, below: 35, above: 10 }; // pixels around the axes in the first view
   let state = "deflected";
 
   const at = (part) => ({ undeflected: part.points, interpolated: part.interpolated, deflected: part.moved })[state];
-  const lengths = (part, points) => Float32Array.from({ length: points.length / 3 }, (_, i) => (
+  const distances = (part, points) => Float32Array.from({ length: points.length / 3 }, (_, i) => (
     Math.hypot(...[0, 1, 2].map((c) => points[3 * i + c] - part.points[3 * i + c]))));
-  const most = (part) => lengths(part, part.moved).reduce((sofar, one) => Math.max(sofar, one), 0);
-  const farthest = Math.max(0, ...patches.filter((one) => one.goes).map(most));
+  const moving = patches.filter((one) => one.goes);
+  const farthest = Math.max(0, ...moving.map((one) => distances(one, one.moved).reduce((most, each) => Math.max(most, each), 0)));
   const coloured = () => control("colour").value;
+  const viewed = () => data.views[control("view").value];
   const shownPatches = new Set(patches.filter((one) => !one.hidden).map((one) => one.name));
 
   function edges(triangles) {
@@ -88,79 +84,14 @@
         seen.set(pair[0] * 4294967296 + pair[1], pair);
       }
     }
-    return Array.from(seen.values()).flat();
+    return Uint32Array.from(Array.from(seen.values()).flat());
   }
-
-  // Pairs of nodes as broken lines: start, end, gap.
-  function lines(points, pairs) {
-    const xyz = [0, 1, 2].map(() => new Float32Array(1.5 * pairs.length).fill(NaN));
-    pairs.forEach((node, i) => {
-      const slot = 3 * (i >> 1) + (i & 1);
-      xyz.forEach((axis, c) => { axis[slot] = points[3 * node + c]; });
-    });
-    return { x: xyz[0], y: xyz[1], z: xyz[2] };
-  }
-
-  const light = {
-    lighting: { ambient: 0.85, diffuse: 0.35, specular: 0.04, roughness: 0.9, fresnel: 0 },
-    lightposition: { x: 30000, y: -20000, z: 60000 }, flatshading: true,
-  };
-  const dark = () => window.matchMedia("(prefers-color-scheme: dark)").matches;
-
-  function surface(patch) {
-    const view = data.views[control("view").value];
-    const visible = shownPatches.has(patch.name) && (!view.near || view.near.includes(patch.own));
-    const common = { name: text(patch.name), showlegend: false };
-    const shades = coloured() === "displacement" // one colour is a scale, too: a mesh that had one keeps its old colours else
-      ? { intensity: lengths(patch, at(patch)), colorscale: data.colours.displacement, cmin: 0, cmax: farthest }
-      : { intensity: new Float32Array(patch.points.length / 3), colorscale: [[0, patch.colour], [1, patch.colour]], cmin: 0, cmax: 1 };
-    const mesh = {
-      ...common, type: "mesh3d", ...axes(at(patch)), ...shades, ...light, visible, showscale: false,
-      i: column(patch.faces, 3, 0), j: column(patch.faces, 3, 1), k: column(patch.faces, 3, 2),
-      hovertemplate: "%{x:.5~g}, %{y:.5~g}, %{z:.5~g} " + text(data.unit) + "<extra>" + text(patch.name) + "</extra>",
-    };
-    const wire = (points, colour, shown) => ({
-      ...common, type: "scatter3d", mode: "lines", ...lines(points, patch.edges), line: { color: colour, width: 1.5 },
-      hoverinfo: "skip", visible: visible && shown,
-    });
-    const ghost = patch.goes && control("overlay").checked && state !== "undeflected";
-    return [mesh, wire(at(patch), "#222222", control("lines").checked), wire(patch.points, "#0072b2", ghost)];
-  }
-
-  // A colour bar needs a trace: of displacement it is one dot that is not seen.
-  const scale = () => ({
-    type: "scatter3d", mode: "markers", x: [NaN], y: [NaN], z: [NaN], showlegend: false, hoverinfo: "skip",
-    visible: coloured() === "displacement",
-    marker: {
-      size: 0.1, color: [0], colorscale: data.colours.displacement, cmin: 0, cmax: farthest, showscale: true,
-      colorbar: bar("displacement, " + data.unit),
-    },
-  });
-
-  const bar = (title) => ({ title: { text: text(title), side: "right" }, len: 0.55, x: 1, xanchor: "right", y: 0.35, thickness: 12 });
-
-  function outlines() {
-    const ends = (points) => Array.from({ length: points.length / 3 }, (_, i) => i);
-    const only = data.views[control("view").value].box;
-    return boxes.map((points, i) => ({
-      type: "scatter3d", mode: "lines", ...lines(points, ends(points)), name: text("box of " + data.boxes[i].name),
-      line: { color: "#cc00cc", width: 4 }, hoverinfo: "skip", showlegend: false,
-      visible: control("box").checked && (only === null || only === i),
-    }));
-  }
-
-  const scattered = () => dots.map((one) => ({
-    type: "scatter3d", mode: "markers", ...axes(one.points), name: text(one.name + " (" + one.count + ")"), showlegend: false,
-    marker: { size: 2.4, color: one.colour }, hoverinfo: "name",
-    visible: control(one.group).checked,
-  }));
 
   // Whether the plane of the section cuts a cell, by its row of nodes.
   function cutter(group) {
     const axis = "xyz".indexOf(control("axis").value), points = at(group);
     if (axis < 0) return () => true;
-    const view = data.views[control("view").value], share = Number(control("place").value) / 100;
-    const place = view.low[axis] + share * (view.high[axis] - view.low[axis]);
+    const view = viewed(), place = view.low[axis] + Number(control("place").value) / 100 * (view.high[axis] - view.low[axis]);
     control("where").textContent = `${"xyz"[axis]} = ${place.toPrecision(4)} ${data.unit}`;
     return (first, corners) => {
       let above = false, below = false;
@@ -171,168 +102,327 @@
     };
   }
 
-  // The triangles around the cells of a group that are below the threshold and in the section.
-  function outside(group, threshold) {
-    const own = group.quality[state], before = group.quality.undeflected, i = [], j = [], k = [], intensity = [];
-    const rows = group.faces.length / group.corners, cut = cutter(group), change = coloured() === "change";
-    for (let row = 0; row < rows; row += 1) {
-      const cell = group.cell ? group.cell[row] : row, first = row * group.corners;
-      if (own[cell] >= threshold || !cut(first, group.corners)) continue;
-      for (let t = 0; t < group.table.length; t += 3) {
-        i.push(group.faces[first + group.table[t]]);
-        j.push(group.faces[first + group.table[t + 2]]);
-        k.push(group.faces[first + group.table[t + 1]]);
-        intensity.push(change ? own[cell] - before[cell] : own[cell]);
-      }
+  function drawn() {
+    const renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true, preserveDrawingBuffer: true });
+    const canvas = renderer.domElement, scene = new THREE.Scene(), camera = new THREE.OrthographicCamera();
+    const light = new THREE.DirectionalLight("#ffffff", 1.3);
+    renderer.setPixelRatio(window.devicePixelRatio);
+    renderer.autoClear = false;
+    camera.up.set(0, data.plane ? 1 : 0, data.plane ? 0 : 1);
+    light.position.set(-0.4, 0.8, 1);
+    camera.add(light, light.target);
+    light.target.position.set(0, 0, -1);
+    scene.add(camera, new THREE.AmbientLight("#ffffff", 2.1));
+    plot.append(canvas);
+    const controls = new THREE.OrbitControls(camera, canvas);
+    controls.enableRotate = !data.plane;
+    controls.zoomToCursor = true;
+
+    const positions = (points) => new THREE.BufferAttribute(points, 3);
+    function segments(points, pairs, colour) {
+      const geometry = new THREE.BufferGeometry();
+      geometry.setAttribute("position", points);
+      if (pairs) geometry.setIndex(new THREE.BufferAttribute(pairs, 1));
+      const lines = new THREE.LineSegments(geometry, new THREE.LineBasicMaterial({ color: colour }));
+      lines.frustumCulled = false;
+      scene.add(lines);
+      return lines;
     }
-    return { i, j, k, intensity };
-  }
-
-  function bad() {
-    const threshold = Number(control("threshold").value), change = coloured() === "change";
-    const measure = data.measure.length > 24 ? "quality" : data.measure;
-    const values = groups.flatMap((group) => Array.from(group.quality[state]));
-    const count = values.filter((value) => value < threshold).length;
-    const inverted = values.filter((value) => value <= 0).length;
-    control("count").textContent =
-      count + " of " + data.cells.all + " cells below " + threshold.toFixed(2) + ", " + inverted + " inverted";
-    if (control("axis").value === "none") control("where").textContent = "";
-    const shades = change ? { colorscale: data.colours.change, cmin: data.colours.changes[0], cmax: data.colours.changes[1] }
-      : { colorscale: data.colours.shades, cmin: data.colours.range[0], cmax: data.colours.range[1] };
-    return groups.map((group, number) => ({
-      type: "mesh3d", ...axes(at(group)), ...outside(group, threshold), intensitymode: "cell", ...light, ...shades,
-      showlegend: false, showscale: number === 0 && coloured() !== "displacement",
-      colorbar: bar(change ? "change of " + measure : measure),
-      name: "cells", visible: control("cells").checked && count > 0,
-      hovertemplate: (change ? "change " : "quality ") + "%{intensity:.3f}<extra></extra>",
-    }));
-  }
-
-  // Scale of a box and where its middle is looked at from a direction, so that the picture holds it and its labels. The
-  // picture is 2 units high.
-  function fitted(span, towards, up) {
-    const along = (a, b) => a.reduce((sum, one, c) => sum + one * b[c], 0);
-    const unit = (a) => a.map((one) => one / Math.hypot(...a));
-    const cross = (a, b) => [0, 1, 2].map((c) => a[(c + 1) % 3] * b[(c + 2) % 3] - a[(c + 2) % 3] * b[(c + 1) % 3]);
-    const right = unit(cross(up, towards)), upright = unit(cross(towards, right));
-    const [wide, high] = [right, upright].map((axis) => along(span, axis.map(Math.abs)));
-    const pixel = 2 / plot.clientHeight, room = pixel * plot.clientWidth;
-    const scale = Math.min(
-      (room - 2 * pixel * LABELS.beside) / wide, (2 - pixel * (LABELS.below + LABELS.above)) / high);
-    const lower = pixel * (LABELS.below - LABELS.above) / 2 / along(upright, up);
-    const [x, y, z] = up.map((one) => -lower * one);
-    return { scale, center: { x, y, z } };
-  }
-
-  function layout() {
-    const view = data.views[control("view").value], ink = dark() ? "#d8d8d8" : "#333333", grid = dark() ? "#444444" : "#dddddd";
-    const span = view.high.map((high, c) => high - view.low[c]);
-    const axis = (name, c) => ({
-      title: { text: name + ", " + data.unit }, range: [view.low[c], view.high[c]], color: ink, gridcolor: grid, zeroline: false,
-      showbackground: false, nticks: 6, showspikes: false, visible: c < 2 || !data.plane,
-    });
-    const side = view.low[1] + view.high[1] > 2 * data.middle + 1e-3 * span[1] ? -1 : 1;
-    const from = data.plane ? [0, 0, 2] : [1.1, -0.9 * side, 0.75], upwards = data.plane ? [0, 1, 0] : [0, 0, 1];
-    const { scale, center } = fitted(span, from, upwards), xyz = ([x, y, z]) => ({ x, y, z });
-    const eye = xyz(from.map((one, c) => one + [center.x, center.y, center.z][c]));
-    const camera = { eye, center, up: xyz(upwards), projection: { type: "orthographic" } };
-    return {
-      scene: {
-        xaxis: axis("x", 0), yaxis: axis("y", 1), zaxis: axis("z", 2), aspectmode: "manual",
-        aspectratio: xyz(span.map((one) => scale * one)), camera, uirevision: view.name,
-      },
-      margin: { l: 0, r: 0, t: 0, b: 0 }, paper_bgcolor: "rgba(0,0,0,0)", font: { family: "system-ui, sans-serif", color: ink },
-      showlegend: false, uirevision: view.name, hoverlabel: { namelength: -1 },
-    };
-  }
-
-  const settings = { responsive: true, displayModeBar: false, scrollZoom: true };
-
-  function draw() {
-    const traces = [...patches.flatMap(surface), ...outlines(), ...scattered(), scale(), ...bad()];
-    return Plotly.react(plot, traces, layout(), settings).then(() => { plot.dataset.state = state; keep(); });
-  }
-
-  // What is printed is the picture as it was seen last, with axes for white paper.
-  let pending = 0;
-  function keep() {
-    clearTimeout(pending);
-    pending = setTimeout(() => {
-      const still = document.getElementById("still"), { _scene: scene } = plot._fullLayout.scene;
-      const { tickColor, labelColor, gridColor } = scene.axesOptions, ink = Array(3).fill([0.2, 0.2, 0.2, 1]);
-      Object.assign(scene.axesOptions, { tickColor: ink, labelColor: ink, gridColor: Array(3).fill([0.87, 0.87, 0.87, 1]) });
-      still.src = scene.toImage("png");
-      Object.assign(scene.axesOptions, { tickColor, labelColor, gridColor });
-      scene.glplot.redraw();
-      still.hidden = false;
-    }, 800);
-  }
-
-  const STEP = Math.PI / 18;
-  const TURNS = { left: [-STEP, 0, 1], right: [STEP, 0, 1], up: [0, STEP, 1], down: [0, -STEP, 1], closer: [0, 0, 1.15], farther: [0, 0, 1 / 1.15] };
-  const KEYS = { ArrowLeft: "left", ArrowRight: "right", ArrowUp: "up", ArrowDown: "down", "+": "closer", "=": "closer", "-": "farther", Home: "first" };
-
-  // Turns the eye about z and up or down, or brings what is seen closer: the projection is parallel, so its scale counts.
-  function turn(name) {
-    const scene = plot._fullLayout.scene, camera = scene._scene.getCamera(), ratio = scene.aspectratio;
-    if (name === "first") return Plotly.relayout(plot, { "scene.camera": layout().scene.camera, "scene.aspectratio": layout().scene.aspectratio });
-    const [about, upwards, factor] = TURNS[name], { eye: from, center } = camera;
-    const x = from.x - center.x, y = from.y - center.y, z = from.z - center.z, size = Math.hypot(x, y, z);
-    const azimuth = Math.atan2(y, x) + about;
-    const height = Math.min(1.5, Math.max(-1.5, Math.asin(z / size) + upwards)), level = size * Math.cos(height);
-    const eye = { x: center.x + level * Math.cos(azimuth), y: center.y + level * Math.sin(azimuth), z: center.z + size * Math.sin(height) };
-    const aspectratio = { x: factor * ratio.x, y: factor * ratio.y, z: factor * ratio.z };
-    const turned = about || upwards ? { eye, up: { x: 0, y: 0, z: 1 } } : { eye: camera.eye, up: camera.up };
-    return Plotly.relayout(plot, { "scene.camera": { ...turned, center, projection: { type: "orthographic" } }, "scene.aspectratio": aspectratio });
-  }
-
-  function turnable() {
-    plot.addEventListener("keydown", (event) => {
-      if (!KEYS[event.key] || event.ctrlKey || event.altKey || event.metaKey) return;
-      event.preventDefault();
-      turn(KEYS[event.key]);
-    });
-    for (const button of document.querySelectorAll("#scene-turns button")) {
-      button.addEventListener("click", () => turn(button.dataset.turn));
+    function solid() {
+      const material = new THREE.MeshLambertMaterial({
+        flatShading: true, side: THREE.DoubleSide, polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 });
+      const mesh = new THREE.Mesh(new THREE.BufferGeometry(), material);
+      mesh.frustumCulled = false;
+      scene.add(mesh);
+      return mesh;
     }
-    plot.on("plotly_relayout", keep);
-    let width = plot.clientWidth, resized = 0;
-    new ResizeObserver(() => {
-      if (plot.clientWidth === width) return;
-      width = plot.clientWidth;
-      clearTimeout(resized);
-      resized = setTimeout(draw, 200);
-    }).observe(plot);
-  }
-
-  function listed() {
     for (const patch of patches) {
-      const label = document.createElement("label"), box = document.createElement("input"), colour = document.createElement("i");
-      box.type = "checkbox";
-      box.checked = shownPatches.has(patch.name);
-      colour.style.background = patch.colour;
-      box.addEventListener("change", () => { shownPatches[box.checked ? "add" : "delete"](patch.name); draw(); });
-      label.append(box, colour, patch.name);
-      control("patches").append(label);
+      const shared = positions(Float32Array.from(patch.moved));
+      patch.mesh = solid();
+      patch.mesh.patch = patch;
+      patch.mesh.geometry.setAttribute("position", shared);
+      patch.mesh.geometry.setIndex(new THREE.BufferAttribute(patch.faces, 1));
+      patch.wire = segments(shared, patch.edges, "#222222");
+      patch.outline = segments(positions(patch.points), patch.edges, "#0072b2");
     }
-  }
+    for (const group of groups) group.mesh = solid();
+    const outlines = boxes.map((points) => segments(positions(points), null, "#cc00cc"));
+    const clouds = dots.map((one) => {
+      const geometry = new THREE.BufferGeometry();
+      geometry.setAttribute("position", positions(one.points));
+      const cloud = new THREE.Points(geometry, new THREE.PointsMaterial({ color: one.colour, size: 4, sizeAttenuation: false }));
+      cloud.frustumCulled = false;
+      scene.add(cloud);
+      return cloud;
+    });
 
-  function offered() {
-    data.views.forEach((view, i) => control("view").add(new Option(view.name, String(i))));
-    for (const name of ["view", "lines", "overlay", "box", "sites", "centres", "cells", "colour", "axis"]) {
-      control(name).addEventListener("change", () => {
-        if (control("axis").value !== "none" && name === "axis") { control("cells").checked = true; control("threshold").value = 1; }
-        if (coloured() === "change" && name === "colour") control("cells").checked = true;
-        draw();
+    // Colours of a scale: 256 of them, in the linear space in which three.js blends.
+    const scales = new Map();
+    function colours(scale) {
+      if (!scales.has(scale)) {
+        scales.set(scale, Array.from({ length: 256 }, (_, i) => {
+          const share = i / 255 * (scale.length - 1), low = Math.min(Math.floor(share), scale.length - 2);
+          return new THREE.Color(scale[low][1]).lerp(new THREE.Color(scale[low + 1][1]), share - low).toArray();
+        }));
+      }
+      return scales.get(scale);
+    }
+    function shades(values, scale, [low, high], repeat = 1) {
+      const table = colours(scale), out = new Float32Array(3 * repeat * values.length);
+      values.forEach((value, i) => {
+        const colour = table[Math.max(0, Math.min(255, Math.round(255 * (value - low) / (high - low || 1))))];
+        for (let k = 0; k < repeat; k += 1) out.set(colour, 3 * (repeat * i + k));
       });
+      return new THREE.BufferAttribute(out, 3);
     }
-    control("threshold").addEventListener("input", () => { control("cells").checked = true; draw(); });
-    control("place").addEventListener("input", () => { if (control("axis").value !== "none") draw(); });
-    for (const one of document.querySelectorAll("input[name=state]")) {
-      one.addEventListener("change", () => { state = one.id.slice("scene-".length); draw(); });
+    function bar(title, scale, [low, high]) {
+      control("bar").hidden = false;
+      control("bar-title").textContent = title;
+      control("bar-colours").style.background = `linear-gradient(to right, ${scale.map((one) => one[1]).join(", ")})`;
+      control("bar-low").textContent = low.toPrecision(3);
+      control("bar-high").textContent = high.toPrecision(3);
     }
-    listed();
-    window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
+
+    function surface(patch) {
+      const view = viewed(), visible = shownPatches.has(patch.name) && (!view.near || view.near.includes(patch.own));
+      const shared = patch.mesh.geometry.getAttribute("position"), shaded = coloured() === "displacement";
+      shared.array.set(at(patch));
+      shared.needsUpdate = true;
+      if (shaded) patch.mesh.geometry.setAttribute("color", shades(distances(patch, at(patch)), data.colours.displacement, [0, farthest]));
+      patch.mesh.material.vertexColors = shaded;
+      patch.mesh.material.color.set(shaded ? "#ffffff" : patch.colour);
+      patch.mesh.material.needsUpdate = true;
+      patch.mesh.visible = visible;
+      patch.wire.visible = visible && control("lines").checked;
+      patch.outline.visible = visible && patch.goes && control("overlay").checked && state !== "undeflected";
+    }
+
+    // The triangles around the cells of a group that are below the threshold and in the section.
+    function outside(group, threshold, change) {
+      const own = group.quality[state], before = group.quality.undeflected, points = at(group), corners = [], values = [];
+      const rows = group.faces.length / group.corners, cut = cutter(group);
+      for (let row = 0; row < rows; row += 1) {
+        const cell = group.cell ? group.cell[row] : row, first = row * group.corners;
+        if (own[cell] >= threshold || !cut(first, group.corners)) continue;
+        for (let t = 0; t < group.table.length; t += 3) {
+          for (const k of [0, 2, 1]) corners.push(group.faces[first + group.table[t + k]]);
+          values.push(change ? own[cell] - before[cell] : own[cell]);
+        }
+      }
+      return { values, points: Float32Array.from({ length: 3 * corners.length }, (_, i) => points[3 * corners[Math.floor(i / 3)] + i % 3]) };
+    }
+
+    function cells() {
+      const threshold = Number(control("threshold").value), change = coloured() === "change";
+      const values = groups.flatMap((group) => Array.from(group.quality[state]));
+      const count = values.filter((value) => value < threshold).length;
+      control("count").textContent = `${count} of ${data.cells.all} cells below ${threshold.toFixed(2)}, ` +
+        `${values.filter((value) => value <= 0).length} inverted`;
+      if (control("axis").value === "none") control("where").textContent = "";
+      const [scale, range] = change ? [data.colours.change, data.colours.changes] : [data.colours.shades, data.colours.range];
+      for (const group of groups) {
+        group.mesh.visible = control("cells").checked && count > 0;
+        if (!group.mesh.visible) continue;
+        const found = outside(group, threshold, change), geometry = new THREE.BufferGeometry();
+        geometry.setAttribute("position", positions(found.points));
+        geometry.setAttribute("color", shades(found.values, scale, range, 3));
+        group.mesh.geometry.dispose();
+        group.mesh.geometry = geometry;
+        group.mesh.material.vertexColors = true;
+      }
+      control("bar").hidden = true;
+      if (coloured() === "displacement") bar("displacement, " + data.unit, data.colours.displacement, [0, farthest]);
+      else if (control("cells").checked && count) bar(change ? "change of " + data.measure : data.measure, scale, range);
+    }
+
+    // A small cross in a corner says where x, y and z are.
+    const cross = new THREE.Scene(), own = new THREE.OrthographicCamera(-1.5, 1.5, 1.5, -1.5, 0, 20);
+    ["#c0392b", "#2e8b57", "#2c6fbb"].slice(0, data.plane ? 2 : 3).forEach((colour, c) => {
+      const end = [0, 0, 0], image = document.createElement("canvas"), geometry = new THREE.BufferGeometry();
+      end[c] = 1;
+      geometry.setAttribute("position", positions(Float32Array.from([0, 0, 0, ...end])));
+      image.width = image.height = 64;
+      const pen = image.getContext("2d");
+      pen.font = "bold 48px system-ui, sans-serif";
+      pen.textAlign = "center";
+      pen.fillStyle = colour;
+      pen.fillText("xyz"[c], 32, 46);
+      const label = new THREE.Sprite(new THREE.SpriteMaterial({ map: new THREE.CanvasTexture(image), depthTest: false }));
+      label.position.fromArray(end).multiplyScalar(1.25);
+      label.scale.setScalar(0.7);
+      cross.add(new THREE.LineSegments(geometry, new THREE.LineBasicMaterial({ color: colour })), label);
+    });
+
+    function render() {
+      const [wide, high] = [plot.clientWidth, plot.clientHeight];
+      renderer.setViewport(0, 0, wide, high);
+      renderer.clear();
+      renderer.render(scene, camera);
+      own.position.copy(camera.position).sub(controls.target).setLength(10);
+      own.quaternion.copy(camera.quaternion);
+      renderer.setViewport(8, 8, 84, 84);
+      renderer.clearDepth();
+      renderer.render(cross, own);
+      const length = 110 * (camera.right - camera.left) / camera.zoom / wide, power = 10 ** Math.floor(Math.log10(length));
+      const round = [1, 2, 5].map((one) => one * power).filter((one) => one <= length).pop();
+      control("scale").style.width = `${110 * round / length}px`;
+      control("scale").textContent = `${round.toPrecision(1) * 1} ${data.unit}`;
+    }
+
+    let asked = 0, pending = 0;
+    function redraw() {
+      cancelAnimationFrame(asked);
+      asked = requestAnimationFrame(render);
+      clearTimeout(pending);
+      pending = setTimeout(keep, 800); // what is printed is the picture as it was seen last
+    }
+    function pictured() {
+      renderer.setClearColor("#ffffff", 1);
+      render();
+      const still = canvas.toDataURL("image/png");
+      renderer.setClearColor("#000000", 0);
+      render();
+      return still;
+    }
+    function keep() {
+      document.getElementById("still").src = pictured();
+      document.getElementById("still").hidden = false;
+    }
+
+    function draw() {
+      patches.forEach(surface);
+      const only = viewed().box;
+      outlines.forEach((one, i) => { one.visible = control("box").checked && (only === null || only === i); });
+      clouds.forEach((one, i) => { one.visible = control(dots[i].group).checked; });
+      cells();
+      plot.dataset.state = state;
+      redraw();
+    }
+
+    // What the first view holds: the moving surfaces of it at half the width, or everything.
+    function framed() {
+      const view = viewed(), parts = view.near ? moving.filter((one) => view.near.includes(one.own)) : [];
+      if (!parts.length) return view;
+      const ends = (pick) => [0, 1, 2].map((c) => parts.reduce((found, one) => one.moved.reduce(
+        (each, value, i) => (i % 3 === c ? pick(each, value) : each), found), pick === Math.min ? Infinity : -Infinity));
+      const low = ends(Math.min), high = ends(Math.max);
+      return { low: low.map((one, c) => 1.5 * one - 0.5 * high[c]), high: high.map((one, c) => 1.5 * one - 0.5 * low[c]) };
+    }
+    // The camera looks from the side to which the surfaces move.
+    function first() {
+      const { low, high } = framed(), middle = new THREE.Vector3(...low.map((one, c) => (one + high[c]) / 2));
+      const rise = moving.reduce((sum, one) => sum + one.moved.reduce((each, value, i) => each + (i % 3 === 2 ? value - one.points[i] : 0), 0), 0);
+      const side = low[1] + high[1] > 2 * data.middle + 1e-3 * (high[1] - low[1]) ? -1 : 1;
+      const from = data.plane ? [0, 0, 1] : [1.1, -0.9 * side, rise < 0 ? -0.75 : 0.75];
+      const size = Math.hypot(...high.map((one, c) => one - low[c]));
+      camera.position.copy(middle).add(new THREE.Vector3(...from).setLength(4 * size));
+      controls.target.copy(middle);
+      Object.assign(camera, { near: -20 * size, far: 20 * size, zoom: 1 });
+      camera.lookAt(middle);
+      camera.updateMatrixWorld();
+      let [wide, tall] = [0, 0];
+      for (let i = 0; i < 8; i += 1) {
+        const corner = new THREE.Vector3(...[0, 1, 2].map((c) => (i >> c & 1 ? high : low)[c])).applyMatrix4(camera.matrixWorldInverse);
+        [wide, tall] = [Math.max(wide, Math.abs(corner.x)), Math.max(tall, Math.abs(corner.y))];
+      }
+      plot.half = [wide, tall];
+      sized();
+      controls.update();
+    }
+    function sized() {
+      const ratio = plot.clientWidth / plot.clientHeight, half = 1.05 * Math.max(plot.half[1], plot.half[0] / ratio);
+      Object.assign(camera, { left: -half * ratio, right: half * ratio, top: half, bottom: -half });
+      camera.updateProjectionMatrix();
+      renderer.setSize(plot.clientWidth, plot.clientHeight);
+      redraw();
+    }
+
+    const STEP = Math.PI / 18;
+    const TURNS = { left: [-STEP, 0, 1], right: [STEP, 0, 1], up: [0, STEP, 1], down: [0, -STEP, 1], closer: [0, 0, 1.15], farther: [0, 0, 1 / 1.15] };
+    const KEYS = { ArrowLeft: "left", ArrowRight: "right", ArrowUp: "up", ArrowDown: "down", "+": "closer", "=": "closer", "-": "farther", Home: "first" };
+    function turn(name) {
+      if (name === "save") return save();
+      if (name === "first") return first();
+      const [about, upwards, factor] = TURNS[name], arm = camera.position.clone().sub(controls.target), size = arm.length();
+      const azimuth = Math.atan2(arm.y, arm.x) + about;
+      const height = Math.min(1.5, Math.max(-1.5, Math.asin(arm.z / size) + upwards)), level = size * Math.cos(height);
+      if (!data.plane && (about || upwards)) {
+        camera.position.set(level * Math.cos(azimuth), level * Math.sin(azimuth), size * Math.sin(height)).add(controls.target);
+      }
+      camera.zoom *= factor;
+      camera.updateProjectionMatrix();
+      controls.update();
+      return redraw();
+    }
+    function save() {
+      const link = document.createElement("a");
+      link.href = pictured();
+      link.download = "sdm-deflect.png";
+      link.click();
+    }
+
+    // A click names the patch and the node; two clicks make a hinge, in the mesh's own unit.
+    const ends = [];
+    function picked(event) {
+      const frame = canvas.getBoundingClientRect(), ray = new THREE.Raycaster();
+      const place = new THREE.Vector2(2 * (event.clientX - frame.left) / frame.width - 1, 1 - 2 * (event.clientY - frame.top) / frame.height);
+      ray.setFromCamera(place, camera);
+      const [hit] = ray.intersectObjects(patches.map((one) => one.mesh).filter((one) => one.visible), false);
+      if (!hit) return;
+      const { patch } = hit.object, points = at(patch), node = [hit.face.a, hit.face.b, hit.face.c].reduce((best, one) => {
+        const off = (i) => Math.hypot(...hit.point.toArray().map((value, c) => value - points[3 * i + c]));
+        return off(one) < off(best) ? one : best;
+      });
+      const own = Array.from(patch.points.subarray(3 * node, 3 * node + 3), (value) => Number((value / data.factor).toPrecision(6)));
+      ends.push((data.plane ? own.slice(0, 2) : own).join(","));
+      const hinge = ends.length > 1 && !data.plane ? `; --hinge ${ends.slice(-2).join(" ")}` : "";
+      control("picked").textContent = `${patch.own}, undeflected node at ${ends[ends.length - 1]}${hinge}`;
+    }
+
+    function offered() {
+      let pressed = [0, 0];
+      canvas.addEventListener("pointerdown", (event) => { pressed = [event.clientX, event.clientY]; });
+      canvas.addEventListener("pointerup", (event) => {
+        if (Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) < 4) picked(event);
+      });
+      plot.addEventListener("keydown", (event) => {
+        if (!KEYS[event.key] || event.ctrlKey || event.altKey || event.metaKey) return;
+        event.preventDefault();
+        turn(KEYS[event.key]);
+      });
+      for (const button of document.querySelectorAll("#scene-turns button")) {
+        button.addEventListener("click", () => turn(button.dataset.turn));
+      }
+      data.views.forEach((view, i) => control("view").add(new Option(view.name, String(i))));
+      control("view").addEventListener("change", first);
+      for (const name of ["view", "lines", "overlay", "box", "sites", "centres", "cells", "colour", "axis"]) {
+        control(name).addEventListener("change", () => {
+          if (control("axis").value !== "none" && name === "axis") { control("cells").checked = true; control("threshold").value = 1; }
+          if (coloured() === "change" && name === "colour") control("cells").checked = true;
+          draw();
+        });
+      }
+      control("threshold").addEventListener("input", () => { control("cells").checked = true; draw(); });
+      control("place").addEventListener("input", () => { if (control("axis").value !== "none") draw(); });
+      for (const one of document.querySelectorAll("input[name=state]")) {
+        one.addEventListener("change", () => { state = one.id.slice("scene-".length); draw(); });
+      }
+      for (const patch of patches) {
+        const label = document.createElement("label"), box = document.createElement("input"), colour = document.createElement("i");
+        box.type = "checkbox";
+        box.checked = shownPatches.has(patch.name);
+        colour.style.background = patch.colour;
+        box.addEventListener("change", () => { shownPatches[box.checked ? "add" : "delete"](patch.name); draw(); });
+        label.append(box, colour, patch.name);
+        control("patches").append(label);
+      }
+      controls.addEventListener("change", redraw);
+      new ResizeObserver(() => { if (plot.clientWidth) sized(); }).observe(plot);
+    }
+
+    offered();
+    first();
+    draw();
   }
 
   // The page's policy allows the library because it knows its digest: nothing else runs.
@@ -342,6 +432,5 @@
     document.head.append(script);
   }
 
-  offered();
-  library().then(draw).then(turnable).catch((error) => without(String(error)));
+  library().then(drawn).catch((error) => without(String(error)));
 })();
