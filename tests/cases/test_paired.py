@@ -44,7 +44,7 @@ def deflect(sdm):
         name = case.name
         annulus = ["blade", "--fixed", "hub", "--fixed", "casing"]
         still = {"sector": annulus, "known": annulus, "wedge": ["ring"]}.get(name, ["wing"])
-        job = ["--surface", "flap", "--fixed", *still, "--motion", "blended", "--no-report", "-q"]
+        job = ["--surface", "flap", "--fixed", *still, "--motion", "blended", "--no-report", "-qv"]
         return sdm("deflect", case, *job, "--hinge", *(hinge or HINGES[name]), *words)
 
     return call

@@ -22,7 +22,7 @@ def meshes(tmp_path_factory):
 
 
 def deflected(source, out, *words):
-    return sdm("deflect", source, *JOB, "--no-report", "-q", "--out", out, *words)
+    return sdm("deflect", source, *JOB, "--no-report", "-qv", "--out", out, *words)
 
 
 def test_pairs_of_the_user_and_of_files_give_the_same_mesh(meshes, tmp_path, capsys):

@@ -121,5 +121,5 @@ def test_summary_has_a_line_for_each_surface_and_the_times(aileron_run):
     assert mesh.startswith("mesh: ")
     assert "centres x:" in surface
     assert "thin plate spline" in fit
-    assert motion.startswith("aileron_left reaches ")
+    assert motion.startswith("aileron_left: ")
     assert "deformation" in times
