@@ -46,6 +46,7 @@ def page(data: ReportData, gallery: Gallery) -> str:
     loader = PackageLoader(HERE, ".")
     jinja = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     jinja.filters |= {"pixels": pixels, "meaning": meaning, "kernel": kernel_text}
+    jinja.filters["remedy"] = lambda check: REMEDIES.get(check.partition(":")[0], "")
     shown = {
         "data": data,
         "figures": data.figures,
@@ -131,7 +132,7 @@ CHECKS = {
     "inverted_cells": "cells turned inside out",
     "surfaces_crossed": "faces that moved and now go through another surface, or through their own",
     "fixed_surfaces_moved": "largest displacement of a surface that must not move",
-    "quality_min": "worst cell of the deflected mesh, by mean ratio (1 is regular)",
+    "quality_min": "worst cell by its measure (1 is ideal): of a type at the box, or of the whole mesh",
     "non_orthogonality_max": "largest angle between a face's normal and the line between the centres of its two cells",
     "skewness_max": "largest distance of a face's centre from that line, over the size of the face",
     "left_behind": "nodes that stay where moving nodes were: another holder of the same surface",
@@ -142,7 +143,7 @@ CHECKS = {
     "exact_to_cad": "the same, beyond a strip beside a closed rib and a tail's root line",
     "surface_to_rigid_cad": "all nodes from the surface's CAD faces turned rigidly, and back; the limit is predicted",
     "rigid_cad_predicted": "the same in each part, from what is predicted without the mesh's own law",
-    "site_error": "residual at the data sites",
+    "site_error": "error at the data sites: the fit ends as soon as it is below the limit; surface nodes are exact",
     "first_layer": "change of the height of the first layer of cells, as a share of it",
     "trailing_edge_angle": "trailing edge from the angle that was asked",
     "hinge_offset": "hinge edges from where fixed hinge edges must be beside a wedge turned rigidly",
@@ -157,6 +158,18 @@ OF_PATCHES = {
     "plane": "nodes on the sides of a case one cell thick from their partners' images and their side, the same",
 }
 """What a check measures that ends with the name of a patch, or of a pair."""
+REMEDIES = {
+    "inverted_cells": "Try a smaller angle, a larger --margin, or a wider --strip.",
+    "surfaces_crossed": "Try a smaller angle, or move the hinge away from the other surface.",
+    "quality_min": "Try a smaller angle, a larger --margin, or --repair always.",
+    "left_behind": "Name the other patch or zone, too.",
+    "site_error": "Raise max_centers, or the tolerance.",
+    "first_layer": "Try a smaller angle.",
+    "non_orthogonality_max": "Try a smaller angle or a larger --margin.",
+    "skewness_max": "Try a smaller angle or a larger --margin.",
+    "rounding": "Write a format of double precision.",
+}
+"""What helps where a check fails."""
 STATES = {
     "before": "undeflected",
     "interpolated": "deflected, before the repair",

@@ -20,7 +20,6 @@ from sdm_deflect.cases.report import figures, scene3d, slices
 from sdm_deflect.cases.report.data import METRES, Box, Length, MovedSurface, ReportData, round_length
 from sdm_deflect.cases.report.raster import Image, rendered
 from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.mesh.edges import polygons_of, rim, sharp_edges
 
 INCHES = 5.2
 """Width of one image."""
@@ -110,28 +109,8 @@ PIXELS = (900, 640)
 LINES: dict[str, Any] = {"edge": (70, 70, 70), "width": 0.7}
 STILL: scene3d.Colour = (216, 219, 223)
 """Of walls that do not move: those that do stand out from it."""
-SHARP_EDGE = 30.0
-"""Degrees by which faces of an outline turn at an edge, at least."""
 BEHIND, BESIDE, ABOVE = 1.0, 0.6, 0.45
 """Direction from a surface to the eye: along its chord, along its span away from the middle, upwards."""
-
-
-def before_after(data: ReportData, own: Box, surface: MovedSurface) -> Picture:
-    """Draw a moving surface with its hexahedron, before and after side by side; after over the outline of before."""
-    moved = np.linalg.norm((data.points - data.mesh.points)[surface.nodes], axis=1)
-    count = sum(len(data.mesh.patch(name)) for name in surface.patches)
-    before, after = (close(data, points, own, surface) for points in (data.mesh.points, data.points))
-    faces = polygons_of(data.mesh.faces_of(surface.patches))
-    outline = np.vstack([rim(faces), sharp_edges(data.mesh.points, faces, SHARP_EDGE)])
-    over = (scene3d.plain(data.mesh.points, outline, scene3d.BLUE, width=3.0),) if len(outline) else ()
-    return Picture(
-        (before, replace(after, layers=(*after.layers, *over))),
-        (f"{surface.name}, undeflected", f"{surface.name}, {surface.turned}"),
-        f"Surface mesh of {surface.name} ({count} faces) and its surroundings in grey, before (left) and after (right) "
-        f"it goes by {surface.turned}; nodes move by up to {data.length.text(moved.max())}. The outline that it leaves "
-        "is blue, and the edges of the box, outside of which nothing moves, are magenta.",
-        length=data.length,
-    )
 
 
 def moved(data: ReportData, own: Box) -> Picture:
@@ -253,10 +232,6 @@ def plots(data: ReportData) -> Iterator[Drawn]:
         for own in data.boxes:
             for surface in own.surfaces:
                 yield "slices", surface.name, *slices.slices(data, own, surface)
-    for own in data.boxes if not data.mesh.plane else ():  # slices show all of a plane mesh
-        for surface in own.surfaces:
-            picture = before_after(data, own, surface)
-            yield "before_after", surface.name, figure_of(picture), picture.alternative
 
 
 def saved(folder: Path, part: str, name: str, figure: Figure, alternative: str) -> Exhibit:

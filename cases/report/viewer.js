@@ -263,9 +263,9 @@
       renderer.setViewport(8, 8, 84, 84);
       renderer.clearDepth();
       renderer.render(cross, own);
-      const length = 110 * (camera.right - camera.left) / camera.zoom / wide, power = 10 ** Math.floor(Math.log10(length));
+      const length = 200 * (camera.right - camera.left) / camera.zoom / wide, power = 10 ** Math.floor(Math.log10(length));
       const round = [1, 2, 5].map((one) => one * power).filter((one) => one <= length).pop();
-      control("scale").style.width = `${110 * round / length}px`;
+      control("scale").style.width = `${200 * round / length}px`;
       control("scale").textContent = `${round.toPrecision(1) * 1} ${data.unit}`;
     }
 

@@ -22,7 +22,7 @@ class OutputError(ValueError):
     """The output folder cannot be written."""
 
 
-PARTS = ("convergence", "quality", "slices", "before_after", "cad_map", "rigid_cad_map")
+PARTS = ("convergence", "quality", "slices", "cad_map", "rigid_cad_map")
 """Parts of the page, with which the names of its pictures begin."""
 PAGE = ("report.html", *(f"figures/{part}*.png" for part in PARTS))
 """A page and its pictures, as patterns."""

@@ -145,7 +145,7 @@ def test_folder_holds_all_and_makes_the_page_anew(coarse_wing, tmp_path, monkeyp
     assert turnable(again) == turnable(data)
     assert before == {name: (folder / name).read_bytes() for name in before}
     text = (folder / "report.html").read_text()
-    assert text.count("<figure>") == 4
+    assert text.count("<figure>") == 3
     assert "Distance from CAD" not in text
     for key in ("mesh", "timings", "deflections", "version", "total_seconds"):
         for figures in ({name: one for name, one in stored.items() if name != key}, stored | {key: "many"}):

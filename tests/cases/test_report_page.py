@@ -147,7 +147,7 @@ def test_every_picture_says_what_it_shows(aileron_run, opened):
         assert re.search(r"\d", words)
         assert image.evaluate("one => one.naturalWidth") > 400
     assert "aileron_left" in tab.locator("#turnable").get_attribute("aria-label")
-    assert tab.locator("figure:not(.paper)").count() == 6
+    assert tab.locator("figure:not(.paper)").count() == 5
     linked = [link.get_attribute("href") for link in tab.locator("nav a").all()]
     assert all(tab.locator(target).count() == 1 for target in linked)
 

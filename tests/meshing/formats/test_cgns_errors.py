@@ -33,7 +33,7 @@ DAMAGE = {
     "no base": (lambda zone: zone.file.__delitem__("Base"), "no CGNSBase_t"),
     "two dimensions": (lambda zone: set_first(zone.parent, 2), "hexahedron cells in a base of two dimensions"),
     "no zone": (lambda zone: zone.parent.__delitem__("Zone"), "no zones"),
-    "structured": (lambda zone: replace_data(zone["ZoneType"], letters("Structured")), "its size [14, 7, 0] does not fit"),
+    "structured": (lambda zone: replace_data(zone["ZoneType"], letters("Structured")), "size [14, 7, 0] does not fit"),
     "type": (lambda zone: replace_data(zone["ZoneType"], letters("UserDefined")), "it is of type 'UserDefined'"),
     "no grid": (lambda zone: zone.__delitem__("GridCoordinates"), "zone Zone: Base/Zone has no GridCoordinates"),
     "no y": (lambda zone: zone["GridCoordinates"].__delitem__("CoordinateY"), "has no CoordinateY"),
