@@ -177,7 +177,7 @@ def write_png(figure: Figure, path: Path) -> None:
 
 def write_sharp_png(figure: Figure, path: Path) -> None:
     """Write a figure with fine lines in the colours that represent it best; white stays white."""
-    pixels = pixels_of(figure, SHARP).quantize(method=ImageFile.Quantize.FASTOCTREE, dither=ImageFile.Dither.NONE)
+    pixels = pixels_of(figure, SHARP).quantize(96, method=ImageFile.Quantize.FASTOCTREE, dither=ImageFile.Dither.NONE)
     pixels.putpalette([shade if shade < WHITE else 255 for shade in pixels.getpalette() or ()])
     pixels.save(path, "png")
 

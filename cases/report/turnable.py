@@ -221,19 +221,24 @@ def packed(scene: Json) -> tuple[str, str]:
     """Return a scene as two texts, base64 of compressed ones: the JSON with places of arrays, and the arrays.
 
     A place is where an array starts, and how many numbers it has. Of each array the first bytes of all numbers come
-    first, then the second ones, and so on: alike they compress better.
+    first, then the second ones, and so on: alike they compress better. Moved points are stored as the bits in which
+    they differ from the points: most do not move.
     """
     parts: list[bytes] = []
 
     def placed(value: Any) -> Any:
         if isinstance(value, Mapping):
+            bases = dict.fromkeys(("moved", "interpolated"), value.get("points"))
             return {
-                name: placed(own) if name not in ARRAYS or own is None else place(own) for name, own in value.items()
+                name: placed(own) if name not in ARRAYS or own is None else place(own, bases.get(name))
+                for name, own in value.items()
             }
         return [placed(own) for own in value] if isinstance(value, list) else value
 
-    def place(base64: str) -> list[int]:
+    def place(base64: str, base: str | None) -> list[int]:
         numbers = np.frombuffer(b64decode(base64), dtype=np.uint8).reshape(-1, 4)
+        if base is not None:
+            numbers = numbers ^ np.frombuffer(b64decode(base), dtype=np.uint8).reshape(-1, 4)
         start = sum(map(len, parts))
         parts.append(numbers.T.tobytes())
         return [start, len(numbers)]

@@ -46,11 +46,16 @@
   const numbers = (place) => new Float32Array(array(place));
   const indices = (place) => new Uint32Array(array(place));
   const lengthsOf = (place) => numbers(place).map((value) => data.factor * value);
+  // Moved points are stored as the bits in which they differ from the points.
+  function movedOf(place, points) {
+    const base = indices(points), bits = indices(place).map((value, i) => value ^ base[i]);
+    return new Float32Array(bits.buffer).map((value) => data.factor * value);
+  }
 
   function unpacked(part) {
-    const points = lengthsOf(part.points), moved = part.moved ? lengthsOf(part.moved) : points;
+    const points = lengthsOf(part.points), moved = part.moved ? movedOf(part.moved, part.points) : points;
     return {
-      ...part, points, moved, interpolated: part.interpolated ? lengthsOf(part.interpolated) : moved,
+      ...part, points, moved, interpolated: part.interpolated ? movedOf(part.interpolated, part.points) : moved,
       goes: Boolean(part.moved), faces: indices(part.faces),
     };
   }
