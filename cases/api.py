@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import warnings
+import webbrowser
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from html import escape
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, Unpack
+from tempfile import NamedTemporaryFile
+from typing import Any, TypeVar, Unpack
 
 from numpy.typing import ArrayLike
 
 from sdm_deflect.cases.file_mesh import FileMesh
 from sdm_deflect.cases.run.metrics import notes_of, warnings_of
-from sdm_deflect.cases.run.progress import of_notebook
+from sdm_deflect.cases.run.progress import in_notebook, of_notebook
 from sdm_deflect.cases.settings.job_settings import FLAT, GONE, IN_PYTHON, angles_of, settings_of, tables_of
 from sdm_deflect.cases.settings.keywords import Options
 from sdm_deflect.deform.base.arrays import FloatArray
@@ -35,10 +37,6 @@ from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.plan import Planned, Plans
 from sdm_deflect.meshing.formats import adapters
 from sdm_deflect.meshing.formats.format import MeshFileError
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -63,6 +61,16 @@ def read(path: str | PathLike[str], progress: Progress = silent) -> FileMesh:
 
     with _about_files():
         return FileMesh.of(read_file(_path(path), progress))
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Frame:
+    """A page that a notebook shows in a frame."""
+
+    html: str
+
+    def _repr_html_(self) -> str:
+        return f'<iframe srcdoc="{escape(self.html)}" style="width: 100%; height: 46rem; border: 0"></iframe>'
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -210,14 +218,12 @@ class Result:
             raise InputError(str(error)) from None
         return place / "report.html"
 
-    def plot(self) -> Figure:
-        """Draw the moving surface and what is near it: before, and after, coloured by the displacement.
-
-        It needs no display.
+    def plot(self) -> Frame:
+        """Show the mesh, to be turned: in a frame of a notebook, elsewhere in the browser.
 
         Returns
         -------
-        A matplotlib Figure, which a notebook shows; `savefig` writes it to a file.
+        The page, as text in `html`; a notebook shows it.
 
         Raises InputError if libraries are not installed that the extra ``report`` brings.
         """
@@ -225,13 +231,15 @@ class Result:
 
         check_report()
         from sdm_deflect.cases.report.folder import data_of
-        from sdm_deflect.cases.report.pictures import figure_of, moved
-        from sdm_deflect.cases.report.slices import slices
+        from sdm_deflect.cases.report.page import page
+        from sdm_deflect.cases.report.pictures import Gallery
 
-        data = data_of(self.deflection)
-        if data.mesh.plane:
-            return slices(data, data.boxes[0], data.boxes[0].surfaces[0])[0]
-        return figure_of(moved(data, data.boxes[0]))
+        shown = Frame(page(data_of(self.deflection).judged(self.checks, self.figures()), Gallery(())))
+        if not in_notebook():
+            with NamedTemporaryFile("w", suffix=".html", delete=False, encoding="utf-8") as file:
+                file.write(shown.html)
+            webbrowser.open(Path(file.name).as_uri())
+        return shown
 
     def to_pyvista(self) -> Any:
         """Return a pyvista UnstructuredGrid: cells and faces with ``displacement``, ``quality`` and ``patch``.

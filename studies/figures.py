@@ -15,7 +15,7 @@ from numba import get_num_threads
 from sdm_deflect.cases.aircraft.metrics import Run
 from sdm_deflect.cases.aircraft.pipeline import meshed, run_case
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.cases.report.pictures import Picture, figure_of, write_png
+from sdm_deflect.cases.report.pictures import write_png
 from sdm_deflect.cases.run.progress import Show, Stopwatch
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.mesh.mesh import Mesh
@@ -27,6 +27,7 @@ from studies import pictures as aircraft
 from studies.files import write_csv, write_plot
 from studies.measure import run_study, sites_of, timed
 from studies.paper import QualityStatement, paper
+from studies.rendering import Picture, figure_of
 
 FILE = "page.json"
 Numbers = dict[str, Any]

@@ -11,8 +11,6 @@ from sdm_deflect.cases.aircraft.job import BLOCK, panel_of
 from sdm_deflect.cases.aircraft.metrics import Run
 from sdm_deflect.cases.report import scene3d
 from sdm_deflect.cases.report.figures import bars
-from sdm_deflect.cases.report.pictures import Picture
-from sdm_deflect.cases.report.scene3d import Layer, View
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
@@ -20,6 +18,8 @@ from sdm_deflect.geometry.confinement import block_corners, gap_faces
 from sdm_deflect.geometry.datum import ends, ribs
 from sdm_deflect.meshing.generate.topology import cell_faces, edges_of
 from sdm_deflect.meshing.mesh import tets_of, touching, triangles_of
+from studies import rendering
+from studies.rendering import Layer, Picture, View
 
 BINS = np.linspace(0.0, 1.0, 51)
 WHOLE, GAP, TAIL = (900, 620), (900, 700), (900, 640)
@@ -38,8 +38,8 @@ def blocks(aircraft: Run, chimera: Run) -> Picture:
     if chimera.background is None:
         raise ValueError(f"case {chimera.case.name} has no Chimera block")
     mesh, names = aircraft.mesh, scene3d.components_of(walls(aircraft.mesh))
-    surface = scene3d.patches(mesh, walls(mesh), edge=(70, 70, 70), width=0.6)
-    whole = scene3d.framed(surface, mesh.points[mesh.on(*walls(mesh))], (-1.0, -1.1, 0.9), WHOLE)
+    surface = rendering.patches(mesh, walls(mesh), edge=(70, 70, 70), width=0.6)
+    whole = rendering.framed(surface, mesh.points[mesh.on(*walls(mesh))], (-1.0, -1.1, 0.9), WHOLE)
     legend = {name: scene3d.COMPONENTS[name] for name in [*names, BLOCK]}
     return Picture(
         (whole, overlapping(chimera, chimera.background)),
@@ -73,10 +73,10 @@ def cells_by_quality(mesh: Mesh, chosen: BoolArray, **looks: Any) -> Layer:
 def overlapping(run: Run, background: Mesh) -> View:
     """Look at the block around the aileron from behind, port and above."""
     corners = block_corners(run.case.fighter, run.case.block, run.deflection.boxes[0].plan.surface)
-    around = scene3d.patches(background, walls(background), edge=(120, 120, 120), width=0.4)
-    own = scene3d.patches(run.mesh, walls(run.mesh), edge=(60, 60, 60), width=0.6)
-    outside = scene3d.plain(run.mesh.points, triangles_of(run.mesh, BLOCK), scene3d.MAGENTA, opacity=0.12)
-    return scene3d.framed((*around, *own, outside, scene3d.box(corners)), corners, (0.9, -1.0, 0.9), WHOLE)
+    around = rendering.patches(background, walls(background), edge=(120, 120, 120), width=0.4)
+    own = rendering.patches(run.mesh, walls(run.mesh), edge=(60, 60, 60), width=0.6)
+    outside = rendering.plain(run.mesh.points, triangles_of(run.mesh, BLOCK), scene3d.MAGENTA, opacity=0.12)
+    return rendering.framed((*around, *own, outside, rendering.box(corners)), corners, (0.9, -1.0, 0.9), WHOLE)
 
 
 def gaps(runs: Sequence[Run]) -> Picture:
@@ -97,11 +97,11 @@ def gap(run: Run) -> View:
     plan, mesh = run.deflection.boxes[0].plan, run.deflected
     own, face, end = stations(run)
     width = abs(face - own)
-    grey = scene3d.patches(mesh, walls(mesh), scene3d.DARK)
+    grey = rendering.patches(mesh, walls(mesh), scene3d.DARK)
     cells = cells_by_quality(mesh, in_gap(run), width=1.2)
     focus = np.array([end[1, 0], own - np.sign(face - own) * width, 2.0 * width])
     return View(
-        (*grey, cells, scene3d.box(plan.region.hexahedron.corners)), focus, (1.0, 0.25, 0.35), 14.0 * width, GAP
+        (*grey, cells, rendering.box(plan.region.hexahedron.corners)), focus, (1.0, 0.25, 0.35), 14.0 * width, GAP
     )
 
 
@@ -128,12 +128,12 @@ def confinement(run: Run) -> Picture:
     """Figure 6: surface meshes of tail and panel, the hexahedron and the zero sites on its faces."""
     plan, mesh = run.deflection.boxes[0].plan, run.mesh
     surface = plan.surface
-    shown = scene3d.patches(mesh, (surface, panel_of(surface)), edge=(60, 60, 60), width=0.7)
+    shown = rendering.patches(mesh, (surface, panel_of(surface)), edge=(60, 60, 60), width=0.7)
     others = [name for name in walls(mesh) if name not in run.deflection.boxes[0].plan.patches]
-    rest = scene3d.patches(mesh, others, scene3d.GREY, opacity=0.25)
-    zero = tuple(scene3d.dots(part.points, scene3d.BLUE, 10.0) for part in plan.sites.zero)
+    rest = rendering.patches(mesh, others, scene3d.GREY, opacity=0.25)
+    zero = tuple(rendering.dots(part.points, scene3d.BLUE, 10.0) for part in plan.sites.zero)
     corners = plan.region.hexahedron.corners
-    view = scene3d.framed((*rest, *shown, *zero, scene3d.box(corners)), corners, (0.7, -1.0, 0.6), TAIL)
+    view = rendering.framed((*rest, *shown, *zero, rendering.box(corners)), corners, (0.7, -1.0, 0.6), TAIL)
     return Picture(
         (view,),
         (f"{len(plan.sites.zero[0])} sites at zero, {len(plan.sites.moving)} on the surface",),
@@ -159,11 +159,11 @@ def section(run: Run, mesh: Mesh) -> View:
     """Look from the tip at the cells inboard of a cut across the tail."""
     span, region = ends(run.case.fighter, run.deflection.boxes[0].plan.surface), run.deflection.boxes[0].plan.region
     middle = (1.0 - CUT) * span[0].mean(axis=0) + CUT * span[1].mean(axis=0)
-    grey = scene3d.patches(mesh, (run.deflection.boxes[0].plan.surface,), scene3d.GREY)
+    grey = rendering.patches(mesh, (run.deflection.boxes[0].plan.surface,), scene3d.GREY)
     y = run.mesh.points[tets_of(run.mesh), 1].mean(axis=1)
     chosen = touching(run.mesh, region.inside) & (np.abs(y) < abs(middle[1]))
     cells = cells_by_quality(mesh, chosen, width=0.8)  # chosen by where they were before the deflection
-    return View((*grey, cells, scene3d.box(region.hexahedron.corners, 2.0)), middle, (0.12, -1.0, 0.3), 0.16, TAIL)
+    return View((*grey, cells, rendering.box(region.hexahedron.corners, 2.0)), middle, (0.12, -1.0, 0.3), 0.16, TAIL)
 
 
 def panel(run: Run, mesh: Mesh) -> View:
@@ -172,9 +172,9 @@ def panel(run: Run, mesh: Mesh) -> View:
     meshed = [name for name in walls(mesh) if name.startswith("fuselage_")]
     shaded = [name for name in walls(mesh) if name not in meshed and not name.startswith("wing")]
     layers = (
-        *scene3d.patches(mesh, shaded, scene3d.GREY),
-        *scene3d.patches(mesh, meshed, (225, 225, 225), edge=(60, 60, 60), width=0.8),
-        scene3d.plain(run.mesh.points, border(run.mesh, surface), scene3d.ORANGE, width=5.0),
+        *rendering.patches(mesh, shaded, scene3d.GREY),
+        *rendering.patches(mesh, meshed, (225, 225, 225), edge=(60, 60, 60), width=0.8),
+        rendering.plain(run.mesh.points, border(run.mesh, surface), scene3d.ORANGE, width=5.0),
     )
     focus = mesh.points[mesh.on(panel_of(surface))].mean(axis=0)
     return View(layers, focus, (0.55, -1.0, 0.5), 0.2, TAIL)

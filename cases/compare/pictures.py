@@ -1,7 +1,7 @@
 """Pictures of several runs: histograms in one plot, and views of one mesh that fit over each other to the pixel."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +13,8 @@ from matplotlib.figure import Figure
 from sdm_deflect.cases.compare.runs import ComparedRun, alike
 from sdm_deflect.cases.report.data import Box, MovedSurface, ReportData, drawn_measure, shape_of
 from sdm_deflect.cases.report.figures import panels
-from sdm_deflect.cases.report.pictures import PIXELS, Exhibit, close, saved, towards
-from sdm_deflect.cases.report.raster import Image, rendered
-from sdm_deflect.cases.report.scene3d import QUALITY_MAP, QUALITY_RANGE, View, framed
+from sdm_deflect.cases.report.pictures import Exhibit, saved
+from sdm_deflect.cases.report.scene3d import QUALITY_MAP, QUALITY_RANGE
 from sdm_deflect.cases.report.slices import AXES, CutPlane, draw_slice, planes
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.mesh.quality import MEASURES, POLYHEDRON, quality_of
@@ -69,8 +68,6 @@ def drawn(runs: Sequence[ComparedRun], folder: Path) -> Shown:
     missing += [f"too many pictures for one page: {name} is left out" for name in left_out]
     cut = range(2 if runs[0].data.mesh.cells else 0)
     overlays = [_sections(same, pair, row, folder) for pair in pairs for row in cut]
-    if not runs[0].data.mesh.plane:
-        overlays += _surface_views(same, pairs, folder)
     return Shown(tuple(histograms), tuple(overlays), tuple(missing))
 
 
@@ -82,7 +79,7 @@ def _surfaces(runs: Sequence[ComparedRun]) -> tuple[list[Pair], list[str]]:
     """Return the surfaces that all runs move, and the names of those for which there is no room."""
     own = [{s.patches: (box, s) for box in run.data.boxes for s in box.surfaces} for run in runs]
     common = [patches for patches in own[0] if all(patches in one for one in own)]
-    room = max(1, MOST // (3 * (len(runs) + 1)))
+    room = max(1, MOST // (2 * (len(runs) + 1)))
     pairs = [tuple(one[patches] for one in own) for patches in common]
     return pairs[:room], [pair[0][1].name for pair in pairs[room:]]
 
@@ -167,35 +164,3 @@ def _section(data: ReportData, points: FloatArray, box: Box, plane: CutPlane, me
     bar = figure.colorbar(shades, cax=figure.add_axes(BAR_AT), extend="min")
     bar.set_label(f"{measure} of a cell".replace("; ", ";\n"), fontsize="small")
     return figure, least
-
-
-def _surface_views(runs: Sequence[ComparedRun], pairs: Sequence[Pair], folder: Path) -> list[Overlay]:
-    """Draw each surface in each state, seen from one place."""
-    overlays = []
-    for states in (list(_states(runs, pair)) for pair in pairs):
-        exhibits: dict[str, Exhibit] = {}
-        for (name, _, _, _, moved), image in zip(states, rendered(tuple(_views(states))), strict=True):
-            turned = "" if name == BEFORE else f", {moved.turned}"
-            words = f"Surface mesh of {moved.name} and its surroundings, {name}{turned}, with the box."
-            place = f"{moved.name}_{len(exhibits)}"
-            exhibits[name] = saved(folder, "surface", place, _pasted(image), words)
-        name = states[0][4].name
-        overlays.append(Overlay(f"{name}: surface mesh", f"{name}, and the edges of the box.", exhibits))
-    return overlays
-
-
-def _views(states: Sequence[tuple[str, ReportData, FloatArray, Box, MovedSurface]]) -> list[View]:
-    """Return the same view of a surface in each state; it holds the surface in all of them."""
-    _, data, _, box, surface = states[0]
-    held = np.vstack([points[moved.nodes] for _, _, points, _, moved in states])
-    frame = framed((), held, towards(data, box, surface), PIXELS)
-    return [replace(frame, layers=close(own, points, at, moved).layers) for _, own, points, at, moved in states]
-
-
-def _pasted(image: Image) -> Figure:
-    height, width = image.shape[:2]
-    figure = Figure(figsize=(7.0, 7.0 * height / width))
-    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    axes.imshow(image)
-    axes.set_axis_off()
-    return figure

@@ -97,10 +97,15 @@ def shown(*, quiet: bool, verbose: bool, console: "Console | None" = None) -> It
             yield show
 
 
+def in_notebook() -> bool:
+    """Return whether this process answers the cells of a notebook."""
+    shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
+    return type(shell).__name__ == "ZMQInteractiveShell"
+
+
 def of_notebook() -> Progress:
     """Return what shows progress in a notebook once that takes two seconds, and nothing elsewhere."""
-    shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
-    if type(shell).__name__ != "ZMQInteractiveShell":
+    if not in_notebook():
         return silent
     from IPython.display import display
 

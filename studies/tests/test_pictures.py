@@ -6,13 +6,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.report.pictures import figure_of, write_png
-from sdm_deflect.cases.report.raster import rendered
+from sdm_deflect.cases.report.pictures import write_png
 from sdm_deflect.cases.report.scene3d import BLUE, MAGENTA, ORANGE, QUALITY_RANGE, patch_colour, quality_rgb
 from sdm_deflect.deform.mesh.quality import signed_volumes
 from sdm_deflect.meshing.mesh import tets_of
 from studies import pictures as aircraft
 from studies.pictures import cells_by_quality, histograms, shell
+from studies.rendering import figure_of, rendered
 from tests.pictures import differing, inked, pixels, share
 
 

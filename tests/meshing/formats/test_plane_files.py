@@ -1,5 +1,7 @@
 """Two-dimensional meshes in files: SU2, Gmsh and VTK; other formats refuse them."""
 
+from pathlib import Path
+
 import gmsh
 import numpy as np
 import pytest
@@ -144,7 +146,9 @@ def test_damage_in_su2_is_named(old, new, message, tmp_path):
 
 
 @pytest.mark.parametrize("library", ["meshio", "pyvista"])
-def test_meshes_of_other_libraries(library):
+def test_meshes_of_other_libraries(library, monkeypatch):
+    opened = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
     mesh = mixed(0.0 if library == "meshio" else 2.0)
     result = deflect(mesh, "hole", hinge=[0.1, 0.0], angle=10, box=BOX)
     still = deflect(mesh, "hole", hinge=[0.1, 0.0], angle=0, box=BOX)
@@ -156,4 +160,6 @@ def test_meshes_of_other_libraries(library):
     assert other.passed
     assert other.points.tobytes() == result.points.tobytes()
     assert np.array_equal(np.asarray(other.mesh.points), result.points[:, : 2 if library == "meshio" else 3])
-    assert result.plot().axes
+    assert '<div id="turnable"' in result.plot().html
+    assert opened[0].startswith("file:")
+    Path(opened[0].removeprefix("file://")).unlink()
