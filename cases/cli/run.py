@@ -120,8 +120,9 @@ def validate(folder: Path, as_json: bool, quiet: bool, verbose: bool) -> int:
 
 @click.command()
 @click.argument("folder", type=options.FILE)
+@click.option("--figures", "form", type=click.Choice(("pdf", "svg", "png")), help="Also write the figures for a paper.")
 @options.progress_options
-def report(folder: Path, quiet: bool, verbose: bool) -> int:
+def report(folder: Path, form: str | None, quiet: bool, verbose: bool) -> int:
     """Make the report of a finished run again.
 
     The run may also be the folder beside a deflected mesh. The command writes report.html and figures/ into it.
@@ -131,7 +132,7 @@ def report(folder: Path, quiet: bool, verbose: bool) -> int:
 
     check_report()
     with options.watched(quiet, verbose) as watch, watch.stage("report"):
-        data = finished(folder).report()
+        data = finished(folder).report(form or "")
     click.echo(f"{folder / 'report.html'}: {(folder / 'report.html').stat().st_size / 1e6:.1f} MB")
     return options.code_of(data.passed)
 

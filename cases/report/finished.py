@@ -85,13 +85,16 @@ class FinishedRun(ABC):
         """Draw into `folder` what only this kind of run has."""
         return ()
 
-    def report(self) -> ReportData:
-        """Make report.html and the figures anew; loads graphics libraries."""
+    def report(self, form: str = "") -> ReportData:
+        """Make report.html and the figures again, these also in a form for a paper (pdf, svg, png)."""
         from sdm_deflect.cases.report.page import write_report
         from sdm_deflect.cases.report.pictures import drawn
 
         data = self.judged_again()
         with output_files(self.folder, PAGE) as scratch:
             figures = scratch / "figures"
-            write_report(data, drawn(data, figures).with_more(self.further_pictures(data, figures)), scratch)
+            gallery = drawn(data, figures).with_more(self.further_pictures(data, figures))
+            write_report(data, gallery, scratch)
+            for exhibit in gallery.exhibits if form else ():
+                exhibit.write(form)
         return data

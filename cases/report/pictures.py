@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image as ImageFile
@@ -19,6 +20,8 @@ LARGEST = 300_000
 """Bytes that a picture should not exceed."""
 LADDER = ((110, 1), (110, 4), (95, 4), (80, 4), (65, 4))
 """Dots per inch, and colours (0 to 255) rounded to multiples: the first that makes the file small enough counts."""
+SHOWN = 300
+"""Dots per inch of a picture for a paper."""
 SHARP = 92
 """Dots per inch of a picture for a page that may be printed."""
 WHITE = 252
@@ -58,11 +61,19 @@ Drawn = tuple[str, str, Figure, str]
 
 @dataclass(frozen=True, slots=True)
 class Exhibit:
-    """A picture in a file: the part of the page it belongs to, and what it shows in words."""
+    """A picture in a file: the part of the page it belongs to, what it shows in words, and its figure."""
 
     part: str
     path: Path
     alternative: str
+    figure: Figure | None = None
+
+    def write(self, form: str) -> None:
+        """Write the figure beside the file for a paper: pdf, svg or png; the same figure gives the same bytes."""
+        if self.figure:
+            dated = {"pdf": "CreationDate", "svg": "Date"}.get(form, "Software")
+            with rc_context({"svg.hashsalt": self.part}):
+                self.figure.savefig(self.path.with_suffix(f".{form}"), metadata={dated: None}, dpi=SHOWN)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,4 +112,4 @@ def saved(folder: Path, part: str, name: str, figure: Figure, alternative: str) 
     harmless = re.sub(r"[^\w.+-]", "_", f"{part}_{name}" if name else part)
     path = folder / f"{harmless}.png"
     write_sharp_png(figure, path)
-    return Exhibit(part, path, alternative)
+    return Exhibit(part, path, alternative, figure)

@@ -24,7 +24,7 @@ class OutputError(ValueError):
 
 PARTS = ("convergence", "quality", "slices", "cad_map", "rigid_cad_map")
 """Parts of the page, with which the names of its pictures begin."""
-PAGE = ("report.html", *(f"figures/{part}*.png" for part in PARTS))
+PAGE = ("report.html", *(f"figures/{part}*.{form}" for part in PARTS for form in ("png", "pdf", "svg")))
 """A page and its pictures, as patterns."""
 RUN = (
     "case.toml", "settings.toml", "metrics.json", "convergence.csv", "interpolant.npz", "table_[0-9]*.npz",

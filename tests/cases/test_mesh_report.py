@@ -144,6 +144,11 @@ def test_folder_holds_all_and_makes_the_page_anew(coarse_wing, tmp_path, monkeyp
     assert again.checks == checks
     assert turnable(again) == turnable(data)
     assert before == {name: (folder / name).read_bytes() for name in before}
+    drawn = [FinishedJob.of(folder).report("svg") and (folder / "figures" / "quality.svg").read_bytes() for _ in (1, 2)]
+    assert drawn[0] == drawn[1]
+    assert b"<svg" in drawn[0]
+    FinishedJob.of(folder).report()
+    assert {path.suffix for path in (folder / "figures").iterdir()} == {".png"}
     text = (folder / "report.html").read_text()
     assert text.count("<figure>") == 3
     assert "Distance from CAD" not in text
