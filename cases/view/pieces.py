@@ -21,7 +21,7 @@ from sdm_deflect.meshing.formats.shapes import chosen
 Colours = NDArray[np.uint8]
 
 RED = np.array([213, 0, 0])
-BODY, SURFACE, PANEL = (206, 208, 211), (86, 180, 233), (176, 205, 222)
+BODY, SURFACE, PANEL = (206, 208, 211), (204, 102, 119), (224, 176, 184)
 SHARP = 30.0
 """Degrees by which faces of the outline turn at an edge, at least."""
 AROUND = 0.35

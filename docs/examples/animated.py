@@ -27,7 +27,7 @@ from sdm_deflect.meshing.formats.adapters import to_pyvista
 
 AIRCRAFT, AIRFOIL = 15.0, 25.0
 """Largest angles, degrees."""
-BLUE, GREY, PERIOD, COLOURS, MILLISECONDS = "#0072B2", "#B8B8B8", 28, 64, 80
+RED, GREY, PERIOD, COLOURS, MILLISECONDS = "#CC6677", "#B8B8B8", 28, 64, 80
 EYE, FOCUS, SCALE = (1.76, -1.35, 0.80), (0.80, -0.11, 0.01), 0.255
 BAR = {
     "title": "quality of the cells", "n_labels": 2, "fmt": "%.1f", "color": "black", "position_x": 0.55,
@@ -85,7 +85,7 @@ def drawn(frame: Frame) -> Image.Image:
     plotter.background_color = "white"
     still, turned = faces_of(frame.aircraft)
     plotter.add_mesh(still, color=GREY, ambient=0.35)
-    plotter.add_mesh(turned, color=BLUE, ambient=0.45, show_edges=True, edge_color="white")
+    plotter.add_mesh(turned, color=RED, ambient=0.25, show_edges=True, edge_color="#444444")
     plotter.camera_position = [EYE, FOCUS, (0.0, 0.0, 1.0)]
     plotter.enable_parallel_projection()
     plotter.camera.parallel_scale = SCALE

@@ -162,7 +162,7 @@ def test_picture_of_a_run_names_what_moved(finished, tmp_path):
     assert out.split() == ["aileron_left"]
     image = pixels(tmp_path / "run.png")
     assert inked(image) > 0.2
-    assert share(image, (0, 0x72, 0xB2), 80) > 5e-3
+    assert share(image, (0xCC, 0x66, 0x77), 80) > 5e-3
     assert share(image, (255, 0, 255)) > 1e-3
     (edges,) = picture_of_run.hexahedra(folder / "interpolant.npz")
     assert Hexahedron(np.asarray(edges.points, dtype=np.float64)).contains(np.asarray(edges.center)[None]).all()
