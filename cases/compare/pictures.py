@@ -66,8 +66,11 @@ def drawn(runs: Sequence[ComparedRun], folder: Path) -> Shown:
         return Shown(tuple(histograms), (), tuple(missing))
     pairs, left_out = _surfaces(same)
     missing += [f"too many pictures for one page: {name} is left out" for name in left_out]
-    cut = range(2 if runs[0].data.mesh.cells else 0)
-    overlays = [_sections(same, pair, row, folder) for pair in pairs for row in cut]
+    overlays = [
+        _sections(same, pair, row, plane, folder)
+        for pair in pairs
+        for row, plane in enumerate(planes(runs[0].data, *pair[0]) if runs[0].data.mesh.cells else ())
+    ]
     return Shown(tuple(histograms), tuple(overlays), tuple(missing))
 
 
@@ -79,7 +82,7 @@ def _surfaces(runs: Sequence[ComparedRun]) -> tuple[list[Pair], list[str]]:
     """Return the surfaces that all runs move, and the names of those for which there is no room."""
     own = [{s.patches: (box, s) for box in run.data.boxes for s in box.surfaces} for run in runs]
     common = [patches for patches in own[0] if all(patches in one for one in own)]
-    room = max(1, MOST // (2 * (len(runs) + 1)))
+    room = max(1, MOST // (3 * (len(runs) + 1)))
     pairs = [tuple(one[patches] for one in own) for patches in common]
     return pairs[:room], [pair[0][1].name for pair in pairs[room:]]
 
@@ -136,10 +139,9 @@ def _states(runs: Sequence[ComparedRun], pair: Pair) -> Iterator[tuple[str, Repo
         yield run.name, run.data, run.data.points, *own
 
 
-def _sections(runs: Sequence[ComparedRun], pair: Pair, row: int, folder: Path) -> Overlay:
-    """Draw one of the two sections of a surface in each state, with the same axes."""
-    first, (box, surface) = runs[0].data, pair[0]
-    plane = planes(first, box, surface)[row]
+def _sections(runs: Sequence[ComparedRun], pair: Pair, row: int, plane: CutPlane, folder: Path) -> Overlay:
+    """Draw one of the sections of a surface in each state, with the same axes."""
+    first, (_, surface) = runs[0].data, pair[0]
     measure = drawn_measure(first.mesh)
     place = f"{plane.what}, {AXES[plane.axis]} = {first.length.text(plane.station)}"
     exhibits: dict[str, Exhibit] = {}

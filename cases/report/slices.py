@@ -1,4 +1,4 @@
-"""Plane slices through the cells around a surface, coloured by quality: no graphics library is needed."""
+"""Sections through the cells around a surface, coloured by quality."""
 
 from dataclasses import dataclass
 from itertools import chain
@@ -22,12 +22,10 @@ from sdm_deflect.deform.mesh.polyhedra import corner_edges
 AXES = "xyz"
 AROUND = 0.06
 """Margin around the box, by its size."""
-ALONG = 0.7
-"""Where the chord at the inner end is cut: behind the hinge line of a wedge."""
-ROOT = 0.15
-"""Share of the span that counts as the inner end."""
+BESIDE = 0.03
+"""Nodes of a section are at most so far from it, as a share of the span."""
 CLOSE = 0.128
-"""Half the width and height of what is seen of the inner end, by the size of the box."""
+"""Half the width and height of what is seen of the hinge, by the size of the box."""
 BAR = (0.89, 0.2, 0.025, 0.6)
 """Where the bar of colours stands in the figure: left, bottom, width, height."""
 EDGES = {
@@ -65,75 +63,50 @@ def directions(points: FloatArray, surface: MovedSurface) -> tuple[int, int]:
     return span, int(np.argmax(reach))
 
 
-def planes(data: ReportData, box: Box, surface: MovedSurface) -> tuple[CutPlane, CutPlane]:
-    """The two planes of a surface: a chord at half span; across the chord, close to the inner end.
+def planes(data: ReportData, box: Box, surface: MovedSurface) -> tuple[CutPlane, ...]:
+    """The section at half span: all of the box, then what is around the hinge, and around the trailing edge.
 
-    In a plane mesh both are its own: all of the hexahedron, and what is around the worst cell of the deflected mesh.
+    The section of a plane mesh is its own plane. The trailing edge is where a node of the section moves farthest. A
+    motion without a hinge has no section there.
     """
-    if data.mesh.plane:
-        return _windows(data, box)
     points, corners = data.mesh.points[surface.nodes], box.hexahedron.corners
-    span, chord = directions(data.mesh.points, surface)
     size = float(np.ptp(corners, axis=0).max())
-    outwards = np.abs(points[:, span] - data.middle[span])
-    inner = points[outwards <= outwards.min() + ROOT * np.ptp(outwards)]
-    middle, close = inner.mean(axis=0), CLOSE * size
-    side = np.sign(points[:, span].mean() - data.middle[span]) or 1.0
-    middle[span] = points[outwards.argmin(), span] + 0.4 * close * side
-    station = (1.0 - ALONG) * inner[:, chord].min() + ALONG * inner[:, chord].max()
-    around = np.array([corners.min(axis=0) - AROUND * size, corners.max(axis=0) + AROUND * size])
+    span = 2 if data.mesh.plane else directions(data.mesh.points, surface)[0]
     half = float(points[:, span].min() + points[:, span].max()) / 2
-    return (
-        CutPlane(span, half, "section at half span", around),
-        CutPlane(
-            chord,
-            float(station),
-            "section along the span, close to the inner end",
-            np.array([middle - close, middle + close]),
-        ),
-    )
-
-
-def _windows(data: ReportData, box: Box) -> tuple[CutPlane, CutPlane]:
-    """Return the two views of a plane mesh."""
-    corners, z = box.hexahedron.corners, float(data.mesh.points[0, 2])
-    size = float(np.ptp(corners, axis=0).max())
-    worst, place = np.inf, corners.mean(axis=0)
-    for block, rows, sign in zip(data.mesh.cells, box.touched.rows, box.touched.orientation, strict=True):
-        if len(rows) and isinstance(block, Cells):
-            quality = drawn_quality(data.points, block, rows, sign)
-            if quality.min() < worst:
-                worst, place = float(quality.min()), data.points[block.nodes[rows[quality.argmin()]]].mean(axis=0)
-    around = np.array([corners.min(axis=0) - AROUND * size, corners.max(axis=0) + AROUND * size])
-    near = np.array([place - CLOSE * size, place + CLOSE * size])
-    return CutPlane(2, z, "the plane", around), CutPlane(2, z, "around the worst cell", near)
+    close = np.full(3, CLOSE * size)
+    off = np.abs(points[:, span] - half)
+    near = np.flatnonzero(off <= off.min() + BESIDE * np.ptp(points[:, span]))
+    moves = np.linalg.norm(data.points[surface.nodes[near]] - points[near], axis=1)
+    edge = surface.nodes[near[np.argmax(moves)]]
+    ends = np.array([data.mesh.points[edge], data.points[edge]])
+    what = "the plane" if data.mesh.plane else "section at half span"
+    found = [(what, corners.min(axis=0) - AROUND * size, corners.max(axis=0) + AROUND * size)]
+    if surface.axis is not None:
+        along = surface.axis.direction[span]
+        hinge = surface.axis.point + (half - surface.axis.point[span]) / (along or np.inf) * surface.axis.direction
+        found.append(("at the hinge", hinge - close, hinge + close))
+    found.append(("at the trailing edge", ends.min(axis=0) - close, ends.max(axis=0) + close))
+    return tuple(CutPlane(span, half, text, np.array([low, high])) for text, low, high in found)
 
 
 def slices(data: ReportData, box: Box, surface: MovedSurface) -> tuple[Figure, str]:
-    """Draw both planes of a surface before and after the deflection, and say what is seen.
-
-    Where a repair moved nodes, the mesh before it stands between the two.
-    """
-    names = {"before": "undeflected", "interpolated": f"{surface.turned}, before the repair", "after": surface.turned}
-    columns = len(data.states)
-    figure = Figure(figsize=(9.6, 9.0) if columns == 2 else (13.2, 8.2))
-    figure.subplots_adjust(left=0.09, right=0.86, bottom=0.06, top=0.92, wspace=0.28, hspace=0.28)
-    axes, texts = figure.subplots(2, columns), []
-    for row, plane in zip(axes, planes(data, box, surface), strict=True):
-        states = zip(row, data.states.items(), strict=True)
-        least = {name: draw_slice(one, data, points, box, plane, names[name]) for one, (name, points) in states}
+    """Draw the sections of a surface before and after the deflection, and say what is seen."""
+    cuts, texts = planes(data, box, surface), []
+    figure = Figure(figsize=(9.6, 4.0 * len(cuts)))
+    figure.subplots_adjust(left=0.09, right=0.86, bottom=0.05, top=0.94, wspace=0.28, hspace=0.28)
+    axes = figure.subplots(len(cuts), 2)
+    states = (("undeflected", data.mesh.points), (surface.turned, data.points))
+    for row, plane in zip(axes, cuts, strict=True):
+        pairs = zip(row, states, strict=True)
+        before, after = (draw_slice(one, data, points, box, plane, name) for one, (name, points) in pairs)
         place = f"{plane.what.capitalize()}, {AXES[plane.axis]} = {data.length.text(plane.station)}"
-        between = f"{least['interpolated']:.3f} before the repair, " if columns > 2 else ""
-        texts.append(
-            f"{place}: smallest of its cells {least['before']:.3f} before, {between}{least['after']:.3f} after."
-        )
+        texts.append(f"{place}: smallest of its cells {before:.3f} before, {after:.3f} after.")
     shades, measure = ScalarMappable(QUALITY_RANGE, QUALITY_MAP), drawn_measure(data.mesh)
     figure.colorbar(shades, cax=figure.add_axes(BAR), label=f"{measure} of a cell", extend="min")
     figure.suptitle(surface.name, fontsize="medium")
-    middle = "before the repair (middle) " if columns > 2 else ""
     return figure, (
-        f"Plane slices through the cells around {surface.name}, coloured by {measure}, before (left), {middle}"
-        "and after (right); walls are black, the box is dashed. " + " ".join(texts)
+        f"Sections through the cells around {surface.name}, coloured by {measure}, before (left) and after (right); "
+        "walls are black, the box is dashed. " + " ".join(texts)
     )
 
 

@@ -120,7 +120,7 @@ def test_pictures_over_each_other_have_the_same_axes(runs, tmp_path):
     """Labels and colours are the same to the pixel; what lies between them is not."""
     found = drawn(runs, tmp_path)
     assert found.missing == ()
-    assert [list(one.exhibits) for one in found.overlays] == 2 * [["undeflected", *(run.name for run in runs)]]
+    assert [list(one.exhibits) for one in found.overlays] == 3 * [["undeflected", *(run.name for run in runs)]]
     for one in found.overlays:
         images = [np.asarray(Image.open(exhibit.path).convert("RGB"), dtype=int) for exhibit in one.exhibits.values()]
         assert len({image.shape for image in images}) == 1
@@ -156,7 +156,7 @@ def test_a_plane_mesh_has_two_views_and_no_surface(tmp_path, monkeypatch):
     runs = read_runs(own)
     found = drawn(runs, tmp_path)
     assert [one.title for one in found.overlays] == [
-        f"hole: {what}, z = 0 mesh units" for what in ("the plane", "around the worst cell")
+        f"hole: {what}, z = 0 mesh units" for what in ("the plane", "at the hinge", "at the trailing edge")
     ]
     assert "centres, z" not in rows_of(runs)
 
