@@ -101,8 +101,8 @@ FAULTS = (
           "return -float(np.cross(arm, pressure[:, None] * area)", "studies/tests/flow"),
     Fault("lift along the wrong axis", "lift = np.array([-sin(a), 0.0, cos(a)])",
           "lift = np.array([sin(a), 0.0, cos(a)])", "studies/tests/flow"),
-    Fault("a page of another site is answered", 'if not known or origin not in (None, "", f"http://{request.host}"):',
-          "if not known:", "tests/cases/view/test_page.py"),
+    Fault("a page of another site is answered", ' or origin not in (None, f"http://{request.host}"):',
+          ":", "tests/cases/view/test_page.py"),
 )  # fmt: skip
 
 

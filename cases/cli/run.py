@@ -163,28 +163,37 @@ def compare(folders: tuple[Path, ...], out: Path, as_json: bool, quiet: bool, ve
 
 
 @click.command()
-@click.argument("folder", metavar="RUN", type=options.FILE)
+@click.argument("place", metavar="RUN|MESH", type=options.FILE)
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port on 127.0.0.1 (default: a free one).")
 @click.option("--open/--no-open", "show", default=True, help="Whether to open the page in the browser.")
 @options.progress_options
-def view(folder: Path, port: int, show: bool, quiet: bool, verbose: bool) -> None:
-    """Turn the surface of a finished run by a slider.
+def view(place: Path, port: int, show: bool, quiet: bool, verbose: bool) -> None:
+    """Look at a mesh, or turn the surface of a finished run by a slider.
 
     RUN is the folder of a run, or the one beside a deflected mesh. The mesh follows the slider with the centres of the
-    run. Nothing leaves this machine: the page is served on the loopback interface and draws in the browser. Ctrl-C ends
-    the command.
+    run. MESH is any mesh: click its patches for their names, and for a hinge. Nothing leaves this machine: the page is
+    served on the loopback interface and draws in the browser. Ctrl-C ends the command.
     """
-    from sdm_deflect.cases.view.serve import check_free, serve
+    from sdm_deflect.cases.view.serve import bound, serve
 
-    if port:
-        check_free(port)
-    with options.watched(quiet, verbose) as watch, watch.stage("factorising"):
-        from sdm_deflect.cases.finished import finished
-        from sdm_deflect.cases.view.page import Control, Page
-        from sdm_deflect.cases.view.run import InteractiveRun
+    seen = None
+    with bound(port) as own:
+        number = own.getsockname()[1]
+        with options.watched(quiet, verbose) as watch:
+            from sdm_deflect.cases.view.page import View, of_mesh
 
-        page = Page(Control.of(InteractiveRun.of(finished(folder))))
-    serve(page, port, show)
+            if place.is_dir() and not (place / "constant").is_dir():
+                from sdm_deflect.cases.finished import finished
+
+                with watch.stage("factorising"):
+                    seen = View.of(finished(place))
+                    page = seen.html(number)
+            else:
+                from sdm_deflect.cases.api import read
+
+                with watch.stage("read") as progress:
+                    page = of_mesh(read(place, progress), number)
+        serve(own, page, seen, show)
 
 
 @click.command()

@@ -273,11 +273,12 @@ def unrepaired(points: FloatArray, moved: FloatArray | None) -> FloatArray | Non
 
 def in_view(mesh: Mesh, parts: tuple[str, ...]) -> tuple[str, ...]:
     """Return the patches that pictures show: `parts`, and those not much larger, so no far field that hides them."""
-    reach = LARGER * _diagonal(mesh.points[mesh.on(*parts)])
-    return tuple(p.name for p in mesh.patches if p.name in parts or _diagonal(mesh.points[p.nodes]) <= reach)
+    reach = LARGER * diagonal(mesh.points[mesh.on(*parts)])
+    return tuple(p.name for p in mesh.patches if p.name in parts or diagonal(mesh.points[p.nodes]) <= reach)
 
 
-def _diagonal(points: FloatArray) -> float:
+def diagonal(points: FloatArray) -> float:
+    """Return the length of the extents of points (N, 3)."""
     return float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 0.0
 
 

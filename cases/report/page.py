@@ -9,7 +9,7 @@ from importlib.resources import files
 from io import BytesIO
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader, StrictUndefined, TemplateError
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined, TemplateError
 from markupsafe import Markup
 from PIL import Image
 
@@ -36,32 +36,41 @@ def write_report(data: ReportData, gallery: Gallery, folder: Path) -> None:
     (folder / "report.html").write_text(page(data, gallery), encoding="utf-8")
 
 
-def page(data: ReportData, gallery: Gallery) -> str:
-    """Return the page; every text in it is escaped, and no script but its own two can run.
+def templates(*folders: str) -> Environment:
+    """Return the templates of packages; every text in a page is escaped."""
+    loaders = ChoiceLoader([PackageLoader(folder, ".") for folder in folders])
+    return Environment(loader=loaders, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
 
-    Raises InputError if figures are missing that it shows.
-    """
-    data = data.near
+
+def picture(data: ReportData, scene: Json, most_cells: int = MOST_CELLS, connected: str = "'none'") -> Json:
+    """Return what `picture.html` shows; no script but its own two can run, and they ask `connected` alone."""
     library, viewer = files(HERE).joinpath(LIBRARY).read_bytes(), read(HERE, "viewer.js")
-    loader = PackageLoader(HERE, ".")
-    jinja = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    jinja.filters |= {"pixels": pixels, "meaning": meaning, "kernel": kernel_text}
-    jinja.filters["remedy"] = lambda check: REMEDIES.get(check.partition(":")[0], "")
-    shown = {
+    return {
         "data": data,
-        "figures": data.figures,
-        "gallery": gallery,
-        "measure": drawn_measure(data.mesh),
-        "scene": dict(zip(("data", "arrays"), packed(turnable(data)), strict=True)),
+        "scene": dict(zip(("data", "arrays"), packed(scene), strict=True)),
         "touched": sum(box.touched.count for box in data.boxes),
-        "most_cells": MOST_CELLS,
-        "toml_file": b64encode(data.settings.encode()).decode("ascii"),
-        "surroundings": surroundings(),
-        "versions": versions(),
+        "most_cells": most_cells,
         "style": style(),
         "library": b64encode(library).decode("ascii"),
         "viewer": viewer,
-        "policy": policy([decompress(library).decode(), viewer]),
+        "policy": policy([decompress(library).decode(), viewer], connected),
+    }
+
+
+def page(data: ReportData, gallery: Gallery) -> str:
+    """Return the page of a run; InputError if figures are missing that it shows."""
+    data = data.near
+    jinja = templates(HERE)
+    jinja.filters |= {"pixels": pixels, "meaning": meaning, "kernel": kernel_text}
+    jinja.filters["remedy"] = lambda check: REMEDIES.get(check.partition(":")[0], "")
+    shown = {
+        **picture(data, turnable(data)),
+        "figures": data.figures,
+        "gallery": gallery,
+        "measure": drawn_measure(data.mesh),
+        "toml_file": b64encode(data.settings.encode()).decode("ascii"),
+        "surroundings": surroundings(),
+        "versions": versions(),
     }
     with damaged(Path("metrics.json"), "table of a run's figures"):
         shown["qualities"] = list(qualities(data))
@@ -92,10 +101,11 @@ def qualities(data: ReportData) -> Iterator[tuple[str, str, Quality | Json]]:
             yield box.name, STATES["after_pinned"], one
 
 
-def policy(scripts: Iterable[str]) -> str:
-    """Return the content security policy: nothing from any network, no script but these."""
+def policy(scripts: Iterable[str], connected: str = "'none'") -> str:
+    """Return the content security policy: nothing from any network but `connected`, no script but these."""
     hashes = " ".join(f"'sha256-{b64encode(sha256(one.encode()).digest()).decode('ascii')}'" for one in scripts)
-    return f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'"
+    allowed = f"script-src {hashes}; connect-src {connected}; style-src 'unsafe-inline'; img-src data: blob:"
+    return f"default-src 'none'; {allowed}; base-uri 'none'"
 
 
 def style() -> Markup:

@@ -44,16 +44,18 @@ ARRAYS = frozenset(
     ("points", "moved", "interpolated", "faces", "edges", "cell", "before", "after", "unrepaired", "segments")
 )
 """Names under which a scene holds arrays."""
+KEPT = frozenset(("nodes", "rows"))
+"""Arrays that a page does not get: nodes of the mesh, and rows among the cells that touch a box."""
 
 
-def turnable(data: ReportData) -> Json:
+def turnable(data: ReportData, most_cells: int = MOST_CELLS, most_triangles: int = MOST_TRIANGLES) -> Json:
     """Return patches, hexahedra, sites, centres and cells of a run, before and after."""
     edges = scene3d.BOX_EDGES
     return {
-        "patches": list(patches(data)),
+        "patches": list(patches(data, most_triangles)),
         "boxes": [{"name": one.name, "segments": single(_corners_shown(data, one)[edges])} for one in data.boxes],
         "dots": list(dots(data)),
-        "cells": cells(data),
+        "cells": cells(data, most_cells),
         "views": list(views(data)),
         "colours": {
             "range": [scene3d.QUALITY_RANGE.vmin, scene3d.QUALITY_RANGE.vmax],
@@ -70,15 +72,15 @@ def turnable(data: ReportData) -> Json:
     }
 
 
-def patches(data: ReportData) -> Iterator[Json]:
+def patches(data: ReportData, most: int) -> Iterator[Json]:
     """Yield the surface meshes; faces point out of the body, as lighting wants them."""
-    inside = np.concatenate([one.nodes for one in data.boxes])
+    inside = union(*(one.nodes for one in data.boxes))
     moving = [name for one in data.surfaces for name in one.patches]
     for patch in data.mesh.patches:
         if patch.name not in (*data.drawn, *data.hidden) or not patch.faces:
             continue
         whole = scene3d.triangles_of(patch.faces)
-        shown = thinned(data.mesh, patch, inside) if len(whole) > MOST_TRIANGLES else whole
+        shown = thinned(data.mesh, patch, inside, most) if len(whole) > most else whole
         thin = len(shown) < len(whole)
         yield {
             "name": f"{patch.name} (thinned)" if thin else patch.name,
@@ -96,14 +98,14 @@ def _edges(patch: Patch) -> IntArray | None:
     return np.unique(np.sort(edges_of(polygons_of(patch.faces))[0], axis=1), axis=0)
 
 
-def thinned(mesh: Mesh, patch: Patch, keep: IntArray) -> IntArray:
-    """Return fewer triangles (F, 3) of a patch: nodes in one box of a lattice become the one in its middle.
+def thinned(mesh: Mesh, patch: Patch, keep: IntArray, most: int = MOST_TRIANGLES) -> IntArray:
+    """Return about `most` triangles (F, 3) of a patch: nodes in one box of a lattice become the one in its middle.
 
     The nodes `keep` (K,) stay, and all on creases and on what the patch shares with others.
     """
     triangles, faces = scene3d.triangles_of(patch.faces), polygons_of(patch.faces)
     a, b, c = mesh.points[triangles].transpose(1, 0, 2)
-    size = np.sqrt(1.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / MOST_TRIANGLES)
+    size = np.sqrt(1.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / most)
     nodes = distinct(triangles)
     place = mesh.points[nodes] / size
     nodes = nodes[np.argsort(np.linalg.norm(place % 1.0 - 0.5, axis=1), kind="stable")]
@@ -133,6 +135,8 @@ def _side(mesh: Mesh, patch: Patch) -> IntArray:
 
 def dots(data: ReportData) -> Iterator[Json]:
     """Yield data sites of all surfaces, and the centres of each direction."""
+    if not data.boxes:
+        return
     sites = [data.mesh.points[one.sites] for one in data.boxes]
     yield _dots("sites", "sites on the surface", sites, scene3d.ORANGE)
     yield _dots("sites", "sites of zero displacement", [one.zero for one in data.boxes], scene3d.BLUE)
@@ -142,24 +146,24 @@ def dots(data: ReportData) -> Iterator[Json]:
             yield _dots("centres", f"centres for {direction}", own, colour)
 
 
-def cells(data: ReportData) -> Json:
+def cells(data: ReportData, most: int) -> Json:
     """Return the worst cells that touch a hexahedron, by their quality before or after, and how many there are."""
     found = []
-    for i, block in enumerate(data.mesh.cells):
+    for i, block in enumerate(data.mesh.cells if data.boxes else ()):
         rows = union(*(one.touched.rows[i] for one in data.boxes))
         sign = data.boxes[0].touched.orientation[i]
         states = (data.mesh.points, data.points, *([] if data.interpolated is None else [data.interpolated]))
         qualities = [drawn_quality(points, block, rows, sign) for points in states]
         found.append((block, rows, np.array(qualities)))
     worst = np.concatenate([np.empty(0), *(pair.min(axis=0) for _, _, pair in found)])
-    limit = np.partition(worst, MOST_CELLS - 1)[MOST_CELLS - 1] if len(worst) > MOST_CELLS else np.inf
-    groups = []
-    for block, rows, pair in found:
+    limit = np.partition(worst, most - 1)[most - 1] if len(worst) > most else np.inf
+    groups, starts = [], np.cumsum([0, *(len(rows) for _, rows, _ in found)])
+    for start, (block, rows, pair) in zip(starts, found, strict=False):
         kept = np.flatnonzero(pair.min(axis=0) <= limit)
         corners = _corners(block, rows[kept])
         names = ("before", "after", "unrepaired")
         values = {name: single(own[kept]) for name, own in zip(names, pair, strict=False)}
-        groups.append({**corners[0], **values, **_both(data, corners[1])})
+        groups.append({**corners[0], **values, **_both(data, corners[1]), "rows": integers(start + kept)})
     return {"all": len(worst), "groups": groups}
 
 
@@ -217,6 +221,11 @@ def integers(values: IntArray) -> str:
     return b64encode(values.astype("<u4").tobytes()).decode("ascii")
 
 
+def indices_of(text: str) -> IntArray:
+    """Return what `integers` made a text of."""
+    return np.frombuffer(b64decode(text), dtype="<u4").astype(np.intp)
+
+
 def packed(scene: Json) -> tuple[str, str]:
     """Return a scene as two texts, base64 of compressed ones: the JSON with places of arrays, and the arrays.
 
@@ -232,6 +241,7 @@ def packed(scene: Json) -> tuple[str, str]:
             return {
                 name: placed(own) if name not in ARRAYS or own is None else place(own, bases.get(name))
                 for name, own in value.items()
+                if name not in KEPT
             }
         return [placed(own) for own in value] if isinstance(value, list) else value
 
@@ -258,6 +268,7 @@ def _both(data: ReportData, faces: IntArray, edges: IntArray | None = None) -> J
     before, after = data.mesh.points[nodes], data.points[nodes]
     between = after if data.interpolated is None else data.interpolated[nodes]
     return {
+        "nodes": integers(nodes),
         "points": single(before),
         "moved": None if np.array_equal(before, after) else single(after),
         "interpolated": None if np.array_equal(between, after) else single(between),

@@ -18,7 +18,7 @@
   }
 
   function without(reason) {
-    control("controls").hidden = true;
+    for (const name of ["controls", "turns"]) control(name).hidden = true;
     plot.classList.add("empty");
     plot.textContent = "The picture cannot be drawn: " + reason + " All else on this page is complete.";
   }
@@ -55,7 +55,7 @@
   function unpacked(part) {
     const points = lengthsOf(part.points), moved = part.moved ? movedOf(part.moved, part.points) : points;
     return {
-      ...part, points, moved, interpolated: part.interpolated ? movedOf(part.interpolated, part.points) : moved,
+      ...part, points, moved, aimed: moved, interpolated: part.interpolated ? movedOf(part.interpolated, part.points) : moved,
       goes: Boolean(part.moved), faces: indices(part.faces),
     };
   }
@@ -76,7 +76,7 @@
   const distances = (part, points) => Float32Array.from({ length: points.length / 3 }, (_, i) => (
     Math.hypot(...[0, 1, 2].map((c) => points[3 * i + c] - part.points[3 * i + c]))));
   const moving = patches.filter((one) => one.goes);
-  const farthest = Math.max(0, ...moving.map((one) => distances(one, one.moved).reduce((most, each) => Math.max(most, each), 0)));
+  const farthest = () => Math.max(0, ...moving.map((one) => distances(one, one.moved).reduce((most, each) => Math.max(most, each), 0)));
   const coloured = () => control("colour").value;
   const viewed = () => data.views[control("view").value];
   const shownPatches = new Set(patches.filter((one) => !one.hidden).map((one) => one.name));
@@ -92,12 +92,16 @@
     return Uint32Array.from(Array.from(seen.values()).flat());
   }
 
+  // The axis (-1: none) and the place of the section.
+  function section() {
+    const axis = "xyz".indexOf(control("axis").value), { low, high } = viewed();
+    return [axis, axis < 0 ? 0 : low[axis] + Number(control("place").value) / 100 * (high[axis] - low[axis])];
+  }
+
   // Whether the plane of the section cuts a cell, by its row of nodes.
   function cutter(group) {
-    const axis = "xyz".indexOf(control("axis").value), points = at(group);
+    const [axis, place] = section(), points = at(group);
     if (axis < 0) return () => true;
-    const view = viewed(), place = view.low[axis] + Number(control("place").value) / 100 * (view.high[axis] - view.low[axis]);
-    control("where").textContent = `${"xyz"[axis]} = ${place.toPrecision(4)} ${data.unit}`;
     return (first, corners) => {
       let above = false, below = false;
       for (let i = first; i < first + corners; i += 1) {
@@ -113,6 +117,8 @@
     const light = new THREE.DirectionalLight("#ffffff", 1.3);
     renderer.setPixelRatio(window.devicePixelRatio);
     renderer.autoClear = false;
+    renderer.localClippingEnabled = true;
+    const knife = new THREE.Plane();
     camera.up.set(0, data.plane ? 1 : 0, data.plane ? 0 : 1);
     light.position.set(-0.4, 0.8, 1);
     camera.add(light, light.target);
@@ -128,14 +134,14 @@
       const geometry = new THREE.BufferGeometry();
       geometry.setAttribute("position", points);
       if (pairs) geometry.setIndex(new THREE.BufferAttribute(pairs, 1));
-      const lines = new THREE.LineSegments(geometry, new THREE.LineBasicMaterial({ color: colour }));
+      const lines = new THREE.LineSegments(geometry, new THREE.LineBasicMaterial({ color: colour, clippingPlanes: [] }));
       lines.frustumCulled = false;
       scene.add(lines);
       return lines;
     }
     function solid() {
       const material = new THREE.MeshLambertMaterial({
-        flatShading: true, side: THREE.DoubleSide, polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 });
+        flatShading: true, side: THREE.DoubleSide, clippingPlanes: [], polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 });
       const mesh = new THREE.Mesh(new THREE.BufferGeometry(), material);
       mesh.frustumCulled = false;
       scene.add(mesh);
@@ -148,7 +154,8 @@
       patch.mesh.geometry.setAttribute("position", shared);
       patch.mesh.geometry.setIndex(new THREE.BufferAttribute(patch.faces, 1));
       patch.wire = segments(shared, patch.edges, "#222222");
-      patch.outline = segments(positions(patch.points), patch.edges, "#0072b2");
+      const off = (i) => [0, 1, 2].some((c) => patch.points[3 * i + c] !== patch.moved[3 * i + c]);
+      patch.outline = segments(positions(patch.points), patch.edges.filter((_, i) => off(patch.edges[i - i % 2]) || off(patch.edges[i - i % 2 + 1])), "#0072b2");
     }
     for (const group of groups) group.mesh = solid();
     const outlines = boxes.map((points) => segments(positions(points), null, "#cc00cc"));
@@ -191,9 +198,14 @@
     function surface(patch) {
       const view = viewed(), visible = shownPatches.has(patch.name) && (!view.near || view.near.includes(patch.own));
       const shared = patch.mesh.geometry.getAttribute("position"), shaded = coloured() === "displacement";
-      shared.array.set(at(patch));
-      shared.needsUpdate = true;
-      if (shaded) patch.mesh.geometry.setAttribute("color", shades(distances(patch, at(patch)), data.colours.displacement, [0, farthest]));
+      const cut = section()[0] < 0 ? [] : [knife];
+      if (patch.drawn !== at(patch)) {
+        patch.drawn = at(patch);
+        shared.array.set(patch.drawn);
+        shared.needsUpdate = true;
+      }
+      for (const one of [patch.mesh, patch.wire]) one.material.clippingPlanes = cut;
+      if (shaded) patch.mesh.geometry.setAttribute("color", shades(distances(patch, at(patch)), data.colours.displacement, [0, farthest()]));
       patch.mesh.material.vertexColors = shaded;
       patch.mesh.material.color.set(shaded ? "#ffffff" : patch.colour);
       patch.mesh.material.needsUpdate = true;
@@ -223,7 +235,8 @@
       const count = values.filter((value) => value < threshold).length;
       control("count").textContent = `${count} of ${data.cells.all} cells below ${threshold.toFixed(2)}, ` +
         `${values.filter((value) => value <= 0).length} inverted`;
-      if (control("axis").value === "none") control("where").textContent = "";
+      const [axis, place] = section();
+      control("where").textContent = axis < 0 ? "" : `${"xyz"[axis]} = ${place.toPrecision(4)} ${data.unit}`;
       const [scale, range] = change ? [data.colours.change, data.colours.changes] : [data.colours.shades, data.colours.range];
       for (const group of groups) {
         group.mesh.visible = control("cells").checked && count > 0;
@@ -236,7 +249,7 @@
         group.mesh.material.vertexColors = true;
       }
       control("bar").hidden = true;
-      if (coloured() === "displacement") bar("displacement, " + data.unit, data.colours.displacement, [0, farthest]);
+      if (coloured() === "displacement") bar("displacement, " + data.unit, data.colours.displacement, [0, farthest()]);
       else if (control("cells").checked && count) bar(change ? "change of " + data.measure : data.measure, scale, range);
     }
 
@@ -260,6 +273,12 @@
 
     function render() {
       const [wide, high] = [plot.clientWidth, plot.clientHeight];
+      const [axis, place] = section();
+      if (axis >= 0) { // patches are cut away on the eye's side
+        const side = Math.sign(camera.position.getComponent(axis) - controls.target.getComponent(axis)) || 1;
+        knife.normal.set(0, 0, 0).setComponent(axis, -side);
+        knife.constant = side * place;
+      }
       renderer.setViewport(0, 0, wide, high);
       renderer.clear();
       renderer.render(scene, camera);
@@ -308,7 +327,7 @@
     function framed() {
       const view = viewed(), parts = view.near ? moving.filter((one) => view.near.includes(one.own)) : [];
       if (!parts.length) return view;
-      const ends = (pick) => [0, 1, 2].map((c) => parts.reduce((found, one) => one.moved.reduce(
+      const ends = (pick) => [0, 1, 2].map((c) => parts.reduce((found, one) => one.aimed.reduce(
         (each, value, i) => (i % 3 === c ? pick(each, value) : each), found), pick === Math.min ? Infinity : -Infinity));
       const low = ends(Math.min), high = ends(Math.max);
       return { low: low.map((one, c) => 1.5 * one - 0.5 * high[c]), high: high.map((one, c) => 1.5 * one - 0.5 * low[c]) };
@@ -316,7 +335,7 @@
     // The camera looks from the side to which the surfaces move.
     function first() {
       const { low, high } = framed(), middle = new THREE.Vector3(...low.map((one, c) => (one + high[c]) / 2));
-      const rise = moving.reduce((sum, one) => sum + one.moved.reduce((each, value, i) => each + (i % 3 === 2 ? value - one.points[i] : 0), 0), 0);
+      const rise = moving.reduce((sum, one) => sum + one.aimed.reduce((each, value, i) => each + (i % 3 === 2 ? value - one.points[i] : 0), 0), 0);
       const side = low[1] + high[1] > 2 * data.middle + 1e-3 * (high[1] - low[1]) ? -1 : 1;
       const from = data.plane ? [0, 0, 1] : [1.1, -0.9 * side, rise < 0 ? -0.75 : 0.75];
       const size = Math.hypot(...high.map((one, c) => one - low[c]));
@@ -372,7 +391,8 @@
       const frame = canvas.getBoundingClientRect(), ray = new THREE.Raycaster();
       const place = new THREE.Vector2(2 * (event.clientX - frame.left) / frame.width - 1, 1 - 2 * (event.clientY - frame.top) / frame.height);
       ray.setFromCamera(place, camera);
-      const [hit] = ray.intersectObjects(patches.map((one) => one.mesh).filter((one) => one.visible), false);
+      const hit = ray.intersectObjects(patches.map((one) => one.mesh).filter((one) => one.visible), false).find((one) => (
+        one.object.material.clippingPlanes.every((plane) => plane.distanceToPoint(one.point) >= 0)));
       if (!hit) return;
       const { patch } = hit.object, points = at(patch), node = [hit.face.a, hit.face.b, hit.face.c].reduce((best, one) => {
         const off = (i) => Math.hypot(...hit.point.toArray().map((value, c) => value - points[3 * i + c]));
@@ -382,6 +402,89 @@
       ends.push((data.plane ? own.slice(0, 2) : own).join(","));
       const hinge = ends.length > 1 && !data.plane ? `; --hinge ${ends.slice(-2).join(" ")}` : "";
       control("picked").textContent = `${patch.own}, undeflected node at ${ends[ends.length - 1]}${hinge}`;
+    }
+
+    // Put the section through the cell of lowest quality.
+    function worst() {
+      let least = [Infinity];
+      for (const group of groups) group.quality[state].forEach((value, cell) => { if (value < least[0]) least = [value, group, cell]; });
+      if (!least[1]) return;
+      if (control("axis").value === "none") control("axis").value = "y";
+      const [, group, cell] = least, axis = section()[0], points = at(group), found = [];
+      for (let row = 0; row < group.faces.length / group.corners; row += 1) {
+        if ((group.cell ? group.cell[row] : row) !== cell) continue;
+        for (let k = 0; k < group.corners; k += 1) found.push(points[3 * group.faces[row * group.corners + k] + axis]);
+      }
+      const place = (Math.min(...found) + Math.max(...found)) / 2;
+      if (place < viewed().low[axis] || place > viewed().high[axis]) control("view").value = String(data.views.length - 1);
+      control("place").value = String(100 * (place - viewed().low[axis]) / (viewed().high[axis] - viewed().low[axis]));
+      control("cells").checked = true;
+      control("threshold").value = 1;
+      draw();
+    }
+
+    // `sdm view`: the server answers an angle by the points and the qualities there; `cases.view.page` says how.
+    function live({ angle, repairs, command }) {
+      const socket = new WebSocket(`ws://${location.host}/ws`), slider = control("angle"), typed = control("typed");
+      let waiting = false, next = null, rest = 0, since = 0, shown = angle;
+      socket.binaryType = "arraybuffer";
+      history.replaceState(null, "", "/"); // the secret is a cookie from now on
+      function ask(wish) {
+        clearTimeout(rest);
+        if (waiting) { next = wish; return; }
+        [waiting, since] = [true, performance.now()];
+        socket.send(JSON.stringify(wish));
+      }
+      function spans({ low, high, verified, sentence }) {
+        const share = (one) => `${100 * (one - low) / (high - low)}%`, [start, end] = verified.map(share);
+        Object.assign(slider, { min: low, max: high, value: shown });
+        control("band").style.background = `linear-gradient(90deg, var(--line) ${start}, var(--good) ${start} ${end}, var(--line) ${end})`;
+        control("range").textContent = sentence;
+      }
+      function moved(buffer) {
+        const length = new DataView(buffer).getUint32(0, true), words = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
+        const values = new Float32Array(buffer, 4 + length);
+        let start = 0;
+        const taken = (count) => values.subarray(start, start += count);
+        for (const part of [...moving, ...groups]) {
+          part.moved = taken(part.points.length).map((value) => data.factor * value);
+          if (part.quality) part.quality.deflected = taken(part.quality.undeflected.length);
+        }
+        shown = words.angle;
+        if (!next) slider.value = shown;
+        if (document.activeElement !== typed) typed.value = shown;
+        control("status").textContent = words.status;
+        control("status").classList.toggle("bad", !words.verified);
+        control("notes").textContent = words.notes.join(" ");
+        control("said").textContent = "";
+        state = "deflected";
+        control("deflected").checked = true;
+        draw();
+        plot.dataset.angle = shown;
+        requestAnimationFrame(() => { plot.dataset.milliseconds = Math.round(performance.now() - since); });
+        if (repairs && !words.rests) rest = setTimeout(() => ask({ angle: shown, rests: true }), 300);
+      }
+      socket.addEventListener("message", ({ data: answer }) => {
+        const words = typeof answer === "string" ? JSON.parse(answer) : null;
+        if (words && words.low !== undefined) return spans(words);
+        waiting = false;
+        if (words) control("said").textContent = words.said; else moved(answer);
+        if (next) { const wish = next; next = null; ask(wish); }
+      });
+      socket.addEventListener("open", () => ask({ angle, rests: true }));
+      socket.addEventListener("close", () => {
+        control("said").textContent = "sdm view has ended, or its machine cannot be reached. Start it again, and open the address that it prints.";
+        document.querySelectorAll("#scene-live :is(input, button)").forEach((one) => { one.disabled = true; });
+      });
+      slider.addEventListener("input", () => { typed.value = slider.value; ask({ angle: Number(slider.value) }); });
+      typed.addEventListener("change", () => ask({ angle: typed.value }));
+      typed.addEventListener("keydown", ({ key }) => { if (key === "Enter") ask({ angle: typed.value }); });
+      control("mesh").addEventListener("click", () => ask({ save: true }));
+      control("command").addEventListener("click", () => {
+        const text = command.replaceAll("ANGLE", shown);
+        navigator.clipboard.writeText(text).catch(() => {});
+        control("said").textContent = text;
+      });
     }
 
     function offered() {
@@ -409,6 +512,7 @@
       }
       control("threshold").addEventListener("input", () => { control("cells").checked = true; draw(); });
       control("place").addEventListener("input", () => { if (control("axis").value !== "none") draw(); });
+      control("worst").addEventListener("click", worst);
       for (const one of document.querySelectorAll("input[name=state]")) {
         one.addEventListener("change", () => { state = one.id.slice("scene-".length); draw(); });
       }
@@ -428,6 +532,7 @@
     offered();
     first();
     draw();
+    if (data.live) live(data.live);
   }
 
   // The page's policy allows the library because it knows its digest: nothing else runs.

@@ -11,12 +11,12 @@ LIBRARIES = ("numpy", "scipy", "numba", "h5py", "click", "rich", "threadpoolctl"
 """What every command needs."""
 OPTIONAL = (
     "cadquery", "cadquery-ocp", "gmsh", "pymeshlab", "pytetwild", "trimesh", "rtree", "vtk", "pyvista", "meshio",
-    "matplotlib", "pillow", "jinja2", "trame",
+    "matplotlib", "pillow", "jinja2", "aiohttp",
 )  # fmt: skip
 """What extras bring."""
 EXTRAS = {
     "report": ("jinja2", "markupsafe", "matplotlib", "PIL"),
-    "view": ("trame", "trame_client", "trame_vtk", "trame_vuetify", "aiohttp", "pyvista", "vtkmodules"),
+    "view": ("aiohttp",),
     "aircraft": ("cadquery", "OCP", "gmsh", "meshio", "pymeshlab", "pytetwild", "rtree", "trimesh"),
     "cluster": ("cryptography", "dask", "distributed"),
 }

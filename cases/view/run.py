@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.cases.report.data import FLAT, drawn_measure, name_of
+from sdm_deflect.cases.report.data import FLAT, name_of
 from sdm_deflect.cases.report.finished import Display, FinishedRun
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
@@ -220,16 +220,6 @@ class InteractiveRun:
         """Raise InputError if a surface cannot move to its share of the angle within its box."""
         for box, factor in zip(self.boxes, self.factors, strict=True):
             box.check(factor * angle)
-
-    def centers(self, frame: DeflectedMesh) -> FloatArray:
-        """Return the centres (C, 3) of all directions, those on the surfaces where these are now."""
-        pairs = zip(self.boxes, self.factors, strict=True)
-        return np.vstack([box.centers(factor * frame.angle, frame.points) for box, factor in pairs])
-
-    @property
-    def measure(self) -> str:
-        """What the colours of cells mean."""
-        return drawn_measure(self.mesh)
 
     def _judged(self, points: FloatArray) -> tuple[FloatArray, IntArray]:
         """Return the quality (L,) of the cells touched, and the rows of the inverted ones."""

@@ -113,15 +113,6 @@ class PreparedStep:
         error = max(one.add(values, found) for one in self.all)
         return Moved(state.moved(move, slid, found), max(off, error))
 
-    def centers(self, points: FloatArray) -> FloatArray:
-        """Return the centres (C, 3) of all directions, those on the moving surface where it is in points (N, 3)."""
-        own = self.state.sites.moving[self.state.sites.distinct]
-        chosen = [one.basis.chosen for one in self.all]
-        on = np.unique(np.concatenate([rows[rows < len(own)] for rows in chosen]))
-        sites = [one.basis.kernel.problem.sites.points for one in self.all]
-        others = [at[rows[rows >= len(own)]] for at, rows in zip(sites, chosen, strict=True)]
-        return np.unique(np.vstack([points[own[on]], *others]), axis=0)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreparedDeflection:
@@ -179,10 +170,6 @@ class PreparedDeflection:
         found = self.steps[k](target - reached)
         found.points[plan.sites.moving] = plan.mesh.points[plan.sites.moving] + target
         return found
-
-    def centers(self, angle: float, points: FloatArray) -> FloatArray:
-        """Return the centres (C, 3) that serve an angle, with the mesh at points (N, 3)."""
-        return self.steps[self.step(angle)].centers(points)
 
 
 def _rows(state: StepStart, sites: DataSites, centers: Mapping[int, FloatArray]) -> IntArray:

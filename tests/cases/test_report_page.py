@@ -190,15 +190,14 @@ def test_turnable_picture_holds_the_meshes(tail_run):
     np.testing.assert_allclose(points, run.deflected.points[run.mesh.on("tail_left")], atol=1e-6)
 
 
-def test_large_patches_are_thinned_away_from_the_hexahedra(tail_run, monkeypatch):
+def test_large_patches_are_thinned_away_from_the_hexahedra(tail_run):
     run, _ = tail_run
     data = data_of(run)
     mesh = data.mesh
     inside = data.boxes[0].nodes
-    monkeypatch.setattr("sdm_deflect.cases.report.turnable.MOST_TRIANGLES", 150)
     for name in ("fuselage", "tail_left", "tail_right"):
         whole = triangles_of(mesh.patch(name).faces)
-        shown = thinned(mesh, mesh.patch(name), inside)
+        shown = thinned(mesh, mesh.patch(name), inside, 150)
         edges, ends = ({tuple(sorted(pair)) for pair in sides(one)} for one in (shown, whole))
         counts = Counter(tuple(sorted(pair)) for pair in sides(whole))
         assert set(shown.ravel()) <= set(whole.ravel())
@@ -207,7 +206,7 @@ def test_large_patches_are_thinned_away_from_the_hexahedra(tail_run, monkeypatch
         assert set(map(tuple, fixed)) <= set(map(tuple, shown))
         assert (len(shown) < 0.8 * len(whole)) == (name != "tail_left")
         assert area(mesh.points[shown]) == pytest.approx(area(mesh.points[whole]), rel=0.1)
-    names = {one["name"] for one in turnable(data)["patches"]}
+    names = {one["name"] for one in turnable(data, most_triangles=150)["patches"]}
     assert {"fuselage (thinned)", "tail_left"} <= names
 
 

@@ -9,8 +9,8 @@ import pytest
 from scipy.spatial import cKDTree
 
 from sdm_deflect.cases.report.folder import FinishedJob
-from sdm_deflect.cases.view.pieces import ClipPlane, ViewPieces, outline
-from sdm_deflect.cases.view.run import InteractiveRun
+from sdm_deflect.cases.report.turnable import indices_of
+from sdm_deflect.cases.view.page import View
 from sdm_deflect.deform.mesh.quality import inverted_of
 from sdm_deflect.meshing.formats.registry import read
 from tests.calls import sdm
@@ -66,13 +66,12 @@ def test_settings_page_and_view_of_a_plane_mesh(folder, deflected, capsys):
     page = (report / "report.html").read_bytes()
     assert sdm("report", str(report), "--quiet") == 0
     assert len((report / "report.html").read_bytes()) == pytest.approx(len(page), rel=0.01)
-    run = InteractiveRun.of(FinishedJob.of(report))
-    pieces, frame = ViewPieces.of(run), run.at(-20.0)
-    shown = pieces.moving(frame, ClipPlane(2, 0.0), None)
-    assert len(shown["section"].sizes) == run.touched.count
-    assert set(shown["section"].sizes.tolist()) == {3, 4}
-    assert len(outline(run).sizes) == len(run.mesh.patch("flap"))
+    view = View.of(FinishedJob.of(report))
+    _, frame = view.answer({"angle": -20.0}, None)
     assert frame.verified
+    shown = {len(one["table"]): len(indices_of(one["rows"])) for one in view.scene["cells"]["groups"]}
+    assert sum(shown.values()) == view.run.touched.count
+    assert set(shown) == {3, 6}
     capsys.readouterr()
 
 

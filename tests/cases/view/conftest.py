@@ -12,7 +12,7 @@ from sdm_deflect.cases.aircraft.run_folder import FinishedCase, write_deformatio
 from sdm_deflect.cases.api import deflect, read
 from sdm_deflect.cases.report.folder import FinishedJob, settings_of, write_deflected
 from sdm_deflect.cases.run.mesh_files import SETTINGS, write_mesh
-from sdm_deflect.cases.run.output import write_interpolants
+from sdm_deflect.cases.run.output import write_convergence, write_interpolants
 from sdm_deflect.cases.view.run import InteractiveRun
 from sdm_deflect.deform.base.progress import silent
 from sdm_deflect.deform.volume.deflection import Deflections, adapted_steps, deflected
@@ -28,6 +28,7 @@ def bare_run(tmp_path_factory, make_mesh):
         found = solve(plan, plan.angle)
         folder = tmp_path_factory.mktemp(case.name)
         write_deformation(folder, case, mesh.with_points(found.points), found, None)
+        write_figures(folder, found)
         return folder
 
     return run
@@ -50,12 +51,22 @@ def bare_deflection(tmp_path_factory):
     return run
 
 
+def words(answer):
+    """What an answer to a page says; its numbers follow."""
+    return json.loads(answer[4 : 4 + int.from_bytes(answer[:4], "little")])
+
+
+def write_figures(folder, one):
+    figures = {"mesh": {"points": len(one.points)}, "validation": {"checks": []}}
+    (folder / "metrics.json").write_text(json.dumps(figures), encoding="utf-8")
+
+
 def written(folder, one):
     """Write the settings, points and centres of a deflection; return the folder."""
     folder.mkdir()
     (folder / SETTINGS).write_text(tomli_w.dumps(settings_of(one, folder, folder)), encoding="utf-8")
-    figures = {"mesh": {"points": len(one.points)}}
-    (folder / "metrics.json").write_text(json.dumps(figures), encoding="utf-8")
+    write_figures(folder, one)
+    write_convergence(folder / "convergence.csv", one.boxes)
     write_deflected(folder / "deflected.vtu", one)
     write_interpolants(folder / "interpolant.npz", one.boxes)
     return folder

@@ -1,14 +1,15 @@
 """Deflections of any mesh on display: every type of cell, sliding patches, tables, several surfaces in one box."""
 
+import re
+from shlex import split
+
 import numpy as np
 import pytest
 
 from sdm_deflect.cases.api import read
 from sdm_deflect.cases.report.folder import FinishedJob
 from sdm_deflect.cases.run.mesh_files import write_mesh
-from sdm_deflect.cases.view.labels import about, facts
-from sdm_deflect.cases.view.page import Control
-from sdm_deflect.cases.view.pieces import ClipPlane, ViewPieces
+from sdm_deflect.cases.view.page import View
 from sdm_deflect.cases.view.run import InteractiveRun, Spans
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.axis import Axis
@@ -17,22 +18,14 @@ from sdm_deflect.deform.surface.motions import Moving, Rotation
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.plan import Plan
-from tests.cases.view.conftest import written
+from tests.calls import sdm
+from tests.cases.view.conftest import words, written
 from tests.deform.blocks import two_bodies
 from tests.limits import limited
 from tests.meshing.formats.examples import polyhedral
 
 EQUAL = 1e-9  # of a mesh of size 1
 BODY = ("body", [[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]], 10.0)
-
-
-def area(corners):
-    """The area of a convex polygon (k, 3)."""
-    return 0.5 * np.linalg.norm(np.cross(corners[1:-1] - corners[0], corners[2:] - corners[0]).sum(axis=0))
-
-
-def total(piece):
-    return sum(area(piece.points[own]) for own in np.split(piece.nodes, np.cumsum(piece.sizes)[:-1]) if len(own) > 2)
 
 
 def test_a_hybrid_mesh_that_slides_is_reproduced(hybrid, wing_folder):
@@ -51,31 +44,61 @@ def test_the_quality_has_the_measure_of_each_type_of_cell(hybrid):
     parts = zip(hybrid.mesh.cells, hybrid.touched.rows, strict=True)
     expected = np.concatenate([quality_of(frame.points, block, rows) for block, rows in parts])
     assert np.array_equal(frame.quality, expected)
-    shown = {row["id"]: row["value"] for row in facts(frame, hybrid, ViewPieces.of(hybrid))}
-    shapes = np.repeat([block.shape for block in hybrid.mesh.cells], list(map(len, hybrid.touched.rows)))
-    assert shown["smallest-wedge"] == f"{expected[shapes == 'wedge'].min():.3f}"
-    assert "mesh units" in about(hybrid)["run_facts"]
 
 
 @pytest.mark.parametrize("many", [False, True])
-def test_a_section_through_cells_of_any_type_tiles_the_plane(block, bare_deflection, many):
+def test_a_page_gets_the_points_and_qualities_of_cells_of_any_type(block, bare_deflection, many):
     mesh = polyhedral(block) if many else block
-    run = InteractiveRun.of(
-        FinishedJob.of(bare_deflection(mesh, "case/x.foam" if many else "x.su2", *BODY, fixed="?-"))
-    )
-    pieces, plane = ViewPieces.of(run), ClipPlane(1, 0.1)
-    sections = [pieces.moving(run.at(10.0), plane, None)["section"], pieces.standing(plane, None)["around"]]
-    assert sum(map(total, sections)) == pytest.approx(16.0 - 1.0)
-    assert all(np.allclose(piece.points[:, 1], 0.1) for piece in sections)
+    folder = bare_deflection(mesh, "case/x.foam" if many else "x.su2", *BODY, fixed="?-")
+    view = View.of(FinishedJob.of(folder))
+    answer, frame = view.answer({"angle": "-10", "rests": True}, None)
+    assert words(answer)["verified"] is frame.verified
+    values = np.frombuffer(answer, dtype="<f4", offset=4 + int.from_bytes(answer[:4], "little"))
+    rows = np.concatenate([own for _, own in view.parts if own is not None])
+    assert np.array_equal(np.sort(rows), np.arange(len(frame.quality)))
+    for nodes, own in view.parts:
+        points, values = values[: 3 * len(nodes)].reshape(-1, 3), values[3 * len(nodes) :]
+        assert np.array_equal(points, frame.points[nodes].astype(np.float32))
+        if own is not None:
+            quality, values = values[: len(own)], values[len(own) :]
+            assert np.array_equal(quality, (view.run.weights * frame.quality)[own].astype(np.float32))
+    assert not len(values)
 
 
-def test_inverted_polyhedra_are_shown_whole(block, bare_deflection):
-    run = InteractiveRun.of(FinishedJob.of(bare_deflection(polyhedral(block), "case/x.foam", *BODY)))
-    frame = run.at(80.0)
-    assert len(frame.inverted)
-    pieces = ViewPieces.of(run).moving(frame, None, None)
-    assert len(pieces["marks"].points) == len(frame.inverted)
-    assert pieces["inverted"].sizes.min() >= 3
+def test_inverted_cells_are_counted_and_nothing_is_saved(block, bare_deflection):
+    view = View.of(FinishedJob.of(bare_deflection(polyhedral(block), "case/x.foam", *BODY, repair="off")))
+    answer, frame = view.answer({"angle": 80.0, "rests": True}, None)
+    assert f"Not verified: {len(frame.inverted)} inverted cells" in words(answer)["status"]
+    assert "not verified" in view.answer({"save": True}, frame)[0]["said"]
+
+
+def test_the_mesh_at_an_angle_is_saved_and_its_command_printed(wing_folder):
+    view = View.of(FinishedJob.of(wing_folder))
+    _, frame = view.answer({"angle": 4}, None)
+    out = wing_folder.parent / "wing-4.su2"
+    try:
+        assert view.answer({"save": True}, frame)[0]["said"] == f"{out} is written."
+        assert np.abs(read(out).points - frame.points).max() < EQUAL
+        assert "is there already" in view.answer({"save": True}, frame)[0]["said"]
+    finally:
+        out.unlink()
+    command = view._command()
+    assert command.startswith("sdm deflect")
+    assert sdm(*split(command.replace("ANGLE", "4"))[1:], "--dry-run", "--quiet") == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "angle"),
+    [("12", 12.0), (" -3,5° ", -3.5), ("\u22122.25", -2.25), ("95", None), ("steep", None), ("", None)],
+)
+def test_angles_are_read_or_refused_with_a_sentence(wing_folder, text, angle):
+    view = View.of(FinishedJob.of(wing_folder))
+    answer, frame = view.answer({"angle": text}, None)
+    if angle is None:
+        assert frame is None
+        assert re.search("is outside|is not a number of degrees|leave", answer["said"])
+    else:
+        assert words(answer)["angle"] == frame.angle == angle
 
 
 def test_several_surfaces_turn_in_one_box(tmp_path):
@@ -91,7 +114,6 @@ def test_several_surfaces_turn_in_one_box(tmp_path):
     boundary = run.boxes[0].plan.boundary
     expected = run.mesh.points[boundary.nodes] + boundary.displacement((4.0, -2.0))
     assert np.array_equal(run.at(4.0).points[boundary.nodes], expected)
-    assert "right × -0.5" in about(run)["run_facts"]
 
 
 def test_a_table_is_shown_by_its_share(block, bare_deflection, tmp_path):
@@ -104,7 +126,7 @@ def test_a_table_is_shown_by_its_share(block, bare_deflection, tmp_path):
     spans = Spans.of(run)
     assert 0.5 in spans.verified
     assert spans.possible.high == pytest.approx(1.5)
-    assert Control.of(run).first().angle == 0.5
+    assert run.angle == 0.5
 
 
 def test_sums_that_fit_into_no_memory_are_computed_at_every_angle(hybrid, wing_folder, monkeypatch):

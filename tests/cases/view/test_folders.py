@@ -9,7 +9,7 @@ import pytest
 
 from sdm_deflect.cases.aircraft.run_folder import FinishedCase
 from sdm_deflect.cases.view.run import InteractiveRun
-from sdm_deflect.cases.view.serve import check_free
+from sdm_deflect.cases.view.serve import bound
 from sdm_deflect.deform.base.errors import InputError
 
 pytestmark = pytest.mark.mesher
@@ -103,4 +103,4 @@ def test_a_port_in_use_is_one_line_and_code_2(view, aileron_folder):
         code, _, err = view(str(aileron_folder), "--port", str(port))
         assert code == 2
         assert f"--port {port} cannot be used" in err
-    check_free(port)
+    bound(port).close()

@@ -1,18 +1,16 @@
 """Repaired meshes on display: the interpolant's while the slider moves, the repaired one where it rests."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from sdm_deflect.cases.aircraft.run_folder import FinishedCase
 from sdm_deflect.cases.report.folder import FinishedJob
 from sdm_deflect.cases.run.output import moved_by_repair
-from sdm_deflect.cases.view.labels import mending
-from sdm_deflect.cases.view.page import Control
+from sdm_deflect.cases.view.page import View, mending
 from sdm_deflect.cases.view.run import InteractiveRun
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.meshing.formats.vtu import vtu_arrays, write_vtu
+from tests.cases.view.conftest import words
 
 pytestmark = pytest.mark.mesher
 EQUAL = 1e-11  # m
@@ -49,19 +47,17 @@ def test_a_frame_that_is_good_enough_stays(repaired, aileron):
     assert aileron.repaired(off) is off
 
 
-def test_the_control_repairs_at_rest_and_says_so(repaired, aileron):
-    control = Control.of(repaired)
-    first = control.first()
-    assert first.rests
-    assert "Repaired" in control.show(first)["repair"]
-    moving = replace(first, angle=20.0, rests=False)
-    assert "once the slider rests" in control.show(moving)["repair"]
-    least = control.frame.quality.min()
-    said = control.show(replace(moving, rests=True))["repair"]
-    count, now = control.frame.repaired, control.frame.quality.min()
-    assert said == f"Repaired: {count:,} nodes moved, least quality {least:.3f} \N{RIGHTWARDS ARROW} {now:.3f}."
-    assert control.show(replace(moving, rests=True, position=first.position + 0.01)) == {}
-    assert control.show(replace(first, angle=2.0))["repair"] == "Repair: none was needed."
+def test_the_page_gets_the_repaired_mesh_at_rest_and_is_told(repaired_folder, aileron):
+    view = View.of(FinishedCase.of(repaired_folder))
+    assert "Repaired" in words(view.answer({"angle": 26.0, "rests": True}, None)[0])["notes"][-1]
+    answer, moving = view.answer({"angle": 20.0}, None)
+    assert "once the slider rests" in words(answer)["notes"][-1]
+    answer, shown = view.answer({"angle": 20.0, "rests": True}, moving)
+    least, now = moving.quality.min(), shown.quality.min()
+    assert words(answer)["notes"][-1] == (
+        f"Repaired: {shown.repaired:,} nodes moved, least quality {least:.3f} \N{RIGHTWARDS ARROW} {now:.3f}."
+    )
+    assert words(view.answer({"angle": 2.0, "rests": True}, None)[0])["notes"][-1] == "Repair: none was needed."
     assert "off" in mending(aileron.at(-12.0), aileron, 0.4)
 
 
