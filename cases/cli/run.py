@@ -174,11 +174,11 @@ def view(place: Path, port: int, show: bool, quiet: bool, verbose: bool) -> None
     run. MESH is any mesh: click its patches for their names, and for a hinge. Nothing leaves this machine: the page is
     served on the loopback interface and draws in the browser. Ctrl-C ends the command.
     """
-    from sdm_deflect.cases.view.serve import bound, serve
+    from sdm_deflect.cases.view.serve import announce, bound, serve
 
     seen = None
     with bound(port) as own:
-        number = own.getsockname()[1]
+        number, address = own.getsockname()[1], announce(own)
         with options.watched(quiet, verbose) as watch:
             from sdm_deflect.cases.view.page import View, of_mesh
 
@@ -193,7 +193,7 @@ def view(place: Path, port: int, show: bool, quiet: bool, verbose: bool) -> None
 
                 with watch.stage("read") as progress:
                     page = of_mesh(read(place, progress), number)
-        serve(own, page, seen, show)
+        serve(own, address, page, seen, show)
 
 
 @click.command()

@@ -87,6 +87,7 @@ def patches(data: ReportData, most: int) -> Iterator[Json]:
             "own": patch.name,
             "colour": scene3d.hexadecimal(scene3d.patch_colour(patch.name, patch.name in moving)),
             "hidden": patch.name in data.hidden,
+            "surface": patch.name in moving,
             **_both(data, shown[:, ::-1], None if thin else _edges(patch)),
         }
 

@@ -325,7 +325,7 @@
 
     // What the first view holds: the moving surfaces of it at half the width, or everything.
     function framed() {
-      const view = viewed(), parts = view.near ? moving.filter((one) => view.near.includes(one.own)) : [];
+      const view = viewed(), parts = view.near ? moving.filter((one) => one.surface && view.near.includes(one.own)) : [];
       if (!parts.length) return view;
       const ends = (pick) => [0, 1, 2].map((c) => parts.reduce((found, one) => one.aimed.reduce(
         (each, value, i) => (i % 3 === c ? pick(each, value) : each), found), pick === Math.min ? Infinity : -Infinity));
@@ -456,7 +456,7 @@
         control("status").textContent = words.status;
         control("status").classList.toggle("bad", !words.verified);
         control("notes").textContent = words.notes.join(" ");
-        control("said").textContent = "";
+        if (!words.rests) control("said").textContent = "";
         state = "deflected";
         control("deflected").checked = true;
         draw();

@@ -107,6 +107,18 @@ class View:
         }
         return html(self.data, self.scene, live, sum(self.run.mesh.cell_counts), port)
 
+    def spans(self) -> Json:
+        """Return the ends of the slider, and the verified angles, in words too."""
+        run, spans = self.run, Spans.of(self.run)
+        low, high = spans.verified.low, spans.verified.high
+        sentence = f"{low:+g}{run.unit} to {high:+g}{run.unit} are verified{' without repair' if run.repairs else ''}"
+        return {
+            "low": spans.possible.low,
+            "high": spans.possible.high,
+            "verified": [low, high],
+            "sentence": f"{sentence}; positive is {run.display.positive}",
+        }
+
     def answer(self, wish: Json, frame: DeflectedMesh | None) -> tuple[Json | bytes, DeflectedMesh | None]:
         """Return what is said to a page that shows a frame, and the frame that it shows then.
 
@@ -170,18 +182,6 @@ class View:
         if out.exists():
             raise InputError(f"{out} is there already.")
         return f"{saved(self.run.mesh, frame.points, out)} is written."
-
-
-def span_words(spans: Spans, run: InteractiveRun) -> Json:
-    """Return the ends of the slider, and the verified angles, in words too."""
-    low, high = spans.verified.low, spans.verified.high
-    sentence = f"{low:+g}{run.unit} to {high:+g}{run.unit} are verified{' without repair' if run.repairs else ''}"
-    return {
-        "low": spans.possible.low,
-        "high": spans.possible.high,
-        "verified": [low, high],
-        "sentence": f"{sentence}; positive is {run.display.positive}",
-    }
 
 
 def parsed(text: str, unit: str) -> float:

@@ -14,13 +14,14 @@ from dataclasses import dataclass, field
 from hmac import compare_digest
 from secrets import token_urlsafe
 from threading import Thread
+from typing import TYPE_CHECKING, Any
 
 from aiohttp import WSCloseCode, WSMsgType, web
 
-from sdm_deflect.cases.run.metrics import Json
-from sdm_deflect.cases.view.page import View, span_words
-from sdm_deflect.cases.view.run import Spans
 from sdm_deflect.deform.base.errors import InputError
+
+if TYPE_CHECKING:
+    from sdm_deflect.cases.view.page import View
 
 HOST = "127.0.0.1"
 HOSTS = frozenset({HOST, "localhost"})
@@ -45,13 +46,25 @@ def bound(port: int) -> socket.socket:
         own.close()
         sentence = f"--port {port} cannot be used: {error.strerror}; give another, or none to have a free one chosen"
         raise InputError(sentence) from None
+    own.listen()
     return own
 
 
-def serve(own: socket.socket, page: str, view: View | None, show: bool) -> None:
-    """Serve a page until interrupted; print its address, and open it in the user's browser if that is wanted."""
+def announce(own: socket.socket) -> str:
+    """Print the address of the page to come, and return it; a browser that opens it waits for the page."""
+    port = own.getsockname()[1]
+    address = f"http://{HOST}:{port}/?secret={token_urlsafe(24)}"
+    print(f"{address}  (Ctrl-C ends it)", flush=True)  # noqa: T201 - the command's answer
+    if SSH in os.environ:
+        tunnel = f"ssh -N -L {port}:{HOST}:{port} {socket.gethostname()}"
+        print(f"from another machine first: {tunnel}", flush=True)  # noqa: T201 - part of the answer
+    return address
+
+
+def serve(own: socket.socket, address: str, page: str, view: "View | None", show: bool) -> None:
+    """Serve a page at the announced address until interrupted; open it in the user's browser if that is wanted."""
     logging.getLogger("aiohttp").setLevel(logging.CRITICAL + 1)  # it prints a traceback for each bad request
-    desk = Desk(own.getsockname()[1], token_urlsafe(24), page, view)
+    desk = Desk(own.getsockname()[1], address.partition("=")[2], page, view)
     application = web.Application(middlewares=[desk.guard])
     application.router.add_get("/", desk.lead)
     application.router.add_get("/ws", desk.talk)
@@ -59,11 +72,6 @@ def serve(own: socket.socket, page: str, view: View | None, show: bool) -> None:
     application.on_shutdown.append(desk.close)
 
     def ready(*_: str) -> None:
-        address = f"http://{HOST}:{desk.port}/?secret={desk.secret}"
-        print(f"{address}  (Ctrl-C ends it)", flush=True)  # noqa: T201 - the command's answer
-        if SSH in os.environ:
-            tunnel = f"ssh -N -L {desk.port}:{HOST}:{desk.port} {socket.gethostname()}"
-            print(f"from another machine first: {tunnel}", flush=True)  # noqa: T201 - part of the answer
         if show:
             webbrowser.open(address)
 
@@ -87,18 +95,18 @@ class Desk:
     port: int
     secret: str = field(repr=False)
     page: str = field(repr=False)
-    view: View | None
-    spans: Json | None = None
+    view: "View | None"
+    spans: dict[str, Any] | None = None
     sockets: set[web.WebSocketResponse] = field(default_factory=set, repr=False)
 
     async def start(self, _: web.Application) -> None:
         """Begin to look for the angles that can be reached, which takes longer than all else."""
         if self.view is None:
             return
-        loop, run = asyncio.get_running_loop(), self.view.run
+        loop, view = asyncio.get_running_loop(), self.view
 
         def find() -> None:
-            words = span_words(Spans.of(run), run)
+            words = view.spans()
             loop.call_soon_threadsafe(lambda: loop.create_task(self._tell(words)))
 
         Thread(target=find, daemon=True).start()
@@ -152,14 +160,14 @@ class Desk:
     def _is_secret(self, text: str) -> bool:
         return compare_digest(text.encode("utf-8", "surrogateescape"), self.secret.encode())
 
-    async def _tell(self, spans: Json) -> None:
+    async def _tell(self, spans: dict[str, Any]) -> None:
         self.spans = spans
         for one in set(self.sockets):
             if one.prepared and not one.closed:
                 await one.send_json(spans)
 
 
-def _wish(text: str) -> Json | None:
+def _wish(text: str) -> dict[str, Any] | None:
     """Return what a message says; None if it is none."""
     try:
         found = json.loads(text)

@@ -64,7 +64,7 @@ def shown_by(browser, address):
     tab.on("websocket", lambda socket: tab.asked.append(socket.url))
     tab.on("pageerror", lambda error: tab.errors.append(str(error)))
     tab.on("console", lambda said: tab.errors.append(said.text) if said.type == "error" else None)
-    tab.goto(address)
+    tab.goto(address, timeout=GENEROUS)
     tab.wait_for_selector("#turnable[data-state]")
     return tab
 
