@@ -111,8 +111,10 @@
     };
   }
 
+  const LARGE = 150_000; // corners of triangles: from here on a renderer in software takes too long to smooth their edges
+  const sizes = patches.reduce((sum, one) => sum + one.faces.length, 0);
   function drawn() {
-    const renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true, preserveDrawingBuffer: true });
+    const renderer = new THREE.WebGLRenderer({ antialias: sizes < LARGE, alpha: true, preserveDrawingBuffer: true });
     const canvas = renderer.domElement, scene = new THREE.Scene(), camera = new THREE.OrthographicCamera();
     const light = new THREE.DirectionalLight("#ffffff", 1.3);
     renderer.setPixelRatio(window.devicePixelRatio);
