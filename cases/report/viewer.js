@@ -197,6 +197,15 @@
       control("bar-high").textContent = high.toPrecision(3);
     }
 
+    // Lines of a plane mesh are in the colour of the page's text, those that move in red.
+    const scheme = matchMedia("(prefers-color-scheme: dark)"), written = () => (scheme.matches ? "#e4e6e9" : "#222222");
+    let ink = written();
+    function inked(colour) {
+      ink = colour;
+      patches.forEach(surface);
+    }
+    scheme.addEventListener("change", () => { inked(written()); redraw(); });
+
     function surface(patch) {
       const view = viewed(), visible = shownPatches.has(patch.name) && (!view.near || view.near.includes(patch.own));
       const shared = patch.mesh.geometry.getAttribute("position"), shaded = coloured() === "displacement";
@@ -207,6 +216,7 @@
         shared.needsUpdate = true;
       }
       for (const one of [patch.mesh, patch.wire]) one.material.clippingPlanes = cut;
+      patch.wire.material.color.set(!data.plane ? "#222222" : patch.surface ? patch.colour : ink);
       if (shaded) patch.mesh.geometry.setAttribute("color", shades(distances(patch, at(patch)), data.colours.displacement, [0, farthest()]));
       patch.mesh.material.vertexColors = shaded;
       patch.mesh.material.color.set(shaded ? "#ffffff" : patch.colour);
@@ -304,9 +314,11 @@
     }
     function pictured() {
       renderer.setClearColor("#ffffff", 1);
+      inked("#222222");
       render();
       const still = canvas.toDataURL("image/png");
       renderer.setClearColor("#000000", 0);
+      inked(written());
       render();
       return still;
     }
