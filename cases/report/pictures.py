@@ -44,7 +44,7 @@ def write_sharp_png(figure: Figure, path: Path) -> None:
     """Write a figure with fine lines in the colours that represent it best; white stays white."""
     pixels = pixels_of(figure, SHARP).quantize(160, method=ImageFile.Quantize.FASTOCTREE, dither=ImageFile.Dither.NONE)
     pixels.putpalette([shade if shade < WHITE else 255 for shade in pixels.getpalette() or ()])
-    pixels.save(path, "png")
+    pixels.save(path, "png", optimize=True)
 
 
 def pixels_of(figure: Figure, dpi: int) -> ImageFile.Image:

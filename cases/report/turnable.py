@@ -260,7 +260,7 @@ def packed(scene: Json) -> tuple[str, str]:
 
 def encoded(content: bytes) -> str:
     """Return bytes compressed, in base64."""
-    return b64encode(compress(content, 6, mtime=0)).decode("ascii")
+    return b64encode(compress(content, 9, mtime=0)).decode("ascii")
 
 
 def _both(data: ReportData, faces: IntArray, edges: IntArray | None = None) -> Json:
