@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import warnings
 import webbrowser
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from os import PathLike
@@ -15,17 +14,17 @@ from typing import Any, TypeVar, Unpack
 
 from numpy.typing import ArrayLike
 
-from sdm_deflect.cases.file_mesh import FileMesh
+from sdm_deflect.cases.file_mesh import FileMesh, about_files, path_of, saved
 from sdm_deflect.cases.run.metrics import notes_of, warnings_of
 from sdm_deflect.cases.run.progress import in_notebook, of_notebook
 from sdm_deflect.cases.settings.job_settings import FLAT, GONE, IN_PYTHON, angles_of, settings_of, tables_of
+from sdm_deflect.cases.settings.jobs import jobs_of
 from sdm_deflect.cases.settings.keywords import Options
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, shortened
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.base.schema import described
 from sdm_deflect.deform.checks import Check, checks_of
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.pieces import Threads
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.rbf.interpolant import Interpolant
@@ -59,8 +58,8 @@ def read(path: str | PathLike[str], progress: Progress = silent) -> FileMesh:
     """
     from sdm_deflect.meshing.formats.registry import read as read_file
 
-    with _about_files():
-        return FileMesh.of(read_file(_path(path), progress))
+    with about_files():
+        return FileMesh.of(read_file(path_of(path), progress))
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -182,8 +181,8 @@ class Result:
         from sdm_deflect.cases.run.mesh_files import precision_of
 
         mesh = self.plan.mesh
-        with _about_files():
-            precision = precision_of(Path(mesh.source) if mesh.source else None, _path(path), mesh)
+        with about_files():
+            precision = precision_of(Path(mesh.source) if mesh.source else None, path_of(path), mesh)
         if precision == self.plan.precision:
             return self
         one = self.deflection.stored(precision)
@@ -208,7 +207,7 @@ class Result:
         from sdm_deflect.meshing.files import permitted_as
 
         check_report()
-        place = _path(folder)
+        place = path_of(folder)
         try:
             if place.exists() and any(place.iterdir()) and not (place / "report.html").exists():
                 raise InputError(f"{place} holds other files already: name a new folder")
@@ -344,7 +343,7 @@ def deflect(
                          motion="blended", fixed="wing", slide="symmetry:plane")
         result.save("naca-15.su2")
     """
-    jobs = settings_of(surfaces, hinge, angle, options).jobs()
+    jobs = jobs_of(settings_of(surfaces, hinge, angle, options))
     return _run(mesh, jobs, (jobs[0].angle,), progress)[0]
 
 
@@ -376,9 +375,9 @@ def plan(
     """
     from sdm_deflect.meshing.formats.registry import in_pieces
 
-    jobs = settings_of(surfaces, hinge, angle, options).jobs()
+    jobs = jobs_of(settings_of(surfaces, hinge, angle, options))
     if isinstance(mesh, str | PathLike):
-        with _about_files(), in_pieces(_path(mesh), progress) as large:
+        with about_files(), in_pieces(path_of(mesh), progress) as large:
             mesh = excerpt(large, jobs, (), Threads(), progress) if large else mesh
     (found,) = _run(mesh, jobs, (jobs[0].angle,), progress)
     if not found.passed:
@@ -418,7 +417,7 @@ def sweep(
     wanted = angles_of(angles)
     largest = None if tables_of(surfaces) else max(wanted, key=abs)
     settings = settings_of(surfaces, hinge, largest, options)
-    return _run(mesh, settings.jobs(), wanted, progress)
+    return _run(mesh, jobs_of(settings), wanted, progress)
 
 
 def _run(mesh: Any, jobs: Sequence[Job], angles: Sequence[float], progress: Progress) -> tuple[Result, ...]:
@@ -434,48 +433,6 @@ def _run(mesh: Any, jobs: Sequence[Job], angles: Sequence[float], progress: Prog
         (i, Result(one, given.with_points(one.points), checks_of(one))) for i, one in swept(plan, angles, progress)
     ]
     return tuple(result for _, result in sorted(results, key=lambda pair: pair[0]))
-
-
-def saved(mesh: Mesh, points: FloatArray, path: str | PathLike[str]) -> Path:
-    """Write a mesh with new points (N, 3) and return its path; see `Result.save`. It must read back as it is."""
-    from sdm_deflect.cases.run.mesh_files import Targets, write_mesh
-    from sdm_deflect.cases.run.output import OutputError, output_files
-    from sdm_deflect.cases.run.read_back import check_written
-    from sdm_deflect.meshing.files import permitted_as
-
-    out, source = _path(path), Path(mesh.source) if mesh.source else None
-    with _about_files():
-        wanted = Targets.of(source or out.with_name(f"no file but {out.name}.vtu"), out, (0.0,))
-        wanted.check()
-        wanted.check_names(mesh)
-        try:
-            with permitted_as(mesh.source), output_files(wanted.out.parent) as scratch:
-                beside = scratch / wanted.out.name
-                lost = write_mesh(source and wanted.source, mesh, points, beside)
-                check_written(mesh, points, beside, wanted.out)
-                wanted.keep_tables(scratch)
-        except OutputError as error:
-            raise InputError(str(error)) from None
-    for text in lost:
-        warnings.warn(f"{out}: {text}", stacklevel=3)
-    return wanted.out
-
-
-def _path(path: Any) -> Path:
-    if not isinstance(path, str | PathLike) or "\0" in str(path):
-        raise InputError(f"{shortened(path)} is no path of a file or folder")
-    return Path(path)
-
-
-@contextmanager
-def _about_files() -> Iterator[None]:
-    """Make errors of mesh files, and of paths that cannot be, what all other mistakes are."""
-    try:
-        yield
-    except MeshFileError as error:
-        raise InputError(str(error)) from None
-    except OSError as error:
-        raise InputError(f"{shortened(error.filename)}: {error.strerror}") from None
 
 
 def _table(title: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

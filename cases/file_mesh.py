@@ -1,14 +1,21 @@
 """The mesh that `sdm_deflect.read` returns: a mesh that shows, judges and saves itself."""
 
+import warnings
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import fields
 from itertools import repeat
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 from sdm_deflect.cases.run.inspection import NAMES, extent, reach
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.errors import InputError, shortened
 from sdm_deflect.deform.mesh.mesh import Mesh, Patch, Polyhedra
 from sdm_deflect.deform.mesh.quality import POLYHEDRON, Quality, by_shape, oriented
+from sdm_deflect.meshing.formats.format import MeshFileError
 
 
 class FileMesh(Mesh):
@@ -35,8 +42,6 @@ class FileMesh(Mesh):
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write the mesh as it is, and return the path; errors as of `Result.save`."""
-        from sdm_deflect.cases.api import saved
-
         return saved(self, self.points, path)
 
     def __repr__(self) -> str:
@@ -49,3 +54,46 @@ class FileMesh(Mesh):
             f"{one.name:<{width}} {len(one):>9} faces{reach(extent(self.points[one.nodes]))}" for one in self.patches
         )
         return "\n".join([f"{self.name}: {len(self.points)} points{counts}", *rows])
+
+
+def saved(mesh: Mesh, points: FloatArray, path: str | PathLike[str]) -> Path:
+    """Write a mesh with new points (N, 3) and return its path; see `Result.save`. It must read back as it is."""
+    from sdm_deflect.cases.run.mesh_files import Targets, write_mesh
+    from sdm_deflect.cases.run.output import OutputError, output_files
+    from sdm_deflect.cases.run.read_back import check_written
+    from sdm_deflect.meshing.files import permitted_as
+
+    out, source = path_of(path), Path(mesh.source) if mesh.source else None
+    with about_files():
+        wanted = Targets.of(source or out.with_name(f"no file but {out.name}.vtu"), out, (0.0,))
+        wanted.check()
+        wanted.check_names(mesh)
+        try:
+            with permitted_as(mesh.source), output_files(wanted.out.parent) as scratch:
+                beside = scratch / wanted.out.name
+                lost = write_mesh(source and wanted.source, mesh, points, beside)
+                check_written(mesh, points, beside, wanted.out)
+                wanted.keep_tables(scratch)
+        except OutputError as error:
+            raise InputError(str(error)) from None
+    for text in lost:
+        warnings.warn(f"{out}: {text}", stacklevel=3)
+    return wanted.out
+
+
+def path_of(path: Any) -> Path:
+    """Return what a caller gave as a path; InputError if it is none."""
+    if not isinstance(path, str | PathLike) or "\0" in str(path):
+        raise InputError(f"{shortened(path)} is no path of a file or folder")
+    return Path(path)
+
+
+@contextmanager
+def about_files() -> Iterator[None]:
+    """Make errors of mesh files, and of paths that cannot be, what all other mistakes are."""
+    try:
+        yield
+    except MeshFileError as error:
+        raise InputError(str(error)) from None
+    except OSError as error:
+        raise InputError(f"{shortened(error.filename)}: {error.strerror}") from None

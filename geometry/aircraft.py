@@ -16,7 +16,7 @@ from sdm_deflect.geometry.errors import CadError
 from sdm_deflect.geometry.fuse import NamedSolid, both_sides, general_fuse, one_side, partitions, skin, solid, walls
 from sdm_deflect.geometry.fuselage import canopy_parts, fuselage_parts, inlet_parts
 from sdm_deflect.geometry.model import CadModel
-from sdm_deflect.geometry.parameters import Fighter
+from sdm_deflect.geometry.parameters import MIN_FEATURE, Fighter, FloatArray
 from sdm_deflect.geometry.polyhedra import (
     Loops,
     fin_polyhedra,
@@ -26,7 +26,6 @@ from sdm_deflect.geometry.polyhedra import (
     ventral_polyhedron,
     wing_polyhedra,
 )
-from sdm_deflect.geometry.sections import MIN_FEATURE, FloatArray
 
 CHIMERA = "chimera"
 

@@ -16,8 +16,8 @@ from scipy.sparse.csgraph import connected_components
 
 from sdm_deflect.geometry.errors import CadError
 from sdm_deflect.geometry.model import CadEdge, CadFace, CadModel
+from sdm_deflect.geometry.parameters import MIN_FEATURE, FloatArray
 from sdm_deflect.geometry.projection import coordinates, curve_of
-from sdm_deflect.geometry.sections import MIN_FEATURE, FloatArray
 
 # Degrees. Flatter creases need an internal face behind them, or the volume mesher rounds them off.
 WEAK_CREASE = 6.0

@@ -7,13 +7,13 @@ from math import cos, radians
 
 import numpy as np
 
-from sdm_deflect.geometry.parameters import Fighter
-from sdm_deflect.geometry.sections import (
+from sdm_deflect.geometry.parameters import (
     BURIED,
     HINGE_LOWER,
     HINGE_UPPER,
     MIRROR,
     TE,
+    Fighter,
     FloatArray,
     aileron_span,
     fin_section,

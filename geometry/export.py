@@ -27,8 +27,8 @@ from OCP.TopTools import TopTools_FormatVersion
 from OCP.XCAFDoc import XCAFDoc_ColorType, XCAFDoc_DocumentTool
 
 from sdm_deflect.geometry.errors import CadError
+from sdm_deflect.geometry.parameters import FloatArray
 from sdm_deflect.geometry.projection import coordinates
-from sdm_deflect.geometry.sections import FloatArray
 
 Named = Mapping[str, Sequence[Face]]
 """The faces of a solid by patch."""

@@ -10,8 +10,8 @@ from OCP.TopTools import TopTools_IndexedMapOfShape
 
 from sdm_deflect.geometry.errors import CadError
 from sdm_deflect.geometry.model import CadFace
+from sdm_deflect.geometry.parameters import MIRROR, FloatArray
 from sdm_deflect.geometry.polyhedra import Loops
-from sdm_deflect.geometry.sections import MIRROR, FloatArray
 
 # Decimals of a metre to which positions are rounded where they order faces: far finer than any two are apart.
 ORDER_DECIMALS = 7

@@ -1,17 +1,46 @@
-"""Every number of the Standard Dynamics Model as a parameter with unit and range.
+"""Every number of the Standard Dynamics Model as a parameter with unit and range, and what follows from them alone.
 
 Metres and degrees; x aft from the nose apex, y starboard, z up. The defaults follow the three-view of Chung
 et al. (JoAAA 54(2), 2022) scaled to the paper's span, and where that leaves needle faces that a mesher cannot
 resolve (strake root, aft end of the inlet), the closest shape without them.
+
+Sections of wing, tail and fin are hexagons: double wedges of six points. With thickness and bevels in constant
+proportion to the chord, every face between two of them is planar.
 """
 
 from dataclasses import dataclass, field
+from itertools import pairwise
+from math import cos, radians, sin, tan
+from operator import attrgetter
 
-from sdm_deflect.geometry.consistency import check_consistency
+import numpy as np
+from numpy.typing import NDArray
+
 from sdm_deflect.geometry.quantity import Checked, quantity
+
+FloatArray = NDArray[np.float64]
 
 LARGEST_TURN = 85.0
 """Largest angle (deg) of a control surface: the kernel builds the deflected aircraft up to it, not at 90."""
+
+# Positions of a section's points, once around from the leading edge.
+LE, FRONT_UPPER, HINGE_UPPER, TE, HINGE_LOWER, FRONT_LOWER = range(6)
+
+# The port side is the starboard side times this.
+MIRROR = np.array([1.0, -1.0, 1.0])
+
+# How far inside the fuselage a root lies, by its radius: deep enough for a tail turned by 30 degrees.
+BURIED = 0.42
+
+# Metres. Shorter edges cost the volume mesher its quality; narrower gaps hold no cell at all.
+MIN_FEATURE = 0.003
+MIN_GAP = 0.0005
+
+# Metres. Stations closer than this are meant to be one.
+SAME_STATION = 1e-4
+
+# The paper's spanwise gap by half-span (section 5).
+PAPER_GAP_RATIO = 0.014
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,3 +212,205 @@ class Fighter:
 
     def __post_init__(self) -> None:
         check_consistency(self)
+
+
+def hexagon(leading: FloatArray, chord: float, bevel: float, half_thickness: float, up: FloatArray) -> FloatArray:
+    """The section (6, 3) of a chord along x from `leading` (3,), thick along the unit vector `up` (3,)."""
+    aft = np.array([0.0, bevel, chord - bevel, chord, chord - bevel, bevel])
+    above = half_thickness * np.array([0.0, 1.0, 1.0, 0.0, -1.0, -1.0])
+    return np.asarray(leading + np.outer(aft, [1.0, 0.0, 0.0]) + np.outer(above, up), dtype=np.float64)
+
+
+def wing_section(wing: Wing, y: float) -> FloatArray:
+    """The starboard wing's section (6, 3) at a span station."""
+    chord = _wing_chord(wing, y)
+    reference = _wing_chord(wing, max(y, wing.y_kink))
+    leading = np.array([wing.x_te - chord, y, 0.0])
+    half = 0.5 * wing.thickness_ratio * reference
+    return hexagon(leading, chord, wing.bevel_ratio * reference, half, np.array([0.0, 0.0, 1.0]))
+
+
+def _wing_chord(wing: Wing, y: float) -> float:
+    return wing.root_chord + (wing.tip_chord - wing.root_chord) * y / wing.half_span
+
+
+def tail_section(tail: Tail, fuselage: Fuselage, y: float) -> FloatArray:
+    """The starboard tail's section (6, 3), perpendicular to the tail's plane, whose chord line is at `y`."""
+    slope = radians(tail.anhedral)
+    beside = fuselage.radius * cos(slope)
+    chord = tail.root_chord - (y - beside) * tan(radians(tail.le_sweep))
+    leading = np.array([tail.x_te - chord, y, -y * tan(slope)])
+    up = np.array([0.0, sin(slope), cos(slope)])
+    return hexagon(leading, chord, tail.bevel_ratio * chord, 0.5 * tail.thickness_ratio * chord, up)
+
+
+def tail_pivot(tail: Tail, fuselage: Fuselage) -> FloatArray:
+    """Where the tail's axis of rotation, parallel to y, pierces the starboard root chord (3,)."""
+    slope = radians(tail.anhedral)
+    beside = fuselage.radius * cos(slope)
+    x = tail.x_te - (1.0 - tail.pivot) * tail.root_chord
+    return np.array([x, beside, -beside * tan(slope)])
+
+
+def fin_section(fin: Fin, z: float) -> FloatArray:
+    """The fin's section (6, 3) at a height; its upper points are on the starboard side."""
+    above = z - fin.z_root
+    sweep = tan(radians(fin.le_sweep))
+    chord = fin.root_chord - above * (sweep - tan(radians(fin.te_sweep)))
+    leading = np.array([fin.x_le + above * sweep, 0.0, z])
+    up = np.array([0.0, 1.0, 0.0])
+    return hexagon(leading, chord, fin.bevel_ratio * chord, 0.5 * fin.thickness_ratio * chord, up)
+
+
+@dataclass(frozen=True, slots=True)
+class AileronSpan:
+    """Span stations (y >= 0, metres) of an aileron and of the wing's ribs that face it.
+
+    Without a gap a rib and the aileron's end coincide; `outer_rib` is the tip where the aileron reaches it.
+    """
+
+    wing_rib: float
+    inboard: float
+    outboard: float
+    outer_rib: float
+
+
+def aileron_span(fighter: Fighter) -> AileronSpan:
+    """Resolve the stations; a rib within a tenth of a millimetre of the wing's kink is put on it."""
+    wing, aileron = fighter.wing, fighter.aileron
+    offset = aileron.gap or PAPER_GAP_RATIO * wing.half_span
+    inboard = aileron.y_inboard or wing.y_kink + offset
+    rib = _snapped(inboard - aileron.gap, wing.y_kink)
+    outboard = _snapped(aileron.y_outboard or wing.half_span, wing.half_span)
+    outer = outboard if outboard == wing.half_span else _snapped(outboard + aileron.gap, wing.half_span)
+    return AileronSpan(rib, inboard, outboard, outer)
+
+
+def rudder_span(fighter: Fighter) -> tuple[float, float]:
+    """Heights z of the rudder's lower and upper end."""
+    tip = fighter.fin.z_tip
+    return fighter.rudder.z_inboard, _snapped(fighter.rudder.z_outboard or tip, tip)
+
+
+def _snapped(station: float, target: float) -> float:
+    return target if abs(station - target) < SAME_STATION else station
+
+
+def check_consistency(fighter: Fighter) -> None:
+    """Raise ValueError with one sentence on the first two components that do not fit."""
+    for check in (_fuselage, _wing, _aileron, _tail, _fin, _rudder, _under_side):
+        check(fighter)
+
+
+def _require(holds: bool, message: str) -> None:
+    if not holds:
+        raise ValueError(message)
+
+
+def _increasing(fighter: Fighter, *quantities: str | tuple[str, float]) -> None:
+    """Require that values grow: parameters by their names, and pairs of what follows from them and its value."""
+    named = [(each, attrgetter(each)(fighter)) if isinstance(each, str) else each for each in quantities]
+    for (name, value), (following, limit) in pairwise(named):
+        _require(
+            value + MIN_FEATURE <= limit,
+            f"{name} = {value:g} m must lie at least {MIN_FEATURE:g} m below {following} = {limit:g} m",
+        )
+
+
+def _fuselage(fighter: Fighter) -> None:
+    f, p = fighter.fuselage, fighter.pedestal
+    _increasing(fighter, "fuselage.nose_length", "fuselage.panel_front", "fuselage.panel_rear", "fuselage.length")
+    _increasing(fighter, "pedestal.x_apex", "pedestal.x_shoulder", "pedestal.x_aft")
+    _increasing(fighter, "pedestal.x_foot", "pedestal.x_ramp_end")
+    _increasing(fighter, "fuselage.radius", "pedestal.z_top")
+    beside = f.radius * cos(radians(f.panel_angle))
+    _require(
+        p.half_width + MIN_FEATURE <= beside,
+        f"pedestal.half_width = {p.half_width:g} m reaches the panels beside the tails, which begin at y = "
+        f"{beside:.4g} m; reduce it or fuselage.panel_angle",
+    )
+
+
+def _wing(fighter: Fighter) -> None:
+    _increasing(fighter, "wing.tip_chord", "wing.root_chord")
+    _increasing(fighter, "fuselage.radius", "wing.y_kink", "wing.half_span")
+    _increasing(fighter, "wing.x_te", "fuselage.panel_front")
+
+
+def _aileron(fighter: Fighter) -> None:
+    a, w, span = fighter.aileron, fighter.wing, aileron_span(fighter)
+    ends = f"the aileron's ends y = {span.inboard:g} and {span.outboard:g} m"
+    width = span.outboard - span.inboard
+    _require(
+        span.outboard <= w.half_span,
+        f"aileron.y_outboard = {span.outboard:g} m is beyond the tip, wing.half_span = {w.half_span:g} m",
+    )
+    _require(
+        a.gap < max(width, MIN_GAP),
+        f"aileron.gap = {a.gap:g} m is wider than the aileron; {ends} leave {max(width, 0.0):g} m",
+    )
+    _require(width >= MIN_FEATURE, f"{ends} must be at least {MIN_FEATURE:g} m apart, the outboard one outside")
+    _require(
+        a.gap == 0.0 or a.gap >= MIN_GAP,
+        f"aileron.gap = {a.gap:g} m is too narrow for any mesh; it must be 0 or at least {MIN_GAP:g} m",
+    )
+    _require_strip("inboard", span.wing_rib - w.y_kink, f"wing.y_kink = {w.y_kink:g} m")
+    _require_strip("outboard", w.half_span - span.outer_rib, f"wing.half_span = {w.half_span:g} m")
+
+
+def _require_strip(end: str, width: float, neighbour: str) -> None:
+    _require(
+        width == 0.0 or width >= MIN_FEATURE,
+        f"aileron.y_{end} leaves a strip of wing {width:.4g} m wide up to {neighbour}; with aileron.gap it "
+        f"must leave 0 or at least {MIN_FEATURE:g} m",
+    )
+
+
+def _tail(fighter: Fighter) -> None:
+    t, f = fighter.tail, fighter.fuselage
+    _increasing(fighter, "fuselage.radius", "tail.half_span")
+    _increasing(fighter, "fuselage.panel_front", ("the tail root's leading edge", t.x_te - t.root_chord))
+    _increasing(fighter, "tail.x_te", "fuselage.panel_rear")
+    _require(
+        abs(t.anhedral) + 10.0 <= f.panel_angle,
+        f"tail.anhedral = {t.anhedral:g} deg puts the tail's root within 10 deg of the border of its "
+        f"fuselage panel at fuselage.panel_angle = {f.panel_angle:g} deg",
+    )
+    _require_tip("tail", tail_section(t, f, t.half_span))
+
+
+def _fin(fighter: Fighter) -> None:
+    fin = fighter.fin
+    _increasing(fighter, "fin.z_root", "fin.z_tip")
+    _increasing(fighter, "pedestal.x_ramp_end", "fin.x_le")
+    _increasing(fighter, ("the fin's trailing edge at its root", fin.x_le + fin.root_chord), "pedestal.x_aft")
+    _require_tip("fin", fin_section(fin, fin.z_tip))
+    half = 0.5 * fin.thickness_ratio * fin.root_chord
+    _increasing(fighter, ("half the fin's root thickness", half), "pedestal.half_width")
+
+
+def _require_tip(name: str, tip: FloatArray) -> None:
+    chord = tip[TE, 0] - tip[LE, 0]
+    _require(
+        chord >= 0.01, f"{name}.le_sweep, its chord and its span leave a tip chord of {chord:g} m; it needs 0.01 m"
+    )
+
+
+def _rudder(fighter: Fighter) -> None:
+    _, upper = rudder_span(fighter)
+    _increasing(fighter, "pedestal.z_top", "rudder.z_inboard")
+    _increasing(fighter, "rudder.z_inboard", ("rudder.z_outboard", upper))
+    rest = fighter.fin.z_tip - upper
+    _require(
+        rest == 0.0 or rest >= MIN_FEATURE,
+        f"rudder.z_outboard = {upper:g} m must be the fin's tip (0), or {MIN_FEATURE:g} m or more below "
+        f"fin.z_tip = {fighter.fin.z_tip:g} m",
+    )
+
+
+def _under_side(fighter: Fighter) -> None:
+    _increasing(fighter, "inlet.x_1", "inlet.x_2", "inlet.x_3", "inlet.x_4")
+    _increasing(fighter, "ventral.x_root", "ventral.x_tip", "ventral.x_te")
+    _increasing(fighter, "ventral.x_te", "fuselage.panel_front")
+    _increasing(fighter, "inlet.x_4", "fuselage.panel_front")
+    _increasing(fighter, "fuselage.radius", "ventral.r_te")

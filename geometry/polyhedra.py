@@ -6,8 +6,7 @@ from math import cos, radians, sin, tan
 
 import numpy as np
 
-from sdm_deflect.geometry.parameters import Fighter, Fuselage, Pedestal, Strake, VentralFin
-from sdm_deflect.geometry.sections import (
+from sdm_deflect.geometry.parameters import (
     BURIED,
     FRONT_LOWER,
     FRONT_UPPER,
@@ -15,7 +14,12 @@ from sdm_deflect.geometry.sections import (
     HINGE_UPPER,
     LE,
     TE,
+    Fighter,
     FloatArray,
+    Fuselage,
+    Pedestal,
+    Strake,
+    VentralFin,
     aileron_span,
     fin_section,
     rudder_span,

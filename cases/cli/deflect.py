@@ -70,7 +70,9 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
         given["angle"] = max(many, key=abs)
     field = given.pop("field")
     settings, inputs = _settings(given)
-    jobs = settings.jobs()
+    from sdm_deflect.cases.settings.jobs import jobs_of
+
+    jobs = jobs_of(settings)
     angles = many or (jobs[0].angle,)
     wanted = replace(Targets.of(mesh, out, angles, sensitivity, report), field=field)
     wanted.check(inputs)

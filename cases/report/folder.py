@@ -45,6 +45,7 @@ from sdm_deflect.cases.run.output import moved_by_repair, report_lacks, write_co
 from sdm_deflect.cases.run.read_back import difference
 from sdm_deflect.cases.settings.conversion import table_of
 from sdm_deflect.cases.settings.job_settings import job_settings, read_job
+from sdm_deflect.cases.settings.jobs import jobs_of
 from sdm_deflect.deform.base import limits
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
@@ -135,7 +136,7 @@ class FinishedJob(FinishedRun):
         mesh = replace(format_of(source).read(source), name=source.name, source=str(source))
         if len(mesh.points) != count:
             raise InputError(f"{source} has {len(mesh.points)} points, but {count} when it was deflected")
-        plan = Plans.of(mesh, job_settings(read_job(folder / SETTINGS)).jobs())
+        plan = Plans.of(mesh, jobs_of(job_settings(read_job(folder / SETTINGS))))
         points = _read_points(folder / "deflected.vtu", plan)
         repair = moved_by_repair(folder / "deflected.vtu", len(points))
         return cls(folder, plan, points, repair, settings)

@@ -18,7 +18,7 @@ from sdm_deflect.deform.mesh.unchanged import check_unchanged, states_of
 from sdm_deflect.deform.volume.field import Field, FieldBox
 from sdm_deflect.meshing.files import permitted_as
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.openfoam import is_part, parts_moved
+from sdm_deflect.meshing.formats.openfoam_case import is_part, parts_moved
 from sdm_deflect.meshing.formats.registry import files_of, format_of
 
 Write = Callable[[Path, FloatArray], tuple[Path, Path]]

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from sdm_deflect.deform.surface.motions import Motion
     from sdm_deflect.deform.surface.surface import NodeSet
     from sdm_deflect.deform.volume.box import BoxRule
-    from sdm_deflect.deform.volume.job import Job
 else:  # known by what they have: settings are read, and help is shown, before any code is compiled
 
     def _with(name: str, *parts: str) -> Any:
@@ -236,12 +235,6 @@ class JobSettings(JobOptions):
 
     def __post_init__(self) -> None:
         check_settings(self)
-
-    def jobs(self) -> "tuple[Job, ...]":
-        """Return a job for each box, files read; InputError if one cannot be, or a value does not fit or is missing."""
-        from sdm_deflect.cases.settings.jobs import jobs_of
-
-        return jobs_of(self)
 
 
 @dataclass(frozen=True, slots=True)

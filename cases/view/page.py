@@ -8,7 +8,7 @@ from shlex import quote
 
 import numpy as np
 
-from sdm_deflect.cases.api import saved
+from sdm_deflect.cases.file_mesh import saved
 from sdm_deflect.cases.report.data import MESH_UNITS, METRES, ReportData, diagonal
 from sdm_deflect.cases.report.finished import FinishedRun
 from sdm_deflect.cases.report.folder import FinishedJob

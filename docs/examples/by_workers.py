@@ -10,13 +10,14 @@ from sdm_deflect.cases.run.deflect_file import Outcome, deflect_file
 from sdm_deflect.cases.run.mesh_files import Targets
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.cases.settings.job_settings import JobSettings, settings_of
+from sdm_deflect.cases.settings.jobs import jobs_of
 
 HINGE = [[0.7, 0.6, 0.0], [0.7, 1.4, 0.0]]
 
 
 def deflected(source: Path, out: Path, settings: JobSettings, helpers: Wanted) -> Outcome:
     """Write the deflected mesh and return what was found: checks, quality, figures."""
-    jobs, watch = settings.jobs(), Stopwatch()
+    jobs, watch = jobs_of(settings), Stopwatch()
     wanted = Targets.of(source, out, (jobs[0].angle,))
     wanted.check()
     with workers(helpers, watch, source, out.absolute().parent) as runner:

@@ -20,7 +20,7 @@ from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra, joined
 from sdm_deflect.deform.mesh.quality import POLYHEDRON
 from sdm_deflect.deform.mesh.unchanged import check_unchanged
 from sdm_deflect.meshing.formats.format import MeshFileError, about
-from sdm_deflect.meshing.formats.openfoam import (
+from sdm_deflect.meshing.formats.openfoam_case import (
     case_copied,
     case_folder,
     mesh_folder,

@@ -3,9 +3,8 @@
 import numpy as np
 
 from sdm_deflect.geometry.datum import ends, hinge_line, hinged, trailing_edge
-from sdm_deflect.geometry.parameters import Fighter
+from sdm_deflect.geometry.parameters import LE, MIRROR, TE, Fighter, FloatArray, tail_section
 from sdm_deflect.geometry.reference_values import ReferenceValues
-from sdm_deflect.geometry.sections import LE, MIRROR, TE, FloatArray, tail_section
 
 
 def surface_reference(fighter: Fighter, surface: str) -> ReferenceValues:

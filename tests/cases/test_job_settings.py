@@ -16,6 +16,7 @@ from sdm_deflect.cases.settings.job_settings import (
     settings_of,
     with_options,
 )
+from sdm_deflect.cases.settings.jobs import jobs_of
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.hexahedron import box
 from sdm_deflect.deform.surface.blended import Blended
@@ -49,7 +50,7 @@ def two(tmp_path):
 
 
 def test_a_configuration_of_two_surfaces(two):
-    job = job_settings(two).jobs()[0]
+    job = jobs_of(job_settings(two))[0]
     assert job.amounts_at(4.0) == (4.0, -2.0)
     assert job.fitting.max_centers == 900
     assert [(one.patch, one.shape) for one in job.slides] == [("symmetry", "plane")]
@@ -58,12 +59,12 @@ def test_a_configuration_of_two_surfaces(two):
 
 def test_options_replace_what_a_configuration_says(two):
     options = {"angle": 4.0, "fixed": ("wing",), "slide": {"root": "cylinder"}, "hinge": None, "patches": ()}
-    job = job_settings(with_options(two, options, ["max_centers=700", "box=auto", "margin=0.5"])).jobs()[0]
+    job = jobs_of(job_settings(with_options(two, options, ["max_centers=700", "box=auto", "margin=0.5"])))[0]
     assert job.amounts == (4.0, -2.0)
     assert job.fixed == ("wing",)
     assert {one.patch for one in job.slides} == {"symmetry", "root"}
     assert (job.fitting.max_centers, job.box) == (700, Automatic(0.5))
-    only = job_settings(with_options(two, {"patches": ("flap",), "hinge": HINGE, "angle": 0.0})).jobs()[0]
+    only = jobs_of(job_settings(with_options(two, {"patches": ("flap",), "hinge": HINGE, "angle": 0.0})))[0]
     assert [one.patches for one in only.surfaces] == [("flap",)]
 
 
@@ -82,17 +83,17 @@ def test_files_are_relative_to_the_configuration(tmp_path):
     )
     (tmp_path / "box.toml").write_text("corners = [[0, 0, 0], [1, 1, 1]]")
     (tmp_path / "held.txt").write_text("1\n2\n")
-    job = job_settings(read_job(tmp_path / "job.toml")).jobs()[0]
+    job = jobs_of(job_settings(read_job(tmp_path / "job.toml")))[0]
     assert job.box.hexahedron.corners.max() == 1.0
     assert job.surfaces[0].motion.held.nodes.tolist() == [1, 2]
     assert job.surfaces[0].motion.driven == TrailingEdge(30.0)
     (tmp_path / "box.toml").write_text("corner = 3")
     with pytest.raises(InputError, match=r"box\.toml: .*corner.*did you mean corners"):
-        job_settings(read_job(tmp_path / "job.toml")).jobs()[0]
+        jobs_of(job_settings(read_job(tmp_path / "job.toml")))[0]
 
 
 def job_of(surfaces, hinge, angle, options):
-    return settings_of(surfaces, hinge, angle, options).jobs()[0]
+    return jobs_of(settings_of(surfaces, hinge, angle, options))[0]
 
 
 def test_keywords_are_the_same_settings():
@@ -113,7 +114,7 @@ def test_keywords_are_the_same_settings():
 
 def test_python_takes_the_words_of_the_command():
     def job(**options):
-        return settings_of("flap", HINGE, 5.0, options).jobs()[0]
+        return jobs_of(settings_of("flap", HINGE, 5.0, options))[0]
 
     for slide in ("symmetry:plane", "symmetry:plane,root:cylinder", ["symmetry:plane"], {"symmetry": "plane"}):
         assert (job(slide=slide).slides[0].patch, job(slide=slide).slides[0].shape) == ("symmetry", "plane")
@@ -121,7 +122,7 @@ def test_python_takes_the_words_of_the_command():
     motion = blended.surfaces[0].motion
     assert (blended.fixed, motion.held.names, motion.rib.share) == (("wing*", "tip"), ("rib", "hinge"), 0.1)
     assert motion.driven == TrailingEdge(30.0)
-    assert settings_of("flap", HINGE, np.array(5.0), {"tolerance": None, "slide": None}).jobs()[0].angle == 5.0
+    assert jobs_of(settings_of("flap", HINGE, np.array(5.0), {"tolerance": None, "slide": None}))[0].angle == 5.0
     hexahedron = box(np.zeros(3), np.ones(3))
     assert job(box=hexahedron).box.hexahedron is hexahedron
 
@@ -131,7 +132,7 @@ def test_surfaces_with_hinges_of_their_own():
         {"patches": "left", "hinge": HINGE, "angle": 12},
         {"patches": ["right"], "hinge": np.array(HINGE), "angle": -6, "motion": "blended", "strip": 0.3},
     ]
-    job = settings_of(tables, None, None, {"fixed": "wing"}).jobs()[0]
+    job = jobs_of(settings_of(tables, None, None, {"fixed": "wing"}))[0]
     assert job.amounts == (12.0, -6.0)
     assert [one.patches for one in job.surfaces] == [("left",), ("right",)]
     assert job.surfaces[1].motion.rib.share == 0.3
@@ -141,7 +142,7 @@ def test_files_may_be_paths(tmp_path):
     (tmp_path / "held.txt").write_text("1\n2\n")
     (tmp_path / "box.toml").write_text("corners = [[0, 0, 0], [1, 1, 1]]")
     options = {"motion": "blended", "held": tmp_path / "held.txt", "box": tmp_path / "box.toml"}
-    job = settings_of("a", HINGE, 5.0, options).jobs()[0]
+    job = jobs_of(settings_of("a", HINGE, 5.0, options))[0]
     assert job.surfaces[0].motion.held.nodes.tolist() == [1, 2]
     assert job.box.hexahedron.corners.max() == 1.0
 
@@ -288,13 +289,17 @@ def test_ranges_that_are_none(text):
 
 def test_periodic_patches_are_pairs_of_names_or_tables():
     for given in (("a", "b"), [("a", "b")], [{"patches": "a,b"}], {"patches": ["a", "b"]}):
-        (pair,) = settings_of("flap", HINGE, 5.0, {"periodic": given}).jobs()[0].periodic
+        (pair,) = jobs_of(settings_of("flap", HINGE, 5.0, {"periodic": given}))[0].periodic
         assert (pair.first, pair.second, pair.axis, pair.translation) == ("a", "b", None, None)
     table = {"patches": ["a", "b"], "axis": [[0, 1, 0], [2, 1, 0]]}
-    one, other = settings_of("flap", HINGE, 5.0, {"periodic": [table, ("c", "d")]}).jobs()[0].periodic
+    one, other = jobs_of(settings_of("flap", HINGE, 5.0, {"periodic": [table, ("c", "d")]}))[0].periodic
     assert (one.axis.direction.tolist(), one.axis.point.tolist(), other.first) == ([1, 0, 0], [0, 1, 0], "c")
     table = {"patches": ["a", "b"], "translation": [0, 2]}
-    assert settings_of("flap", HINGE, 5.0, {"periodic": table}).jobs()[0].periodic[0].translation.tolist() == [0, 2, 0]
+    assert jobs_of(settings_of("flap", HINGE, 5.0, {"periodic": table}))[0].periodic[0].translation.tolist() == [
+        0,
+        2,
+        0,
+    ]
 
 
 @pytest.mark.parametrize(
@@ -310,5 +315,5 @@ def test_periodic_patches_are_pairs_of_names_or_tables():
 )
 def test_wrong_periodic_patches_are_refused(given, sentence):
     with pytest.raises(InputError) as error:
-        settings_of("flap", HINGE, 5.0, {"periodic": given}).jobs()[0]
+        jobs_of(settings_of("flap", HINGE, 5.0, {"periodic": given}))[0]
     assert sentence in str(error.value)

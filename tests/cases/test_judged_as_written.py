@@ -14,6 +14,7 @@ from sdm_deflect.cases.run import deflect_file as command
 from sdm_deflect.cases.run.mesh_files import Targets
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.cases.settings.job_settings import settings_of
+from sdm_deflect.cases.settings.jobs import jobs_of
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import MESH
@@ -93,7 +94,7 @@ def foam_points(path, n):
 def run(source, out, angle=5.0, **asked):
     """Deflect a file as the command does."""
     settings = settings_of(asked.pop("surfaces"), asked.pop("hinge"), angle, asked)
-    return command.deflect_file(Targets.of(source, out, (angle,)), settings.jobs(), Stopwatch())
+    return command.deflect_file(Targets.of(source, out, (angle,)), jobs_of(settings), Stopwatch())
 
 
 def value(checks, name):

@@ -20,6 +20,7 @@ from sdm_deflect.cases.report.scene3d import by_size, triangles_of
 from sdm_deflect.cases.report.slices import CutPlane, cut_cells, cut_walls, planes
 from sdm_deflect.cases.report.turnable import TABLES, turnable
 from sdm_deflect.cases.run.output import RUN, check_report
+from sdm_deflect.cases.settings.jobs import jobs_of
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
@@ -178,7 +179,7 @@ def blended(hinge):
     from sdm_deflect.cases.settings.job_settings import job_settings
 
     surface = {"patches": ["flap_*"], "hinge": hinge.tolist(), "angle": 3.0, "motion": "blended"}
-    return job_settings({"surface": [surface], "fixed": ["wing_*"]}).jobs()[0]
+    return jobs_of(job_settings({"surface": [surface], "fixed": ["wing_*"]}))[0]
 
 
 def test_arrays_of_the_whole_mesh_are_in_the_vtu_file(coarse_wing, tmp_path):

@@ -10,6 +10,7 @@ import sdm_deflect
 from sdm_deflect.cases.report.folder import FinishedJob
 from sdm_deflect.cases.run.inspection import inspect, inspected
 from sdm_deflect.cases.settings.job_settings import job_settings, selections_of
+from sdm_deflect.cases.settings.jobs import jobs_of
 from sdm_deflect.cases.settings.selections import selection
 from sdm_deflect.cases.view.run import InteractiveRun
 from sdm_deflect.deform.base.errors import InputError
@@ -126,7 +127,7 @@ def test_components_are_meant_wherever_a_patch_is_named():
     surface |= {"held": ["b#2"], "driven": ["c#3"]}
     slides = {"slide": {"e#5": "plane"}, "repair_slide": {"f#6": "surface"}}
     section = [{"patch": "g#7", "point": [0, 0, 0], "axis": "x"}]
-    job = job_settings({"surface": [surface], "fixed": "d#4", **slides, "section": section}).jobs()[0]
+    job = jobs_of(job_settings({"surface": [surface], "fixed": "d#4", **slides, "section": section}))[0]
     assert sorted(job.names) == ["a#1", "b#2", "c#3", "d#4", "e#5", "f#6", "g#7"]
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
 
+from sdm_deflect.cases.settings.jobs import jobs_of
 from tests.fuzz import meshes
 from tests.fuzz.inputs import Input
 from tests.fuzz.mutation import Damage, damaged_hdf5
@@ -126,7 +127,7 @@ def _plan(mesh, random: Random) -> None:
     reach = np.array([0.0, 0.1 * size, 0.0])
     hinge = np.array([middle - reach, middle + reach])
     name = mesh.patches[0].name
-    job = settings_of([name], hinge, 3.0, {"fixed": "*"} if len(mesh.patches) > 1 else {}).jobs()[0]
+    job = jobs_of(settings_of([name], hinge, 3.0, {"fixed": "*"} if len(mesh.patches) > 1 else {}))[0]
     plan = Plan.of(mesh, job, (3.0,))
     if random.random() < 0.3:
         for _, one in sweep(plan, (3.0,)):

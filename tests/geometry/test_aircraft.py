@@ -14,6 +14,9 @@ from sdm_deflect.geometry.deflected import CadTurn
 from sdm_deflect.geometry.errors import CadError
 from sdm_deflect.geometry.fuselage import fuselage_parts
 from sdm_deflect.geometry.parameters import (
+    HINGE_LOWER,
+    HINGE_UPPER,
+    TE,
     Aileron,
     Fighter,
     Fin,
@@ -26,7 +29,6 @@ from sdm_deflect.geometry.parameters import (
     VentralFin,
     Wing,
 )
-from sdm_deflect.geometry.sections import HINGE_LOWER, HINGE_UPPER, TE
 
 SIDED = ("fuselage_panel", "strake", "wing", "aileron", "tail", "ventral")
 CENTRED = ("fuselage", "fuselage_rear", "canopy", "inlet", "pedestal", "fin", "rudder")

@@ -19,8 +19,7 @@ from sdm_deflect.geometry.datum import (
     trailing_edge,
 )
 from sdm_deflect.geometry.deflected import rotated
-from sdm_deflect.geometry.parameters import Aileron, Fighter, Rudder
-from sdm_deflect.geometry.sections import MIRROR
+from sdm_deflect.geometry.parameters import MIRROR, Aileron, Fighter, Rudder
 
 MOVED = {"aileron": [0.0, 0.0, -1.0], "tail": [0.0, 0.0, -1.0], "rudder": [0.0, -1.0, 0.0]}
 

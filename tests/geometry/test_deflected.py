@@ -6,7 +6,7 @@ import pytest
 from sdm_deflect.geometry.aircraft import build
 from sdm_deflect.geometry.datum import ends, hinge_edges, hinge_line, trailing_edge
 from sdm_deflect.geometry.deflected import CadTurn, rotated
-from sdm_deflect.geometry.sections import TE
+from sdm_deflect.geometry.parameters import TE
 
 ANGLES = {"aileron_left": -12.0, "aileron_right": 12.0, "tail_left": 12.0, "tail_right": -12.0, "rudder": 15.0}
 

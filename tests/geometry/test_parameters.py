@@ -4,8 +4,18 @@ from dataclasses import fields, is_dataclass
 
 import pytest
 
-from sdm_deflect.geometry.parameters import Aileron, Fighter, Fin, Fuselage, Pedestal, Rudder, Tail, VentralFin, Wing
-from sdm_deflect.geometry.sections import aileron_span
+from sdm_deflect.geometry.parameters import (
+    Aileron,
+    Fighter,
+    Fin,
+    Fuselage,
+    Pedestal,
+    Rudder,
+    Tail,
+    VentralFin,
+    Wing,
+    aileron_span,
+)
 
 
 def test_every_parameter_is_a_plain_number_with_unit_range_and_meaning():
