@@ -22,7 +22,8 @@ import numpy as np
 
 from benchmarks.mesh_formats import box_of_tets, triangles
 from benchmarks.results import Result, machine, show, write
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.cells import Cells, Patch
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.registry import FORMATS
 
 LOWER, UPPER = (0.4, 0.3, 0.5), (0.6, 0.7, 0.5)

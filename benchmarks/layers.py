@@ -24,8 +24,9 @@ from benchmarks.measure import FloatArray, processor_seconds
 from benchmarks.peers_motion import HINGE, WING
 from benchmarks.results import machine
 from sdm_deflect.cases.api import deflect, read
+from sdm_deflect.deform.mesh.cells import Cells, Patch
 from sdm_deflect.deform.mesh.edges import are_lines, polygons_of, unit
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.touched import layers
 from sdm_deflect.deform.rbf.fitting import RepairMode
 from sdm_deflect.deform.volume.deflection import Deflection

@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import IntArray
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.cells import Cells, Patch
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.registry import FORMATS
 
 SUFFIXES = {"su2": ".su2", "cgns": ".cgns", "ugrid": ".b8.ugrid"}

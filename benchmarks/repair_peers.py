@@ -31,9 +31,9 @@ from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.api import deflect
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.arrays import IntArray
+from sdm_deflect.deform.mesh.cells import Cells, Patch, taken
 from sdm_deflect.deform.mesh.edges import area_vectors, polygons_of
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
-from sdm_deflect.deform.mesh.parts import taken
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.sliding import Plane
 from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.rbf.fitting import RepairMode

@@ -18,7 +18,8 @@ import numpy as np
 from benchmarks.large_block import DEGREES, HIGH, LOW, SIDE, write_case
 from benchmarks.mesh_formats import box_of_tets
 from benchmarks.results import machine
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.cells import Cells, Patch
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.registry import FORMATS
 from tests.deform.paired import section
 

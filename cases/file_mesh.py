@@ -13,7 +13,8 @@ from typing import Any
 from sdm_deflect.cases.run.inspection import NAMES, extent, reach
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, shortened
-from sdm_deflect.deform.mesh.mesh import Mesh, Patch, Polyhedra
+from sdm_deflect.deform.mesh.cells import Patch, Polyhedra
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import POLYHEDRON, Quality, by_shape, oriented
 from sdm_deflect.meshing.formats.format import MeshFileError
 

@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.cells import Cells, Patch
+from sdm_deflect.deform.mesh.mesh import Mesh
 
 VOLUME = "volume"
 """Name of the cells among those of the patches in files."""

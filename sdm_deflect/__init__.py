@@ -11,7 +11,8 @@ if TYPE_CHECKING:
     from sdm_deflect.deform.base.errors import InputError
     from sdm_deflect.deform.checks import Check
     from sdm_deflect.deform.hexahedron import Hexahedron
-    from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
+    from sdm_deflect.deform.mesh.cells import Cells, Patch
+    from sdm_deflect.deform.mesh.mesh import Mesh
     from sdm_deflect.deform.mesh.quality import Quality
     from sdm_deflect.deform.surface.blended import Blended
     from sdm_deflect.deform.surface.motions import Rotation, Table

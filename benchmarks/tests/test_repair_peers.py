@@ -7,7 +7,7 @@ from benchmarks.before_after import block_with_flap
 from benchmarks.foam_motion import LAPLACIAN, SBR, GivenBoundary, Motion
 from benchmarks.mesh_formats import box_of_tets
 from benchmarks.repair_peers import HEAD, PRISM, Judged, faced, failed_checks, left, optimized, row, untangled
-from sdm_deflect.deform.mesh.mesh import Patch
+from sdm_deflect.deform.mesh.cells import Patch
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 

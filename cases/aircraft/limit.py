@@ -14,7 +14,8 @@ from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.run.output import write_table
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.progress import Progress
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh
+from sdm_deflect.deform.mesh.cells import Cells
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import judged
 from sdm_deflect.deform.rbf.fitting import RepairMode
 from sdm_deflect.deform.volume.deflection import Deflection, deflected

@@ -21,7 +21,8 @@ from sdm_deflect.deform.base.reading import damaged, read_arrays
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.mesh import Mesh, Polyhedra, Volume
+from sdm_deflect.deform.mesh.cells import Polyhedra, Volume
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import MEASURES, POLYHEDRON, Quality, quality_of
 from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.volume.deflection import Deflection

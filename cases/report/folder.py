@@ -53,8 +53,8 @@ from sdm_deflect.deform.base.reading import damaged
 from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.checks import Check, checks_of
 from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.mesh import Cells, Faces, Mesh, Patch, Polyhedra
-from sdm_deflect.deform.mesh.parts import taken
+from sdm_deflect.deform.mesh.cells import Cells, Faces, Patch, Polyhedra, taken
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import quality_of
 from sdm_deflect.deform.rbf.fitting import JobOptions
 from sdm_deflect.deform.surface.blended import Blended

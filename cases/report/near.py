@@ -7,8 +7,8 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.sets import union
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Polyhedra, Volume
-from sdm_deflect.deform.mesh.parts import taken
+from sdm_deflect.deform.mesh.cells import Cells, Polyhedra, Volume, taken
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.meshing.formats.shapes import turned
 

@@ -10,7 +10,7 @@ from matplotlib.colors import Normalize, to_rgb
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.hexahedron import EDGES
-from sdm_deflect.deform.mesh.mesh import Cells, Faces
+from sdm_deflect.deform.mesh.cells import Cells, Faces
 
 Colour = tuple[int, int, int]
 Direction = tuple[float, float, float]

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from sdm_deflect.cases.report.data import Box, MovedSurface, ReportData, drawn_measure, drawn_quality
 from sdm_deflect.cases.report.scene3d import QUALITY_MAP, QUALITY_RANGE
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.mesh.cells import PLANE, Cells, Volume
 from sdm_deflect.deform.mesh.edges import are_lines, edges_of, polygons_of
 from sdm_deflect.deform.mesh.faces import FACES
-from sdm_deflect.deform.mesh.mesh import PLANE, Cells, Mesh, Volume
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.polyhedra import corner_edges
 
 AXES = "xyz"

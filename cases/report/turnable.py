@@ -15,9 +15,10 @@ from sdm_deflect.cases.report.data import Box, ReportData, drawn_measure, drawn_
 from sdm_deflect.cases.run.metrics import Json
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.sets import distinct, union
+from sdm_deflect.deform.mesh.cells import Cells, Patch, Polyhedra
 from sdm_deflect.deform.mesh.edges import area_vectors, edges_of, polygons_of, sharp_edges
 from sdm_deflect.deform.mesh.faces import FACES
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch, Polyhedra
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.polyhedra import faces_by_cell
 
 MOST_CELLS = 6_500

@@ -12,7 +12,7 @@ from sdm_deflect.cases.run.output import output_files
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.progress import Progress, silent
-from sdm_deflect.deform.mesh.mesh import Zone
+from sdm_deflect.deform.mesh.cells import Zone
 from sdm_deflect.deform.mesh.precision import DOUBLE
 from sdm_deflect.deform.mesh.unchanged import check_unchanged, states_of
 from sdm_deflect.deform.volume.field import Field, FieldBox

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import IntArray
 from sdm_deflect.deform.base.sets import counted, distinct, union
+from sdm_deflect.deform.mesh.cells import Cells, Patch, Polygons, Polyhedra, Volume
 from sdm_deflect.deform.mesh.edges import rows_of
-from sdm_deflect.deform.mesh.mesh import Cells, Patch, Polygons, Polyhedra, Volume
 from sdm_deflect.deform.mesh.touched import TouchedCells
 
 FACES: dict[str, tuple[tuple[int, ...], ...]] = {

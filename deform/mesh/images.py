@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.mesh.mesh import Mesh, Periodic
+from sdm_deflect.deform.mesh.cells import Periodic
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.sliding import Plane
 
 THIN = ("empty", "wedge")

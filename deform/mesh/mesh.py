@@ -2,263 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.errors import InputError, nearest, shortened
+from sdm_deflect.deform.base.errors import InputError, nearest
 from sdm_deflect.deform.base.sets import union
+from sdm_deflect.deform.mesh.cells import (
+    LARGEST,
+    PLANE,
+    Cells,
+    Faces,
+    Patch,
+    Periodic,
+    Polyhedra,
+    Volume,
+    Zone,
+    real,
+    several,
+)
+from sdm_deflect.deform.mesh.pieces import Pieces
 from sdm_deflect.deform.mesh.unchanged import States
 
-if TYPE_CHECKING:
-    from sdm_deflect.deform.mesh.pieces import Pieces
-
-
-CORNERS = {
-    "line": 2, "triangle": 3, "quad": 4, "tetra": 4, "pyramid": 5, "wedge": 6, "hexahedron": 8,
-}  # fmt: skip
-"""Number of nodes of each shape; names are meshio's, node order is that of VTK's linear cells.
-
-A wedge's first triangle has its normal pointing outwards, opposite to Gmsh and CGNS: `orientation.mirrored` leads
-from one to the other.
-"""
-MIRRORED = {
-    "tetra": (0, 2, 1, 3), "pyramid": (0, 3, 2, 1, 4), "wedge": (0, 2, 1, 3, 5, 4),
-    "hexahedron": (0, 3, 2, 1, 4, 7, 6, 5),
-}  # fmt: skip
-"""The same corners in the order of the mirror image. For a wedge: from CGNS and Gmsh to VTK, and back."""
-VOLUMES = ("tetra", "pyramid", "wedge", "hexahedron")
-PLANE = ("triangle", "quad")
-"""Cells of a plane mesh, whose points have one z; its boundary consists of lines."""
-RISING = "offsets must rise from 0 to {} in steps of 2 or more"
-OWNERS = "{} faces need as many owners, got {}, and no more neighbours, got {}"
-"""What is wrong with faces, and with their cells, wherever that is found."""
-ORTHOGONAL = 1e-6
-"""How far the product of a rotation with its transpose may be from the identity: files have few digits."""
 ABSENT = "patch {} is absent: "
 """Beginning of a note of a mesh on a patch that the file has, but that could not be read."""
-LARGEST = 1e40
-"""Coordinates beyond this would overflow where the sixth power of a length is taken."""
-
-
-def whole(values: ArrayLike, what: str) -> IntArray:
-    """Return whole numbers, bytes in the machine's order; InputError, which begins with `what`, if they are others."""
-    try:
-        found = np.asarray(values)
-    except ValueError:
-        raise InputError(f"{what}: rows of different lengths") from None
-    if found.dtype.kind in "iu":
-        return found.astype(found.dtype.newbyteorder("="), copy=False)
-    if found.size:
-        raise InputError(f"{what} must be whole numbers, not {found.dtype}")
-    return found.astype(np.intp)
-
-
-def real(values: ArrayLike, what: str) -> FloatArray:
-    """Return an array of floating-point numbers; InputError, which begins with `what`, if they are none."""
-    try:
-        found = np.asarray(values)
-        if found.dtype.kind not in "iufO":
-            raise TypeError
-        return found.astype(np.float64, copy=False)
-    except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{what} must be real numbers, in rows of one length") from None
-
-
-def bounded(values: ArrayLike, what: str) -> FloatArray:
-    """Return an array of finite numbers; InputError, which begins with `what`, if one is none or beyond `LARGEST`."""
-    found = real(values, what)
-    if not (found.min(initial=0.0) > -LARGEST and found.max(initial=0.0) < LARGEST):
-        raise InputError(f"{what}: a coordinate is not finite, or beyond {LARGEST:g}")
-    return found
-
-
-def several(values: object, kinds: tuple[type, ...], what: str) -> tuple[Any, ...]:
-    """Return a list of objects as a tuple; InputError, which begins with `what`, if one is of no such kind."""
-    if not isinstance(values, list | tuple) or not all(isinstance(one, kinds) for one in values):
-        names = " or ".join(kind.__name__ for kind in kinds)
-        raise InputError(f"{what} = {shortened(values)} must be a list of {names}")
-    return tuple(values)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Cells:
-    """Cells, or boundary faces, of one shape.
-
-    Parameters
-    ----------
-    shape : ``"triangle"``, ``"quad"``, ``"tetra"``, ``"pyramid"``, ``"wedge"`` or ``"hexahedron"``, or ``"line"``.
-    nodes : (M, k) node indices in VTK's order, for k nodes of the shape; counted from 0.
-
-    Raises InputError if the shape is unknown, or the nodes are not (M, k) whole numbers.
-    """
-
-    shape: str
-    nodes: IntArray = field(repr=False)
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.shape, str) or self.shape not in CORNERS:
-            raise InputError(f"shape {shortened(self.shape)} is not one of {', '.join(CORNERS)}")
-        object.__setattr__(self, "nodes", whole(self.nodes, f"{self.shape} nodes"))
-        if self.nodes.ndim != 2 or self.nodes.shape[1] != CORNERS[self.shape]:
-            raise InputError(f"{self.shape} nodes {self.nodes.shape} must be (M, {CORNERS[self.shape]})")
-
-    def __len__(self) -> int:
-        return len(self.nodes)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Polygons:
-    """Faces of any number of corners, one after another; those of two corners are the lines around a plane mesh.
-
-    Parameters
-    ----------
-    nodes : (K,) node indices of all faces.
-    offsets : (F + 1,) where each face begins in `nodes`, and where the last one ends.
-    """
-
-    nodes: IntArray = field(repr=False)
-    offsets: IntArray = field(repr=False)
-
-    def __post_init__(self) -> None:
-        o = self.offsets
-        if o.ndim != 1 or not len(o) or o[0] != 0 or o[-1] != len(self.nodes) or np.any(np.diff(o) < 2):
-            raise ValueError(RISING.format(len(self.nodes)))
-
-    def __len__(self) -> int:
-        return len(self.offsets) - 1
-
-    def rows(self, start: int, stop: int) -> Polygons:
-        """Return faces start to stop - 1."""
-        own = self.offsets[start : stop + 1]
-        return Polygons(self.nodes[own[0] : own[-1]], own - own[0])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Polyhedra:
-    """Cells of any shape, given by their faces as OpenFOAM does.
-
-    Parameters
-    ----------
-    faces : F faces; the normal of each (right-hand rule) points out of its owner.
-    owner : (F,) cell on the back of each face.
-    neighbour : (I,) cell in front of the first I faces; the others are on the boundary.
-    """
-
-    faces: Polygons
-    owner: IntArray = field(repr=False)
-    neighbour: IntArray = field(repr=False)
-
-    def __post_init__(self) -> None:
-        if len(self.owner) != len(self.faces) or len(self.neighbour) > len(self.faces):
-            raise ValueError(OWNERS.format(len(self.faces), len(self.owner), len(self.neighbour)))
-
-    def __len__(self) -> int:
-        return int(max(self.owner.max(initial=-1), self.neighbour.max(initial=-1))) + 1
-
-
-Faces = Cells | Polygons
-Volume = Cells | Polyhedra
-
-
-Constraint = Literal["", "symmetry", "empty", "wedge"]
-"""What a file says of the nodes of a patch: they stay in its plane; they are copies of those on the opposite side of a
-plane case one cell thick; the same of an axisymmetric case, by a rotation."""
-
-
-@dataclass(frozen=True, eq=False)
-class Patch:
-    """A named part of the boundary, given by its faces, or by its nodes alone.
-
-    Parameters
-    ----------
-    name : Its name, distinct within a mesh.
-    faces : Blocks of faces of one shape, or polygons.
-    loose : (K,) node indices that belong to it beside those of its faces.
-    constraint : What the file says of its nodes; empty: nothing.
-    labels : By name, a number (F,) for each face, such as the face of the CAD that it lies on.
-
-    Raises InputError if the name is no text, or faces, nodes or constraint are something else.
-    """
-
-    name: str
-    faces: tuple[Faces, ...]
-    loose: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.intp), repr=False)
-    constraint: Constraint = ""
-    labels: Mapping[str, IntArray] = field(default_factory=dict, repr=False)
-
-    def __post_init__(self) -> None:
-        if self.constraint not in get_args(Constraint):
-            raise InputError(f"patch {self.name}: constraint {shortened(self.constraint)} is unknown")
-        if not isinstance(self.name, str):
-            raise InputError(f"name = {shortened(self.name)} of a patch must be text")
-        object.__setattr__(self, "faces", several(self.faces, (Cells, Polygons), f"patch {self.name}: faces"))
-        object.__setattr__(self, "loose", whole(self.loose, f"patch {self.name}: nodes").ravel())
-
-    @cached_property
-    def nodes(self) -> IntArray:
-        """Sorted, distinct indices (K,) of its nodes."""
-        return union(self.loose, *(f.nodes for f in self.faces))
-
-    def __len__(self) -> int:
-        return sum(len(f) for f in self.faces)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Periodic:
-    """Nodes of which each is the image of another, by one rigid motion: ``image = rotation @ x + shift``.
-
-    Parameters
-    ----------
-    name : Its name, for messages and the check ``periodic_NAME``.
-    patches : The two patches; where the file names only one, that one twice.
-    nodes : (K, 2) a node, and its image. No node is listed twice in one column. None (K = 0) where the faces of the two
-        patches do not match one to one, as in OpenFOAM's ``cyclicAMI``.
-    rotation : (3, 3) orthogonal, determinant +1.
-    shift : (3,) in the mesh's unit of length.
-
-    Raises InputError for arrays of other shapes, and for a matrix that is no rotation.
-    """
-
-    name: str
-    patches: tuple[str, str]
-    nodes: IntArray = field(repr=False)
-    rotation: FloatArray = field(default_factory=lambda: np.eye(3), repr=False)
-    shift: FloatArray = field(default_factory=lambda: np.zeros(3), repr=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "nodes", whole(self.nodes, f"{self.name}: nodes").reshape(-1, 2))
-        object.__setattr__(self, "rotation", real(self.rotation, f"{self.name}: rotation"))
-        object.__setattr__(self, "shift", real(self.shift, f"{self.name}: shift"))
-        if self.rotation.shape != (3, 3) or self.shift.shape != (3,):
-            given = f"rotation {self.rotation.shape} and shift {self.shift.shape}"
-            raise InputError(f"{self.name}: {given} must be (3, 3) and (3,)")
-        off = np.abs(self.rotation @ self.rotation.T - np.eye(3)).max()
-        if not (off < ORTHOGONAL and np.linalg.det(self.rotation) > 0):
-            raise InputError(f"{self.name}: the matrix of a periodic pair is no rotation")
-
-    def image(self, points: FloatArray) -> FloatArray:
-        """Return the images (K, 3) of points (K, 3)."""
-        return points @ self.rotation.T + self.shift
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Zone:
-    """A part of a file with points of its own, such as one grid of an overset pair: points start to stop - 1.
-
-    Where several zones of a file fit together, `blocks` has the names of all, and `name` is that of the first.
-    """
-
-    name: str
-    start: int
-    stop: int
-    blocks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

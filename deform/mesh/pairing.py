@@ -13,7 +13,8 @@ from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.sets import distinct
 from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.mesh import Mesh, Patch, Periodic
+from sdm_deflect.deform.mesh.cells import Patch, Periodic
+from sdm_deflect.deform.mesh.mesh import Mesh
 
 TOLERANCE = 1e-5
 """Default distance of a node from an image, as a share of the largest coordinate of both: files with six digits."""

@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.mesh.cells import Patch, Polygons, taken
 from sdm_deflect.deform.mesh.edges import Joints, polygons_of
-from sdm_deflect.deform.mesh.mesh import Mesh, Patch, Polygons
+from sdm_deflect.deform.mesh.mesh import Mesh
 
 MARK, REGION = "#", "~"
 """Between the name of a patch and the number of its component, and between that of a selection and its region."""
@@ -92,13 +93,6 @@ class Part:
         order, ends = np.argsort(labels, kind="stable"), np.cumsum(np.bincount(labels))[:most]
         groups = np.split(order[: ends[-1]], ends[:-1]) if len(ends) else []
         return [self.some(rows, f"{self.name}{mark}{number}") for number, rows in enumerate(groups, 1)]
-
-
-def taken(faces: Polygons, rows: IntArray) -> Polygons:
-    """Return some of the faces (R,), in that order."""
-    sizes = np.diff(faces.offsets)[rows]
-    offsets = np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp)
-    return Polygons(faces.nodes[np.arange(offsets[-1]) + np.repeat(faces.offsets[rows] - offsets[:-1], sizes)], offsets)
 
 
 def listed(part: Part, labels: IntArray) -> str:

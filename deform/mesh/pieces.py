@@ -10,7 +10,7 @@ from typing import Any, Protocol
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.base.threads import available_threads
-from sdm_deflect.deform.mesh.mesh import Cells, Patch, Periodic, Zone
+from sdm_deflect.deform.mesh.cells import Cells, Patch, Periodic, Zone
 from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra
 from sdm_deflect.deform.mesh.unchanged import States
 

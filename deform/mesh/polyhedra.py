@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.base.threads import in_chunks
+from sdm_deflect.deform.mesh.cells import Polygons, Polyhedra, taken
 from sdm_deflect.deform.mesh.compiled_faces import measure_cells, measure_faces, smallest_pyramids
 from sdm_deflect.deform.mesh.edges import polygons_of, rows_of
-from sdm_deflect.deform.mesh.mesh import Polygons, Polyhedra
-from sdm_deflect.deform.mesh.parts import taken
 
 SMALLEST_PYRAMID = -1e-15
 """checkMesh finds fault with a face pyramid of a smaller volume, in the mesh's unit of length cubed."""

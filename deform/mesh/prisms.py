@@ -4,8 +4,7 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, IntArray
 from sdm_deflect.deform.base.sets import distinct
-from sdm_deflect.deform.mesh.mesh import Polyhedra
-from sdm_deflect.deform.mesh.parts import taken
+from sdm_deflect.deform.mesh.cells import Polyhedra, taken
 from sdm_deflect.deform.mesh.polyhedra import corner_edges
 
 

@@ -12,8 +12,9 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.mesh import Cells, Faces, Mesh, Patch, meant
-from sdm_deflect.deform.mesh.parts import MARK, MOST, REGION, Part, listed, placed, taken
+from sdm_deflect.deform.mesh.cells import Cells, Faces, Patch, taken
+from sdm_deflect.deform.mesh.mesh import Mesh, meant
+from sdm_deflect.deform.mesh.parts import MARK, MOST, REGION, Part, listed, placed
 
 
 class Condition(Protocol):

@@ -15,8 +15,9 @@ from sdm_deflect.deform.base.compiled import compiled
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import in_chunks
 from sdm_deflect.deform.mesh import polyhedra
+from sdm_deflect.deform.mesh.cells import Polyhedra, Volume
 from sdm_deflect.deform.mesh.edges import rows_of
-from sdm_deflect.deform.mesh.mesh import Mesh, Polyhedra, Volume
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.prisms import alone, prisms_on
 from sdm_deflect.deform.mesh.quality import POLYHEDRON, Quality, by_shape, check_most, inverted_of, judged, oriented
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.mesh.cells import Polygons
 from sdm_deflect.deform.mesh.closest import Closest, Triangles
 from sdm_deflect.deform.mesh.edges import are_lines, rim, sharp_edges, unit
-from sdm_deflect.deform.mesh.mesh import Polygons
 
 SHARP = 40.0  # degrees between two faces, above which nodes on their edge stay on edges
 ON = 1e-9  # of the surface's size: points nearer to it, or to a sharp edge, are on it

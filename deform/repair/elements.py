@@ -14,8 +14,8 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.points import along_curve
+from sdm_deflect.deform.mesh.cells import Cells, Polyhedra, Volume
 from sdm_deflect.deform.mesh.compiled_quality import CORNERS
-from sdm_deflect.deform.mesh.mesh import Cells, Polyhedra, Volume
 from sdm_deflect.deform.mesh.polyhedra import corner_edges
 
 REGULAR = np.array([[1.0, 0.5, 0.5], [0.0, np.sqrt(3.0) / 2.0, np.sqrt(3.0) / 6.0], [0.0, 0.0, np.sqrt(2.0 / 3.0)]])

@@ -10,9 +10,10 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.sets import distinct, union
+from sdm_deflect.deform.mesh.cells import Patch, Polygons
 from sdm_deflect.deform.mesh.edges import Joints, area_vectors, polygons_of, unit
 from sdm_deflect.deform.mesh.images import Images
-from sdm_deflect.deform.mesh.mesh import Mesh, Patch, Polygons
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.sliding import FITTED, SURFACE, Plane, SlidingSurface
 from sdm_deflect.deform.mesh.triangulated import SHARP, Triangulated
 from sdm_deflect.deform.repair.columns import Columns

@@ -8,7 +8,7 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.mesh import polyhedra
-from sdm_deflect.deform.mesh.mesh import Polyhedra
+from sdm_deflect.deform.mesh.cells import Polyhedra
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.mesh.touched import CellScores, TouchedCells
 from sdm_deflect.deform.repair.freedom import FreeNodes

@@ -17,7 +17,7 @@ from sdm_deflect.deform.base.errors import InputError, shortened
 from sdm_deflect.deform.base.points import farthest, first_coincident
 from sdm_deflect.deform.base.reading import damaged, read_arrays
 from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.mesh import bounded
+from sdm_deflect.deform.mesh.cells import bounded
 from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline

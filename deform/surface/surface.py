@@ -13,8 +13,9 @@ from sdm_deflect.deform.base.errors import InputError, shortened
 from sdm_deflect.deform.base.reading import damaged
 from sdm_deflect.deform.base.sets import distinct
 from sdm_deflect.deform.mesh.axis import Axis
+from sdm_deflect.deform.mesh.cells import whole
 from sdm_deflect.deform.mesh.edges import polygons_of, sharp_edges
-from sdm_deflect.deform.mesh.mesh import Mesh, whole
+from sdm_deflect.deform.mesh.mesh import Mesh
 
 FAR = 0.5  # of the largest distance from the hinge: sharp edges beyond are the trailing edge
 ALONG = 0.5  # cosine between an edge and the hinge above which the edge runs along it

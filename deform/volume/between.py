@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.mesh.cells import Polygons
 from sdm_deflect.deform.mesh.edges import are_lines, edges_of, polygons_of
-from sdm_deflect.deform.mesh.mesh import Polygons
 from sdm_deflect.deform.volume.boundary import PrescribedNodes
 from sdm_deflect.deform.volume.step import Step
 

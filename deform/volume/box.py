@@ -9,7 +9,7 @@ from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.hexahedron import FACES, Hexahedron, box
 from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.mesh import bounded
+from sdm_deflect.deform.mesh.cells import bounded
 
 GROWTH = 3.0  # margins are at least this multiple of the largest displacement
 GAP = 0.9  # a face that gives way to a patch stops at this share of the distance to it

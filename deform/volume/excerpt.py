@@ -15,8 +15,9 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.base.sets import distinct, union
 from sdm_deflect.deform.hexahedron import Hexahedron
+from sdm_deflect.deform.mesh.cells import CORNERS, Cells, Faces, Patch, Volume, Zone
 from sdm_deflect.deform.mesh.faces import Keys, node_keys, patch_keys
-from sdm_deflect.deform.mesh.mesh import CORNERS, Cells, Faces, Mesh, Patch, Volume, Whole, Zone
+from sdm_deflect.deform.mesh.mesh import Mesh, Whole
 from sdm_deflect.deform.mesh.pieces import MeshInPieces, Pieces, Runner
 from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra, joined
 from sdm_deflect.deform.mesh.quality import POLYHEDRON

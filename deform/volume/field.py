@@ -22,7 +22,7 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.base.reading import damaged, read_arrays
 from sdm_deflect.deform.hexahedron import Hexahedron
-from sdm_deflect.deform.mesh.mesh import bounded
+from sdm_deflect.deform.mesh.cells import bounded
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.rbf.kernels import arrays_of, stored_kernel
 from sdm_deflect.deform.volume.deflection import Deflected, Deflection

@@ -11,7 +11,8 @@ from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.hexahedron import Hexahedron
-from sdm_deflect.deform.mesh.mesh import Mesh, Patch, Zone
+from sdm_deflect.deform.mesh.cells import Patch, Zone
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.volume.boundary import SAME, Amounts, PrescribedNodes
 from sdm_deflect.deform.volume.box import BoxScene, Chosen
 from sdm_deflect.deform.volume.job import Section

@@ -10,8 +10,8 @@ from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.sets import distinct
 from sdm_deflect.deform.hexahedron import Hexahedron
+from sdm_deflect.deform.mesh.cells import LARGEST, Cells, Polyhedra, Volume
 from sdm_deflect.deform.mesh.faces import Keys, cell_face_keys, face_keys
-from sdm_deflect.deform.mesh.mesh import LARGEST, Cells, Polyhedra, Volume
 from sdm_deflect.deform.mesh.pieces import Pieces
 from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra
 from sdm_deflect.deform.mesh.quality import inverted_of, other_hand, other_handed

@@ -10,7 +10,8 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.mesh import CORNERS, PLANE, VOLUMES, Cells, Mesh, Patch, whole
+from sdm_deflect.deform.mesh.cells import CORNERS, PLANE, VOLUMES, Cells, Patch, whole
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import quality_of
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.polyhedra import standard_cells

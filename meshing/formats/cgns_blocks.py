@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.mesh.mesh import Cells, Constraint, Patch
+from sdm_deflect.deform.mesh.cells import Cells, Constraint, Patch
 from sdm_deflect.meshing.formats.cgns_boundary import (
     Border,
     Fault,

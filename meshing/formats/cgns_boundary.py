@@ -9,7 +9,8 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, IntArray
 from sdm_deflect.deform.base.errors import sentence
-from sdm_deflect.deform.mesh.mesh import ABSENT, Cells, Constraint, Patch, Polygons
+from sdm_deflect.deform.mesh.cells import Cells, Constraint, Patch, Polygons
+from sdm_deflect.deform.mesh.mesh import ABSENT
 from sdm_deflect.meshing.formats.cgns_nodes import child, children, has, integers, text
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.shapes import all_of, chosen

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, IntArray
-from sdm_deflect.deform.mesh.mesh import CORNERS, PLANE, VOLUMES, Cells, Polygons, Polyhedra
-from sdm_deflect.deform.mesh.parts import taken
+from sdm_deflect.deform.mesh.cells import CORNERS, PLANE, VOLUMES, Cells, Polygons, Polyhedra, taken
 from sdm_deflect.meshing.formats.cgns_nodes import child, children, has, integers
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.shapes import mirrored, places, polygons, turned

@@ -11,7 +11,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Polyhedra, Warned
+from sdm_deflect.deform.mesh.cells import Cells, Polyhedra
+from sdm_deflect.deform.mesh.mesh import Mesh, Warned
 from sdm_deflect.meshing.formats.cgns_blocks import Size, block_border, cells, collapsed, no_cells, size_of, wide
 from sdm_deflect.meshing.formats.cgns_boundary import PART, Fault, NumberedFaces, notes_of, without, zone_border
 from sdm_deflect.meshing.formats.cgns_elements import NFACE, NGON, ElementSection, blocks, read_polyhedra, sections

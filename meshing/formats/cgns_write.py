@@ -8,8 +8,9 @@ import h5py
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import IntArray
+from sdm_deflect.deform.mesh.cells import Cells, Constraint, Polygons, Polyhedra
 from sdm_deflect.deform.mesh.faces import face_keys, node_keys, patch_keys
-from sdm_deflect.deform.mesh.mesh import Cells, Constraint, Mesh, Polygons, Polyhedra
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.cgns_elements import NFACE, NGON, SHAPES
 from sdm_deflect.meshing.formats.cgns_nodes import AXES, Integer, create, create_sized, describe, node_names
 from sdm_deflect.meshing.formats.cgns_periodic import write_pairs

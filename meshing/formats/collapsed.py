@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import IntArray
-from sdm_deflect.deform.mesh.mesh import Cells, Polygons, Polyhedra
+from sdm_deflect.deform.mesh.cells import Cells, Polygons, Polyhedra
 
 Block = TypeVar("Block", Cells | Polygons, Cells | Polyhedra)
 CORNERS = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)])

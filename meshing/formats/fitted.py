@@ -8,8 +8,9 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, IntArray
 from sdm_deflect.deform.base.sets import distinct
+from sdm_deflect.deform.mesh.cells import Cells, Constraint, Faces, Patch, Polygons, Polyhedra, Volume, Zone
 from sdm_deflect.deform.mesh.faces import cell_face_keys, face_keys, node_keys
-from sdm_deflect.deform.mesh.mesh import Cells, Constraint, Faces, Mesh, Patch, Polygons, Polyhedra, Volume, Zone
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.collapsed import expanded
 from sdm_deflect.meshing.formats.shapes import chosen, places
 from sdm_deflect.meshing.formats.zones import agreed, renumbered

@@ -11,7 +11,8 @@ from typing import TypeVar
 
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.progress import Progress
-from sdm_deflect.deform.mesh.mesh import Patch, Polygons, Warned
+from sdm_deflect.deform.mesh.cells import Patch, Polygons
+from sdm_deflect.deform.mesh.mesh import Warned
 from sdm_deflect.meshing.files import fresh_folder
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
 from sdm_deflect.meshing.formats.openfoam_files import MESH, FoamFile, FoamPatch, open_foam, vectors

@@ -13,7 +13,7 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.reading import check_unpacked, unpack_limit
-from sdm_deflect.deform.mesh.mesh import Polygons
+from sdm_deflect.deform.mesh.cells import Polygons
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.numbers import Placed, numbers
 from sdm_deflect.meshing.formats.shapes import polygons

@@ -15,8 +15,8 @@ from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.mesh.axis import Axis
+from sdm_deflect.deform.mesh.cells import Constraint, Patch, Periodic, Polygons
 from sdm_deflect.deform.mesh.edges import polygons_of
-from sdm_deflect.deform.mesh.mesh import Constraint, Patch, Periodic, Polygons
 from sdm_deflect.deform.mesh.pairing import (
     RigidMotion,
     nearest_rotation,

@@ -13,8 +13,7 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.progress import Progress, silent
-from sdm_deflect.deform.mesh.mesh import OWNERS, RISING, Cells, Polygons, Polyhedra, Zone
-from sdm_deflect.deform.mesh.parts import taken
+from sdm_deflect.deform.mesh.cells import OWNERS, RISING, Cells, Polygons, Polyhedra, Zone, taken
 from sdm_deflect.deform.mesh.pieces import HERE, MeshInPieces, Runner
 from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra, joined
 from sdm_deflect.deform.mesh.quality import POLYHEDRON

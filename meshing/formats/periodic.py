@@ -8,8 +8,9 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.sets import union
+from sdm_deflect.deform.mesh.cells import Patch, Periodic
 from sdm_deflect.deform.mesh.images import is_thin
-from sdm_deflect.deform.mesh.mesh import Mesh, Patch, Periodic
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.pairing import fitted, tolerance
 
 Listed = tuple[str, IntArray]

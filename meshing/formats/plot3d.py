@@ -18,7 +18,8 @@ from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.progress import Progress, silent
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.cells import Cells, Patch
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats.cgns_blocks import AXES, BlockFace, Size, cells, collapsed, faces, points_in
 from sdm_deflect.meshing.formats.cgns_interfaces import NEAR, meeting

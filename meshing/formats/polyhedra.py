@@ -6,9 +6,9 @@ from itertools import chain
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import IntArray
+from sdm_deflect.deform.mesh.cells import CORNERS, Cells, Polygons, Polyhedra, taken
 from sdm_deflect.deform.mesh.faces import FACES, Keys, face_keys, node_keys, patch_keys
-from sdm_deflect.deform.mesh.mesh import CORNERS, Cells, Mesh, Polygons, Polyhedra
-from sdm_deflect.deform.mesh.parts import taken
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.shapes import polygons, turned
 

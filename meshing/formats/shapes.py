@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.sets import distinct
+from sdm_deflect.deform.mesh.cells import MIRRORED, PLANE, Cells, Patch, Polygons, taken
 from sdm_deflect.deform.mesh.faces import cell_face_keys, node_keys, patch_keys
-from sdm_deflect.deform.mesh.mesh import MIRRORED, PLANE, Cells, Mesh, Patch, Polygons
-from sdm_deflect.deform.mesh.parts import taken
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.format import MeshFileError
 
 AXES = {"tetra": (1, 2, 3), "pyramid": (1, 3, 4), "wedge": (2, 1, 3), "hexahedron": (1, 3, 4)}

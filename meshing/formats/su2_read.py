@@ -12,7 +12,8 @@ from typing import Any, BinaryIO, TypeVar
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.mesh.mesh import CORNERS, Cells, Patch, Warned
+from sdm_deflect.deform.mesh.cells import CORNERS, Cells, Patch
+from sdm_deflect.deform.mesh.mesh import Warned
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.numbers import COMMENT, NumberLines, Placed, chunks, numbers
 from sdm_deflect.meshing.formats.table_pieces import CellTable, PointRange, TablePieces

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.mesh.mesh import CORNERS
+from sdm_deflect.deform.mesh.cells import CORNERS
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.numbers import NumberLines, Placed, chunks, numbers, table
 from sdm_deflect.meshing.formats.tables import FileTable, Held

@@ -8,8 +8,8 @@ from typing import TypeVar
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, IntArray
-from sdm_deflect.deform.mesh.mesh import Cells, Constraint, Mesh, Patch, Polygons, Polyhedra, Zone
-from sdm_deflect.deform.mesh.parts import taken
+from sdm_deflect.deform.mesh.cells import Cells, Constraint, Patch, Polygons, Polyhedra, Zone, taken
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.shapes import Faces, chosen
 
 Block = TypeVar("Block", bound=Cells | Polygons | Polyhedra)

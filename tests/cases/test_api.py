@@ -7,7 +7,7 @@ import pytest
 
 import sdm_deflect
 from sdm_deflect import Blended, Hexahedron, InputError, OnPatches, Rotation, deflect, sweep
-from sdm_deflect.deform.mesh.mesh import Cells
+from sdm_deflect.deform.mesh.cells import Cells
 from sdm_deflect.meshing.formats.registry import format_of
 from tests.limits import limited
 

@@ -11,8 +11,9 @@ from sdm_deflect.cases.run.inspection import inspect, inspected
 from sdm_deflect.cases.run.metrics import deflection_figures, face_rows
 from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.mesh import orthogonality
+from sdm_deflect.deform.mesh.cells import Cells, Patch, Periodic
 from sdm_deflect.deform.mesh.faces import FACES as OF_SHAPES
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch, Periodic
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.orthogonality import TouchedFaces, face_quality
 from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.volume.deflection import inverted_count

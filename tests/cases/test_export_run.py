@@ -10,7 +10,8 @@ from click import BadParameter
 from sdm_deflect.cases.cli.commands import cli
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.run.export import export_run
-from sdm_deflect.deform.mesh.mesh import Mesh, Polyhedra
+from sdm_deflect.deform.mesh.cells import Polyhedra
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.known import written
 from sdm_deflect.meshing.formats.openfoam import MESH

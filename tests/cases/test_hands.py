@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.mesh.mesh import MIRRORED, Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.cells import MIRRORED, Cells, Patch
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import one_hand
 from sdm_deflect.meshing.formats.registry import format_of
 from tests.deform.blocks import block_with_body

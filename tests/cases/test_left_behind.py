@@ -7,7 +7,8 @@ import h5py
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.cells import Cells, Patch
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.registry import format_of
 from tests.deform.blocks import FACES, SIDES, block_with_body, grid, joined
 

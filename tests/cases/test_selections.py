@@ -14,7 +14,8 @@ from sdm_deflect.cases.settings.jobs import jobs_of
 from sdm_deflect.cases.settings.selections import selection
 from sdm_deflect.cases.view.run import InteractiveRun
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.cells import Cells, Patch
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.selection import Before, Component, Within
 from sdm_deflect.meshing.formats.registry import FORMATS, read
 from tests.deform.blocks import two_bodies

@@ -16,7 +16,8 @@ from sdm_deflect.cases.settings.conversion import to_toml
 from sdm_deflect.cases.settings.job_settings import FLAT, SectionSettings, read_job
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.schema import inline_in, settings_in
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.cells import Cells, Patch
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.registry import FORMATS
 
 HINGE = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch, Zone
+from sdm_deflect.deform.mesh.cells import Cells, Patch, Zone
+from sdm_deflect.deform.mesh.mesh import Mesh
 
 
 def grid(low, high, counts):

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import KDTree
 
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch, Periodic
+from sdm_deflect.deform.mesh.cells import Cells, Patch, Periodic
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.openfoam_files import MESH
 from sdm_deflect.meshing.formats.openfoam_write import BARE, write_files, write_mesh
 from tests.deform.blocks import FACES, grid

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.cells import Cells, Patch
+from sdm_deflect.deform.mesh.mesh import Mesh
 
 
 def plate(count: int = 24, shape: str = "quad", z: float = 0.0) -> Mesh:

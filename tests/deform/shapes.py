@@ -4,8 +4,9 @@ from itertools import permutations
 
 import numpy as np
 
+from sdm_deflect.deform.mesh.cells import Cells, Patch, Polygons, Polyhedra
 from sdm_deflect.deform.mesh.faces import FACE_SHAPES, FACES
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch, Polygons, Polyhedra
+from sdm_deflect.deform.mesh.mesh import Mesh
 from tests.deform.blocks import SIDES, block_with_body
 from tests.deform.repair.meshes import CORNER
 from tests.meshing.formats.examples import polyhedral

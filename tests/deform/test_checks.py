@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.checks import Check, checks_of, layers_of, site_error, worst
-from sdm_deflect.deform.mesh.mesh import Cells, Patch
+from sdm_deflect.deform.mesh.cells import Cells, Patch
 from sdm_deflect.deform.mesh.quality import inverted_of
 from sdm_deflect.deform.rbf.fitting import Fitting
 from sdm_deflect.deform.volume.deflection import deflect

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from sdm_deflect.deform.mesh.cells import Cells, Polygons
 from sdm_deflect.deform.mesh.edges import area_vectors, edges_of, median_edge, polygons_of, sharp_edges
-from sdm_deflect.deform.mesh.mesh import Cells, Polygons
 
 
 def test_area_vectors_edges_and_lengths_of_mixed_faces():

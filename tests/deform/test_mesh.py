@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.base.errors import InputError, nearest
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch, Polygons, Polyhedra, Zone, meant
+from sdm_deflect.deform.mesh.cells import Cells, Patch, Polygons, Polyhedra, Zone
+from sdm_deflect.deform.mesh.mesh import Mesh, meant
 
 POINTS = np.arange(24.0).reshape(8, 3)
 TRIANGLES = Cells("triangle", np.array([[0, 1, 2], [2, 1, 5]]))

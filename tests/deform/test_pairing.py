@@ -6,7 +6,8 @@ import pytest
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.mesh import Mesh, Patch, Periodic
+from sdm_deflect.deform.mesh.cells import Patch, Periodic
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.pairing import (
     PeriodicPatches,
     RigidMotion,

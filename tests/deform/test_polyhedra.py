@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.mesh import polyhedra
-from sdm_deflect.deform.mesh.mesh import Polygons, Polyhedra
+from sdm_deflect.deform.mesh.cells import Polygons, Polyhedra
 from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra, joined, pyramids_of
 from sdm_deflect.meshing.formats.polyhedra import bounded
 from tests.deform.repair.meshes import lattice

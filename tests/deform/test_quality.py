@@ -7,8 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from sdm_deflect.deform.mesh.cells import VOLUMES, Cells, Polygons, Polyhedra
 from sdm_deflect.deform.mesh.compiled_quality import BLOCK
-from sdm_deflect.deform.mesh.mesh import VOLUMES, Cells, Mesh, Polygons, Polyhedra
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.polyhedra import face_centres_and_areas, pyramids_of
 from sdm_deflect.deform.mesh.quality import (
     MEASURES,

@@ -7,7 +7,8 @@ import pytest
 
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import SERIAL_PAIRS
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Polygons, Polyhedra
+from sdm_deflect.deform.mesh.cells import Cells, Polygons, Polyhedra
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.mesh.touched import WEIGHT, TouchedCells, first_layer, layers
 from sdm_deflect.meshing.formats.polyhedra import bounded

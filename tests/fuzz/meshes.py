@@ -8,7 +8,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.cells import Cells, Patch
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats import openfoam_files as foam
 from sdm_deflect.meshing.formats.cgns_nodes import create
 from sdm_deflect.meshing.formats.periodic import with_pairs

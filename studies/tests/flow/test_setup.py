@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.cells import Cells, Patch
+from sdm_deflect.deform.mesh.mesh import Mesh
 from studies.flow.forces import Forces, coefficients, hinge_moment
 from studies.flow.setup import FreeStream, Hinge, Setup, kinds_of
 from tests.deform.blocks import block_with_body, joined

@@ -4,7 +4,8 @@ from itertools import permutations
 
 import numpy as np
 
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.cells import Cells, Patch
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.repair.freedom import FreeNodes
 from tests.deform.blocks import grid

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh
+from sdm_deflect.deform.mesh.cells import Cells
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.sliding import CylinderWall, Plane
 from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.repair.columns import Columns, Heights

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Polygons, Polyhedra
+from sdm_deflect.deform.mesh.cells import Cells, Polygons, Polyhedra
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.repair.elements import Tetrahedra, corners_of
 from sdm_deflect.deform.repair.freedom import FreeNodes

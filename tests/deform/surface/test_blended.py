@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.mesh import Mesh, Patch
+from sdm_deflect.deform.mesh.cells import Patch
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.surface import blended
 from sdm_deflect.deform.surface.blended import Blended, Rib
 from sdm_deflect.deform.surface.motions import Rotation, Table

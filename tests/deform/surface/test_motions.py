@@ -8,7 +8,8 @@ import pytest
 
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.mesh import Mesh, Patch
+from sdm_deflect.deform.mesh.cells import Patch
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.surface import motions
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Moving, Rotation, Table

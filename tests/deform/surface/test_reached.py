@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases.run.metrics import deflection_figures, motions
-from sdm_deflect.deform.mesh.mesh import Mesh, Patch
+from sdm_deflect.deform.mesh.cells import Patch
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.surface.blended import Blended, Rib
 from sdm_deflect.deform.surface.motions import Rotation, Table
 from sdm_deflect.deform.surface.reached import Reached

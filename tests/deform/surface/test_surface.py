@@ -5,7 +5,8 @@ import pytest
 
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.mesh import Mesh, Patch
+from sdm_deflect.deform.mesh.cells import Patch
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.surface.surface import Listed, OnPatches, Surface, TrailingEdge
 
 AXIS = Axis.through(np.array([0.7, 0.0, 0.0]), np.array([0.7, 1.0, 0.0]))

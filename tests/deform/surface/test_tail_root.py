@@ -9,7 +9,8 @@ from numpy.polynomial import chebyshev
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.hexahedron import box
 from sdm_deflect.deform.mesh.axis import Axis, Cylinder
-from sdm_deflect.deform.mesh.mesh import Mesh, Patch
+from sdm_deflect.deform.mesh.cells import Patch
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.surface.surface import Surface

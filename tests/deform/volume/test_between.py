@@ -8,8 +8,8 @@ import pytest
 from sdm_deflect.deform.base.points import first_coincident
 from sdm_deflect.deform.base.progress import silent
 from sdm_deflect.deform.mesh.axis import Axis
+from sdm_deflect.deform.mesh.cells import Polygons
 from sdm_deflect.deform.mesh.edges import polygons_of
-from sdm_deflect.deform.mesh.mesh import Polygons
 from sdm_deflect.deform.rbf.fitting import Fitting
 from sdm_deflect.deform.surface.appendix_a import blend
 from sdm_deflect.deform.volume import between

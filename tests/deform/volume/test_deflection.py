@@ -8,7 +8,8 @@ import pytest
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.progress import silent
 from sdm_deflect.deform.checks import checks_of
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh
+from sdm_deflect.deform.mesh.cells import Cells
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.rbf.fitting import Fitting
 from sdm_deflect.deform.volume import deflection
 from sdm_deflect.deform.volume.deflection import deflect, sweep

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.cells import Cells, Patch
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.pieces import MeshInPieces, Threads
 from sdm_deflect.deform.volume import excerpt
 from sdm_deflect.deform.volume.box import Automatic

@@ -7,8 +7,8 @@ import pytest
 
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.checks import checks_of
+from sdm_deflect.deform.mesh.cells import Cells, Patch, Periodic
 from sdm_deflect.deform.mesh.images import Images
-from sdm_deflect.deform.mesh.mesh import Cells, Patch, Periodic
 from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.deform.mesh.selection import Selection, Within, selected
 from sdm_deflect.deform.repair import goal

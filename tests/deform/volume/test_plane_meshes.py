@@ -8,8 +8,9 @@ import pytest
 from sdm_deflect import deflect
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.checks import checks_of
+from sdm_deflect.deform.mesh.cells import Cells, Patch
 from sdm_deflect.deform.mesh.edges import polygons_of, rim, sharp_edges
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import inverted_of, quality_of
 from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.rbf.interpolant import fit

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.checks import checks_of, left_behind
 from sdm_deflect.deform.hexahedron import Hexahedron, box
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch, Zone
+from sdm_deflect.deform.mesh.cells import Cells, Patch, Zone
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.volume.box import Automatic
 from sdm_deflect.deform.volume.deflection import deflect

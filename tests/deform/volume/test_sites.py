@@ -6,8 +6,9 @@ from scipy.spatial.distance import cdist
 
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.checks import checks_of
+from sdm_deflect.deform.mesh.cells import Patch
 from sdm_deflect.deform.mesh.edges import median_edge
-from sdm_deflect.deform.mesh.mesh import Mesh, Patch
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.rbf.fitting import Fitting
 from sdm_deflect.deform.volume import sites as places
 from sdm_deflect.deform.volume.plan import Plan

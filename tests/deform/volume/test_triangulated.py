@@ -6,9 +6,9 @@ import pytest
 
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.checks import checks_of
+from sdm_deflect.deform.mesh.cells import Cells, Patch, Polygons
 from sdm_deflect.deform.mesh.closest import Triangles
 from sdm_deflect.deform.mesh.edges import polygons_of
-from sdm_deflect.deform.mesh.mesh import Cells, Patch, Polygons
 from sdm_deflect.deform.mesh.sliding import SlidingPatch
 from sdm_deflect.deform.mesh.triangulated import TriangleSet, Triangulated
 from tests.deform.blocks import block_with_body, grid

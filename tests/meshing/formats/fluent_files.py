@@ -6,7 +6,8 @@ from typing import Any
 import h5py
 import numpy as np
 
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch, Polyhedra
+from sdm_deflect.deform.mesh.cells import Cells, Patch, Polyhedra
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.polyhedra import Bounded, bounded
 from sdm_deflect.meshing.formats.shapes import polygons, turned
 

@@ -4,7 +4,8 @@ from struct import pack
 
 import numpy as np
 
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh
+from sdm_deflect.deform.mesh.cells import Cells
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.gmsh import FACES, SOLIDS
 from sdm_deflect.meshing.formats.shapes import mirrored
 

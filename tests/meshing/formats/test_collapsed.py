@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh
+from sdm_deflect.deform.mesh.cells import Cells
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.collapsed import CORNERS, TURNS, expanded
 from tests.meshing.formats.examples import grid
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from sdm_deflect.deform.mesh.cells import MIRRORED, Cells, Patch, Polygons, taken
 from sdm_deflect.deform.mesh.faces import FACES, face_keys, node_keys
-from sdm_deflect.deform.mesh.mesh import MIRRORED, Cells, Mesh, Patch, Polygons
-from sdm_deflect.deform.mesh.parts import taken
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.shapes import loose_faces, mirrored, oriented, turned
 from sdm_deflect.meshing.formats.zones import joined, part
 from tests.meshing.formats.alike import content

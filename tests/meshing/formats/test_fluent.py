@@ -13,7 +13,8 @@ from sdm_deflect.cases.report.folder import folder_of
 from sdm_deflect.cases.run.inspection import inspect
 from sdm_deflect.cases.run.mesh_files import Targets
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.mesh import Mesh, Patch
+from sdm_deflect.deform.mesh.cells import Patch
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import inverted_of
 from sdm_deflect.meshing.formats.fluent import Fluent
 from sdm_deflect.meshing.formats.format import MeshFileError

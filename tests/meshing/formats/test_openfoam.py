@@ -6,7 +6,7 @@ import shutil
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.mesh.mesh import Polygons
+from sdm_deflect.deform.mesh.cells import Polygons
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import MESH, OpenFoam
 from sdm_deflect.meshing.formats.openfoam_files import open_foam, parse

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases.run.mesh_files import write_mesh
-from sdm_deflect.deform.mesh.mesh import Cells, Patch
+from sdm_deflect.deform.mesh.cells import Cells, Patch
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.openfoam_files import MESH, FoamPatch
 from sdm_deflect.meshing.formats.openfoam_pairs import pairs_of

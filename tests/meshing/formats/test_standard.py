@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.mesh.mesh import Mesh, Polygons, Polyhedra
+from sdm_deflect.deform.mesh.cells import Polygons, Polyhedra
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.gmsh import Gmsh
 from sdm_deflect.meshing.formats.openfoam import OpenFoam

@@ -4,7 +4,8 @@ import meshio
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch, Polygons
+from sdm_deflect.deform.mesh.cells import Cells, Patch, Polygons
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.su2 import Su2
 from tests.meshing.formats.alike import content

@@ -12,7 +12,8 @@ from vtkmodules.vtkIONetCDF import vtkNetCDFReader
 import sdm_deflect
 from sdm_deflect.cases.run.inspection import inspect, inspected
 from sdm_deflect.cases.run.mesh_files import Targets
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.cells import Cells, Patch
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats import tau
 from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.format import MeshFileError

@@ -12,7 +12,8 @@ import sdm_deflect as sdm
 from sdm_deflect.cases.report.folder import folder_of
 from sdm_deflect.cases.run.mesh_files import Targets
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.cells import Cells, Patch
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.registry import read
 from sdm_deflect.meshing.formats.shapes import mirrored

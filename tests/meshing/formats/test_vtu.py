@@ -10,7 +10,7 @@ import pyvista as pv
 
 import sdm_deflect
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.mesh import Polyhedra
+from sdm_deflect.deform.mesh.cells import Polyhedra
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.vtu import Vtu

@@ -8,7 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.cells import Cells, Patch
+from sdm_deflect.deform.mesh.mesh import Mesh
 
 TIP, END, RADIUS = 1.0, 1.8, 3.0
 RINGS, CUT = 10, 2
