@@ -1,7 +1,6 @@
 """Colours of patches, qualities and displacements, and faces as arrays."""
 
 from collections.abc import Iterable
-from typing import Any
 from zlib import crc32
 
 import matplotlib as mpl
@@ -73,26 +72,12 @@ def components_of(patches: Iterable[str]) -> list[str]:
 
 def quality_rgb(quality: FloatArray) -> IntArray:
     """Return the colours (F, 3) of qualities (F,)."""
-    return _rgb(QUALITY_MAP, QUALITY_RANGE(quality))
+    return np.asarray(np.rint(255.0 * mpl.colormaps[QUALITY_MAP](QUALITY_RANGE(quality))[:, :3]), dtype=np.intp)
 
 
 CHANGE_MAP = "RdBu"
 CHANGE_RANGE = Normalize(-0.2, 0.2)
 """From cells that lose quality, red, to those that gain it."""
-
-
-def change_rgb(change: FloatArray) -> IntArray:
-    """Return the colours (F, 3) of changes of quality (F,)."""
-    return _rgb(CHANGE_MAP, np.clip(CHANGE_RANGE(change), 0.0, 1.0))
-
-
-def moved_rgb(shares: FloatArray) -> IntArray:
-    """Return the colours (F, 3) of displacements (F,), as shares of the largest."""
-    return _rgb(MOVED_MAP, shares)
-
-
-def _rgb(scale: str, shares: Any) -> IntArray:
-    return np.asarray(np.rint(255.0 * mpl.colormaps[scale](shares)[:, :3]), dtype=np.intp)
 
 
 MOVED_MAP = "YlOrRd"

@@ -31,6 +31,7 @@
   });
   window.addEventListener("afterprint", () => opened.forEach((one) => { one.open = false; }));
 
+  if (location.search.startsWith("?secret=")) history.replaceState(null, "", "/"); // of sdm view; it is a cookie now
   document.getElementById("interactive-body").hidden = false;
   if (!drawable()) return without("this browser offers no WebGL.");
   if (typeof DecompressionStream === "undefined") return without("this browser is older than 2023.");
@@ -442,7 +443,6 @@
       const socket = new WebSocket(`ws://${location.host}/ws`), slider = control("angle"), typed = control("typed");
       let waiting = false, next = null, rest = 0, since = 0, shown = angle;
       socket.binaryType = "arraybuffer";
-      history.replaceState(null, "", "/"); // the secret is a cookie from now on
       function ask(wish) {
         clearTimeout(rest);
         if (waiting) { next = wish; return; }

@@ -249,6 +249,7 @@ def test_a_click_names_the_patch_and_two_make_a_hinge_of_any_mesh(browser, tmp_p
         tab = shown_by(browser, address)
         assert "body" in tab.inner_text("table")
         assert not tab.locator("#scene-live").count()
+        assert "secret" not in tab.url
         frame = tab.locator("#turnable canvas").bounding_box()
         for shift in (0, 40):
             tab.mouse.click(frame["x"] + frame["width"] / 2 + shift, frame["y"] + frame["height"] / 2)
