@@ -29,8 +29,8 @@ from sdm_deflect.deform.mesh.edges import are_lines, polygons_of, unit
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.touched import layers
 from sdm_deflect.deform.rbf.fitting import RepairMode
-from sdm_deflect.deform.volume.deflection import Deflection
-from sdm_deflect.deform.volume.plan import Plan
+from sdm_deflect.deform.volume.deflection import BoxDeflection
+from sdm_deflect.deform.volume.plan import BoxPlan
 from tests.cases import snappy
 from tests.meshing.formats.wing import wing
 
@@ -137,7 +137,7 @@ def normals(mesh: Mesh, points: FloatArray, walls: tuple[str, ...]) -> FloatArra
     return unit(out)
 
 
-def first_edges(plan: Plan, points: FloatArray) -> tuple[float, float]:
+def first_edges(plan: BoxPlan, points: FloatArray) -> tuple[float, float]:
     """Return the largest relative change of a first layer's height, and the mean change of its edges' angles (degrees).
 
     The angle is that between an edge that leaves a wall and the wall's normal there. Both are 0 without layers.
@@ -157,7 +157,7 @@ def first_edges(plan: Plan, points: FloatArray) -> tuple[float, float]:
     return float(np.abs(high / low - 1.0).max()), float(np.abs(after - before).mean())
 
 
-def dense(plan: Plan, angle: float) -> FloatArray:
+def dense(plan: BoxPlan, angle: float) -> FloatArray:
     """Interpolate by SciPy's TPS with all wall nodes as centres, and ours' zero sites; sliding nodes stay on planes."""
     sites, points, state = plan.sites, plan.mesh.points, plan.state(plan.mesh.points)
     move = plan.boundary.displacement(plan.job.amounts_at(angle))
@@ -179,7 +179,7 @@ def dense(plan: Plan, angle: float) -> FloatArray:
     return out
 
 
-def row(plan: Plan, angle: float, name: str, found: Outcome, orthogonality: str = "") -> str:
+def row(plan: BoxPlan, angle: float, name: str, found: Outcome, orthogonality: str = "") -> str:
     """Return a row of the table."""
     quality, inverted = plan.touched.judged(found.points)
     height, turn = first_edges(plan, found.points)
@@ -191,7 +191,7 @@ def row(plan: Plan, angle: float, name: str, found: Outcome, orthogonality: str 
 def rows(example: Example, angle: float) -> Iterator[str]:
     """Yield what becomes of a mesh at one angle by ours, and by dense TPS."""
     mesh = example.mesh()
-    found: dict[RepairMode, Deflection] = {}
+    found: dict[RepairMode, BoxDeflection] = {}
 
     def ours(mode: RepairMode) -> FloatArray:
         found[mode] = deflect(mesh, angle=angle, **example.settings, repair=mode).deflection.boxes[0]

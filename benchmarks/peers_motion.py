@@ -23,7 +23,7 @@ from benchmarks.results import machine
 from sdm_deflect.cases.api import deflect
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.rbf.fitting import RepairMode
-from sdm_deflect.deform.volume.deflection import Deflection
+from sdm_deflect.deform.volume.deflection import BoxDeflection
 from sdm_deflect.meshing.formats.registry import read
 
 WING = Path(__file__).parents[1] / "docs" / "examples" / "naca_wing.py"
@@ -35,7 +35,7 @@ def wing(folder: Path) -> Task:
     runpy.run_path(str(WING))["build"](folder)
     mesh: Mesh = read(folder / "naca.su2")
 
-    def ours(repair: RepairMode) -> Deflection:
+    def ours(repair: RepairMode) -> BoxDeflection:
         result = deflect(
             mesh, "flap", HINGE, ANGLE, motion="blended", fixed="wing", slide="symmetry:plane", repair=repair
         )

@@ -26,7 +26,7 @@ from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.rbf.interpolant import Interpolant
-from sdm_deflect.deform.volume.deflection import Deflection, deflect
+from sdm_deflect.deform.volume.deflection import BoxDeflection, deflect
 from sdm_deflect.geometry.aircraft import build
 from sdm_deflect.meshing.child import peak_bytes
 from sdm_deflect.meshing.generate.generation import generate
@@ -129,10 +129,11 @@ def size(mesh: Mesh, case: Case, first: Interpolant, refinements: int, made: Cos
     )
 
 
-def turned(mesh: Mesh, case: Case) -> Deflection:
+def turned(mesh: Mesh, case: Case) -> BoxDeflection:
     """Deflect the case's control surface."""
-    (plan,) = plan_of(case, mesh).boxes
-    return deflect(plan, plan.angle)
+    plan = plan_of(case, mesh)
+    (found,) = deflect(plan, plan.angle).boxes
+    return found
 
 
 def measured(action: Callable[[], T]) -> tuple[T, Cost]:

@@ -39,7 +39,8 @@ from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.rbf.fitting import RepairMode
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Rotation
-from sdm_deflect.deform.volume.deflection import Deflection, deflected
+from sdm_deflect.deform.volume.deflection import BoxDeflection
+from sdm_deflect.deform.volume.deflection import deflect as carried_out
 from sdm_deflect.geometry.datum import hinge_line
 from sdm_deflect.geometry.parameters import Fighter
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
@@ -54,7 +55,7 @@ READ = "import sys; from sdm_deflect.cases.api import read; read(sys.argv[1])"
 TETRA, PRISM = 4, 6
 """What gmsh calls these elements."""
 
-Ours = Callable[[RepairMode], Deflection]
+Ours = Callable[[RepairMode], BoxDeflection]
 """The deflection by ours, given when it shall repair."""
 
 
@@ -128,10 +129,10 @@ def chimera(folder: Path, angle: float) -> Task:
     case = replace(case_named("aileron-chimera"), angle=angle)
     mesh = meshed(case, Stopwatch())[0]
 
-    def ours(repair: RepairMode) -> Deflection:
+    def ours(repair: RepairMode) -> BoxDeflection:
         wanted = replace(case, repair=repair)
         plan = plan_of(wanted, mesh)
-        return deflected(plan, plan.angle).boxes[0]
+        return carried_out(plan, plan.angle).boxes[0]
 
     title = f"Chimera block, {len(mesh.cells[0])} tetrahedra, {angle:g} degrees"
     return Task.of(title, mesh, BLOCK, ours, folder / "block")
@@ -143,7 +144,7 @@ def aircraft(source: Path, folder: Path, angle: float) -> Task:
     motion = Blended(Rotation.about(*hinge_line(Fighter(), moving)))
     fixed = [name for name in mesh.names if name not in (moving, "far_field")]
 
-    def ours(repair: RepairMode) -> Deflection:
+    def ours(repair: RepairMode) -> BoxDeflection:
         return deflect(mesh, [moving], angle=angle, motion=motion, fixed=fixed, repair=repair).deflection.boxes[0]
 
     title = f"snappyHexMesh, {len(mesh.cells[0])} cells with layers, {angle:g} degrees blended"

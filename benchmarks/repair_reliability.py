@@ -29,7 +29,7 @@ from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.cache_folder import FOLDER_VARIABLE
 from sdm_deflect.deform.mesh.cells import Cells
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.volume.deflection import Deflection, deflect
+from sdm_deflect.deform.volume.deflection import BoxDeflection, deflect
 from sdm_deflect.geometry.datum import hinged
 
 ASKED = (
@@ -67,22 +67,23 @@ def named(name: str, angle: float, ahead: float) -> str:
 
 def trial(case: Case, mesh: Mesh) -> Trial:
     """Deflect every surface of a case in one step."""
-    parts = [part(deflect(plan, plan.angle)) for plan in plan_of(case, mesh).boxes]
+    plan = plan_of(case, mesh)
+    parts = [part(box) for box in deflect(plan, plan.angle).boxes]
     sums = {name: sum(getattr(one, name) for one in parts) for name in ("torn", "inverted", "seconds")}
     return Trial(**{name: min(getattr(one, name) for one in parts) for name in Trial.__slots__} | sums)
 
 
-def part(found: Deflection) -> Trial:
+def part(found: BoxDeflection) -> Trial:
     """Measure one surface."""
     plan, repair = found.plan, found.repaired
-    (before,), (after,) = plan.before, found.quality
+    (before,), (after,) = plan.touched.quality_before, found.quality
     alone = repair.quality[0] if repair else after
     bounds = (dihedral_bound(angle) for angle in hinge_angles(found))
     seconds = repair.seconds if repair else 0.0
     return Trial(before.min, alone.min, alone.inverted, after.min, after.inverted, min(bounds, default=1.0), seconds)
 
 
-def hinge_angles(found: Deflection) -> Iterator[float]:
+def hinge_angles(found: BoxDeflection) -> Iterator[float]:
     """Yield the dihedral angles (radians) at the hinge of cells whose fourth node is beyond the box."""
     plan, points = found.plan, found.points
     mesh, surface = plan.mesh, plan.surface

@@ -28,12 +28,12 @@ from sdm_deflect.deform.checks import Check, checks_of
 from sdm_deflect.deform.mesh.pieces import Threads
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.rbf.interpolant import Interpolant
-from sdm_deflect.deform.volume.deflection import Deflected
+from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.deflection import sweep as swept
 from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.field import Field
 from sdm_deflect.deform.volume.job import Job
-from sdm_deflect.deform.volume.plan import Planned, Plans
+from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.meshing.formats import adapters
 from sdm_deflect.meshing.formats.format import MeshFileError
 
@@ -83,7 +83,7 @@ class Result:
     checks : what must hold.
     """
 
-    deflection: Deflected
+    deflection: Deflection
     mesh: Any
     checks: tuple[Check, ...]
 
@@ -94,7 +94,7 @@ class Result:
 
     @property
     def points(self) -> FloatArray:
-        """Deflected coordinates (N, 3), in the mesh's unit of length and the order of the old ones."""
+        """Deflection coordinates (N, 3), in the mesh's unit of length and the order of the old ones."""
         return self.deflection.points
 
     @property
@@ -103,7 +103,7 @@ class Result:
         return self.points - self.plan.mesh.points
 
     @property
-    def plan(self) -> Planned:
+    def plan(self) -> Plan:
         """What was decided before the fit: sites, cells, the box; of several boxes, `boxes` has the plan of each."""
         return self.deflection.plan
 
@@ -260,7 +260,7 @@ class Result:
     @property
     def title(self) -> str:
         """The surface, the mesh, the angle and the verdict."""
-        unit, failed = self.plan.job.surfaces[0].motion.unit, [c.name for c in self.checks if not c.passed]
+        unit, failed = self.plan.unit, [c.name for c in self.checks if not c.passed]
         verdict = f"FAILED: {', '.join(failed)}" if failed else "all checks passed"
         return f"{', '.join(self.plan.patches)} of {self.plan.mesh.name} at {self.angle:+g} {unit}: {verdict}"
 
@@ -426,7 +426,7 @@ def _run(mesh: Any, jobs: Sequence[Job], angles: Sequence[float], progress: Prog
         raise InputError(f"progress = {shortened(progress)} must be a function of a text and a fraction")
     progress = of_notebook() if progress is silent else progress
     given = adapters.accepted(read(mesh, progress) if isinstance(mesh, str | PathLike) else mesh)
-    plan = Plans.of(given.mesh, jobs, angles, progress)
+    plan = Plan.of(given.mesh, jobs, angles, progress)
     for text in warnings_of(plan):
         warnings.warn(text, stacklevel=3)
     results = [

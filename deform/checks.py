@@ -23,8 +23,8 @@ from sdm_deflect.deform.mesh.quality import POLYHEDRON, inverted_of
 from sdm_deflect.deform.mesh.touched import Layers, first_layer
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.surface import OnPatches
-from sdm_deflect.deform.volume.deflection import Deflected, Deflection
-from sdm_deflect.deform.volume.plan import Plan, Planned
+from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection
+from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 
 LAYER_CHANGE, THICK_CHANGE = 0.01, 0.1  # of the first layer's height; of thick layers of polyhedra
 ON_SHAPE = 1e-9  # of the moving surface's size: how far sliding nodes may be from where they slid
@@ -103,12 +103,12 @@ def worst(distances: FloatArray, points: FloatArray) -> str:
     return f"{len(distances)} nodes, rms {rms:.1e}, worst at ({x:.4f}, {y:.4f}, {z:.4f})"
 
 
-def layers_of(deflection: Deflected) -> Layers | None:
+def layers_of(deflection: Deflection) -> Layers | None:
     """Return how the first prism layer's height changed; None without prisms."""
     return first_layer(deflection.plan.touched, deflection.plan.walls, deflection.points)
 
 
-def checks_of(deflection: Deflected, unit: str = "") -> tuple[Check, ...]:
+def checks_of(deflection: Deflection, unit: str = "") -> tuple[Check, ...]:
     """Return what must hold of the mesh at one angle, as the file holds it; of what rounding alone breaks, it says so.
 
     `unit` is that of lengths, where the mesh's is known.
@@ -122,14 +122,14 @@ def checks_of(deflection: Deflected, unit: str = "") -> tuple[Check, ...]:
     return tuple(one if one.passed or one.name in failing else replace(one, where=one.where + why) for one in found)
 
 
-def site_error(deflection: Deflection, unit: str = "") -> Check:
+def site_error(deflection: BoxDeflection, unit: str = "") -> Check:
     """Check that every data site of a box is as near to its displacement as was asked."""
     error, steps = max(step.error for step in deflection.steps), len(deflection.steps)
     where = f"all data sites, {steps} step{'s' if steps > 1 else ''}"
     return Check("site_error", error, deflection.plan.sites.tolerance, unit, where)
 
 
-def _checks(deflection: Deflected, unit: str) -> Iterator[Check]:
+def _checks(deflection: Deflection, unit: str) -> Iterator[Check]:
     plan, points = deflection.plan, deflection.points
     mesh = plan.mesh
     moved = np.abs(points - plan.undeflected).max(axis=1)
@@ -161,7 +161,7 @@ def _checks(deflection: Deflected, unit: str) -> Iterator[Check]:
     yield from _first_layer(deflection)
 
 
-def left_behind(deflection: Deflected, unit: str = "") -> Check:
+def left_behind(deflection: Deflection, unit: str = "") -> Check:
     """Check that no node stays where one that moves was, unless its patch is to stay: others hold the same surface."""
     mesh, moved = deflection.plan.mesh, np.linalg.norm(deflection.points - deflection.plan.undeflected, axis=1)
     behind: dict[str, int] = {}
@@ -189,7 +189,7 @@ def left_behind(deflection: Deflected, unit: str = "") -> Check:
     return Check("left_behind", float(count), 0.0, "nodes", where, over=over)
 
 
-def _staying(box: Plan, still: BoolArray, near: float) -> Iterator[tuple[str, FloatArray]]:
+def _staying(box: BoxPlan, still: BoolArray, near: float) -> Iterator[tuple[str, FloatArray]]:
     """Yield who holds nodes (K, 3) in the box that are `still` (N,): patches, zones, and zones in the file alone."""
     mesh, job, region = box.mesh, box.job, box.region
     held = [one.motion.held for one in job.surfaces if isinstance(one.motion, Blended)]
@@ -214,7 +214,7 @@ def _staying(box: Plan, still: BoolArray, near: float) -> Iterator[tuple[str, Fl
             yield "zones that do not deform", places[region.hexahedron.contains(places, near)]
 
 
-def _sliding(deflection: Deflected, unit: str) -> Iterator[Check]:
+def _sliding(deflection: Deflection, unit: str) -> Iterator[Check]:
     """Check that the nodes of each sliding patch are on its shape."""
     for box in deflection.boxes:
         own = []
@@ -225,7 +225,7 @@ def _sliding(deflection: Deflected, unit: str) -> Iterator[Check]:
         yield from named(own, box.plan, deflection.plan)
 
 
-def _first_layer(deflection: Deflected) -> Iterator[Check]:
+def _first_layer(deflection: Deflection) -> Iterator[Check]:
     """Check that the first layers off the walls kept their heights."""
     layers = layers_of(deflection)
     if layers:
@@ -233,7 +233,7 @@ def _first_layer(deflection: Deflected) -> Iterator[Check]:
         yield Check("first_layer", layers.largest, THICK_CHANGE if layers.thick else LAYER_CHANGE, "", where)
 
 
-def _pairs(deflection: Deflected) -> Iterator[Check]:
+def _pairs(deflection: Deflection) -> Iterator[Check]:
     """Check that nodes in the box are where the images of others are; those of cases one cell thick, on their side."""
     mesh, points = deflection.plan.mesh, deflection.points
     may_move = np.zeros(len(points), dtype=np.bool_)
@@ -256,7 +256,7 @@ def _pairs(deflection: Deflected) -> Iterator[Check]:
             yield Check(f"{name}_{pair.name}", now, limit, "", where, over=len(nodes))
 
 
-def _inverted_cells(deflection: Deflected) -> Check:
+def _inverted_cells(deflection: Deflection) -> Check:
     """Check that no cell is inverted that was not before."""
     touched = deflection.plan.touched
     before = sum(one.inverted for one in deflection.plan.before)
@@ -275,13 +275,13 @@ def surfaces_crossed(mesh: Mesh, points: FloatArray) -> Check:
     return Check("surfaces_crossed", found.faces, 0, "faces", where, over=found.moved)
 
 
-def slid_nodes(deflection: Deflected) -> IntArray:
+def slid_nodes(deflection: Deflection) -> IntArray:
     """Return the sorted nodes (K,) of fixed patches that the repair moved on their shapes, as it may."""
     slid = (np.intersect1d(one.moved, one.freedom.sliding, assume_unique=True) for one in deflection.repairs)
     return np.intersect1d(deflection.plan.fixed, union(*slid), assume_unique=True)
 
 
-def _slid_on_surfaces(deflection: Deflected, slid: IntArray, unit: str) -> Check:
+def _slid_on_surfaces(deflection: Deflection, slid: IntArray, unit: str) -> Check:
     """Check that nodes (K,) of fixed patches which a repair slid are still on the undeflected patch."""
     points, off = deflection.points, np.zeros(len(slid))
     for box in deflection.boxes:
@@ -293,18 +293,18 @@ def _slid_on_surfaces(deflection: Deflected, slid: IntArray, unit: str) -> Check
     return Check("slid_on_surfaces", float(off.max()), max(map(_on_shape, deflection.boxes)), unit, where)
 
 
-def _on_shape(deflection: Deflection) -> float:
+def _on_shape(deflection: BoxDeflection) -> float:
     """Return how far from their shape sliding nodes may be; the numbers of the file may be no finer."""
     plan = deflection.plan
     return max(ON_SHAPE * plan.boundary.size, plan.precision.resolution(plan.mesh.points))
 
 
-def named(checks: Iterable[Check], box: Plan, plan: Planned) -> list[Check]:
+def named(checks: Iterable[Check], box: BoxPlan, plan: Plan) -> list[Check]:
     """Return checks of a box; of one of several with its surface in their names."""
     return [replace(one, name=f"{one.name}:{box.surface}") if len(plan.boxes) > 1 else one for one in checks]
 
 
-def first_inverted(deflection: Deflected) -> str:
+def first_inverted(deflection: Deflection) -> str:
     """Say which cell is the first inverted one that was not before, on which patches, and whether it can be mended."""
     plan, mesh, row = deflection.plan, deflection.plan.mesh, 0
     numbers = mesh.whole.rows if mesh.whole else tuple(np.arange(len(block)) for block in mesh.cells)
@@ -320,7 +320,7 @@ def first_inverted(deflection: Deflected) -> str:
     raise ValueError("no cell is inverted that was not before")
 
 
-def cell_text(deflection: Deflected, row: int, nodes: IntArray, shape: str) -> str:
+def cell_text(deflection: Deflection, row: int, nodes: IntArray, shape: str) -> str:
     """Describe an inverted cell by its row in the mesh, its type, and the patches that its nodes are on."""
     plan, repairs = deflection.plan, deflection.repairs
     on = [patch.name for patch in plan.mesh.patches if np.isin(nodes, patch.nodes).any()]
@@ -331,7 +331,7 @@ def cell_text(deflection: Deflected, row: int, nodes: IntArray, shape: str) -> s
     return f"{text}; all its nodes are held: no repair can mend it" if held else f"{text}; the repair could not mend it"
 
 
-def _rounding(deflection: Deflected) -> Check:
+def _rounding(deflection: Deflection) -> Check:
     """Check that the undeflected mesh, all of it, survives the rounding to a file of fewer bits than its own."""
     plan, largest, count = deflection.plan, 0.0, 0
     for block in plan.mesh.cells:
@@ -346,18 +346,19 @@ def _rounding(deflection: Deflected) -> Check:
     return Check("rounding", largest, LAYER_CHANGE, "", where, over=count)
 
 
-def _boundary_checks(deflection: Deflected) -> Iterator[Check]:
+def _boundary_checks(deflection: Deflection) -> Iterator[Check]:
     """Check patches that miss a part of the boundary where nodes may move, or hold what is no part of it."""
-    found = deflection.plan.unheld
-    if found.faces:
-        where = f"on no patch, of {found.faces} faces of the boundary in the box that are on none"
-        yield Check("boundary_on_no_patch", len(found.nodes), 0, "nodes", where)
-    if found.loose or found.inner:
-        where = f"{found.loose} faces of patches in the box are of no cell, {found.inner} of moving ones between two"
-        yield Check("faces_off_boundary", found.loose + found.inner, 0, "faces", where)
+    gaps = [box.unheld for box in deflection.plan.boxes]
+    faces, loose, inner = (sum(getattr(one, name) for one in gaps) for name in ("faces", "loose", "inner"))
+    if faces:
+        where = f"on no patch, of {faces} faces of the boundary in the box that are on none"
+        yield Check("boundary_on_no_patch", sum(len(one.nodes) for one in gaps), 0, "nodes", where)
+    if loose or inner:
+        where = f"{loose} faces of patches in the box are of no cell, {inner} of moving ones between two"
+        yield Check("faces_off_boundary", loose + inner, 0, "faces", where)
 
 
-def _quality_checks(deflection: Deflected) -> Iterator[Check]:
+def _quality_checks(deflection: Deflection) -> Iterator[Check]:
     """Check that the touched cells of each type keep a share of the least quality that they had.
 
     Cells that were inverted, or of quality 0, are left out.

@@ -12,7 +12,7 @@ from sdm_deflect.cases.run.output import write_table
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.quality import mean_ratio
-from sdm_deflect.deform.volume.deflection import deflected
+from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.meshing.mesh import tets_of, touching
 
 ANGLES = tuple(float(angle) for angle in range(-30, 31, 5))
@@ -50,7 +50,7 @@ def donors_at(case: Case, angles: Sequence[float], watch: Stopwatch, cache: bool
             turned = replace(case, angle=angle)
             try:
                 plan = plan_of(turned, mesh)
-                moved = mesh.with_points(deflected(plan, plan.angle).points)
+                moved = mesh.with_points(deflect(plan, plan.angle).points)
             except InputError as error:
                 found.append(Position(angle, reason=str(error)))
                 continue

@@ -23,7 +23,7 @@ from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.rbf.problem import Problem
 from sdm_deflect.deform.rbf.selection import GreedyOptions, Rule, Separated, Worst
 from sdm_deflect.deform.rbf.sites import DataSites
-from sdm_deflect.deform.volume.plan import Plan
+from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 from sdm_deflect.deform.volume.step import DIRECTIONS, GROUPINGS, initial_centers
 from sdm_deflect.meshing.mesh import tets_of
 from studies.paper import Evaluation, Row, Setting, Size, Table, paper
@@ -78,7 +78,7 @@ class SiteGroups:
     """
 
     groups: dict[str, DataSites]
-    plan: Plan
+    plan: BoxPlan
 
     def largest_mm(self) -> dict[str, float]:
         """Return the largest prescribed displacement in x, y and z, millimetres."""
@@ -112,7 +112,7 @@ class Measured:
 
 def sites_of(case: Case, mesh: Mesh) -> SiteGroups:
     """Collect the data sites of a case's first control surface at its whole angle, as the paper does in one step."""
-    plan = Plan.of(mesh, job_of(case, mesh, case.deflections[0]))
+    plan = Plan.of(mesh, [job_of(case, mesh, case.deflections[0])]).boxes[0]
     moving = DataSites(mesh.points[plan.sites.moving], plan.boundary.displacement(plan.job.amounts))
     parts = [moving, *plan.sites.zero]
     groups = [group for grouping in GROUPINGS.values() for group in grouping(parts)]

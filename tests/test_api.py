@@ -121,11 +121,11 @@ def test_a_notebook_of_one_cell(tmp_path):
 def test_settings_take_effect(block, result):
     """Each of them was once swallowed."""
     finer = sd.deflect(block, "body", HINGE, 10.0, tolerance=1e-9)
-    assert finer.plan.sites.tolerance == 1e-9
+    assert finer.plan.boxes[0].sites.tolerance == 1e-9
     assert not np.array_equal(finer.points, result.points)
     common = sd.deflect(block, "body", HINGE, 10.0, strategy="mv")
-    assert {key: len(result.deflection.steps[0].fits.adaptations) for key in ("squv",)} == {"squv": 3}
-    assert len(common.deflection.steps[0].fits.adaptations) == 1
+    assert {key: len(result.deflection.boxes[0].steps[0].fits.adaptations) for key in ("squv",)} == {"squv": 3}
+    assert len(common.deflection.boxes[0].steps[0].fits.adaptations) == 1
     with pytest.raises(sd.InputError, match="unknown setting tolerence; did you mean tolerance"):
         sd.deflect(block, "body", HINGE, 10.0, tolerence=1e-5)
     with pytest.raises(sd.InputError, match="unknown setting xyzzy"):

@@ -20,7 +20,7 @@ from sdm_deflect.deform.surface.surface import Listed
 from sdm_deflect.deform.surface.tail_root import RootOnCylinder, root_on
 from sdm_deflect.deform.volume.box import Given
 from sdm_deflect.deform.volume.job import Job, Section, Sliding
-from sdm_deflect.deform.volume.plan import Planned, Plans
+from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.geometry import datum
 from sdm_deflect.geometry.confinement import Margins, gap_faces, hexahedron_corners, inward_face, rib_faces
 from sdm_deflect.geometry.datum import hinged
@@ -34,13 +34,13 @@ ON_LINE = 1e-6
 """Nodes within this distance (m) of a datum line are on it: boundary nodes lie on the CAD to 1e-7 m."""
 
 
-def plan_of(case: Case, mesh: Mesh, angles: Sequence[float] = (), progress: Progress = silent) -> Planned:
+def plan_of(case: Case, mesh: Mesh, angles: Sequence[float] = (), progress: Progress = silent) -> Plan:
     """Plan the deflection of every control surface, each in a box of its own; angles are those of the case.
 
     Raises InputError if a surface leaves its box, something is in a box that must not move, or two boxes overlap.
     """
     jobs = [job_of(case, mesh, turn) for turn in case.deflections]
-    return Plans.of(mesh, jobs, [case.deflections[0].factor * angle for angle in angles], progress)
+    return Plan.of(mesh, jobs, [case.deflections[0].factor * angle for angle in angles], progress)
 
 
 def job_of(case: Case, mesh: Mesh, turn: SurfaceTurn) -> Job:

@@ -18,7 +18,7 @@ from sdm_deflect.deform.mesh.cells import Cells
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import judged
 from sdm_deflect.deform.rbf.fitting import RepairMode
-from sdm_deflect.deform.volume.deflection import Deflection, deflected
+from sdm_deflect.deform.volume.deflection import BoxDeflection, deflect
 from sdm_deflect.geometry.parameters import LARGEST_TURN
 
 STEPS = 3
@@ -121,7 +121,7 @@ def attempt(case: Case, mesh: Mesh, angle: float) -> Trial:
     turned = replace(case, angle=angle)
     try:
         plan = plan_of(turned, mesh)
-        results = deflected(plan, plan.angle).boxes
+        results = deflect(plan, plan.angle).boxes
     except InputError as error:
         return Trial(angle, 0.0, 0, reason=str(error))
     worst = min(results, key=lambda one: min(quality.min for quality in one.quality))
@@ -129,7 +129,7 @@ def attempt(case: Case, mesh: Mesh, angle: float) -> Trial:
     return Trial(angle, least, max(len(one.steps) for one in results), where_worst(worst))
 
 
-def where_worst(one: Deflection) -> str:
+def where_worst(one: BoxDeflection) -> str:
     """Say at which patches the worst cell is."""
     mesh, touched = one.plan.mesh, one.plan.touched
     found = []

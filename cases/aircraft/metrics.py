@@ -22,7 +22,7 @@ from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import Quality, mean_ratio, summarise
 from sdm_deflect.deform.surface.reached import Reached
-from sdm_deflect.deform.volume.deflection import Deflected
+from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.meshing.mesh import tets_of
 
 SHOWN = ("min", "p01", "mean", "below_0_2", "below_0_4")
@@ -64,7 +64,7 @@ class Run:
     mesh: Mesh
     origin: MeshOrigin
     deflected: Mesh
-    deflection: Deflected
+    deflection: Deflection
     whole_mesh_seconds: float
     checks: tuple[Check, ...]
     watch: Stopwatch = field(default_factory=lambda: Stopwatch(), repr=False)
@@ -82,7 +82,7 @@ def metrics(run: Run) -> Json:
     case, first = run.case, run.deflection.boxes[0]
     before, after = (summarise(mean_ratio(mesh.points, tets_of(mesh))) for mesh in (run.mesh, run.deflected))
     quality = [{name: getattr(state, name) for name in SHOWN} for state in (before, after)]
-    surfaces = {d.plan.surface: {"angle_deg": d.angle, **deflection_figures(d)} for d in run.deflection.boxes}
+    surfaces = {d.plan.surface: {"angle_deg": d.angle, **deflection_figures(d)} for d in run.deflection.parts}
     surface = surfaces[first.plan.surface]
     if run.pinned:
         surface["quality_inside"]["after_pinned"] = by_shape([run.pinned])
@@ -93,7 +93,7 @@ def metrics(run: Run) -> Json:
         "strategy": case.strategy,
         "version": version("sdm-deflect"),
         "mesh": {
-            **mesh_figures(first.plan),
+            **mesh_figures(run.deflection.plan),
             "quality_min": before.min,
             "boundary_to_cad_max": run.origin.boundary_to_cad_max,
             "seconds": run.origin.seconds,

@@ -18,7 +18,7 @@ from sdm_deflect.deform.base.cache_folder import default_folder
 from sdm_deflect.deform.base.progress import Progress
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import Quality
-from sdm_deflect.deform.volume.deflection import Deflected, deflected
+from sdm_deflect.deform.volume.deflection import Deflection, deflect
 from sdm_deflect.meshing.cache import MeshCache, cache_key
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.mesh import tets_of
@@ -39,7 +39,7 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, rep
         background = background_mesh(case, watch, cache) if case.domain == "block" else None
         with watch.stage("deformation") as progress:
             plan = plan_of(case, mesh, progress=progress)
-            found = deflected(plan, plan.angle, progress)
+            found = deflect(plan, plan.angle, progress)
             moved = mesh.with_points(found.points)
             whole = whole_mesh_seconds(found)
             stiff = pinned_quality(case, mesh, progress) if case.domain == "block" else None
@@ -67,7 +67,7 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, rep
     return run
 
 
-def drawn_report(case: Case, found: Deflected, folder: Path, watch: Stopwatch) -> tuple["ReportData", "Gallery"]:
+def drawn_report(case: Case, found: Deflection, folder: Path, watch: Stopwatch) -> tuple["ReportData", "Gallery"]:
     """Return what the report shows, and its pictures, which are in `folder`."""
     from sdm_deflect.cases.aircraft.report import report_data_of
     from sdm_deflect.cases.report.pictures import drawn
@@ -145,7 +145,7 @@ def cached(
     return made.mesh, origin
 
 
-def adapted(found: Deflected) -> str:
+def adapted(found: Deflection) -> str:
     """Say how many centres all adaptations took and the largest residual that is left."""
     fits = [fit for box in found.boxes for step in box.steps for fit in step.fits.adaptations]
     centres, residual = sum(len(fit.chosen) for fit in fits), max(fit.max_error for fit in fits)
@@ -156,10 +156,10 @@ def pinned_quality(case: Case, mesh: Mesh, progress: Progress) -> Quality:
     """Quality inside the box if the Chimera face were pinned instead of sliding: what sliding is worth."""
     stiff = replace(case, repair="off", confinement=replace(case.confinement, slide=False))
     plan = plan_of(stiff, mesh, progress=progress)
-    return deflected(plan, plan.angle, progress).quality[0]
+    return deflect(plan, plan.angle, progress).quality[0]
 
 
-def whole_mesh_seconds(found: Deflected) -> float:
+def whole_mesh_seconds(found: Deflection) -> float:
     """Time (s) to evaluate the first surface's interpolant at every node: what confinement saves (section 5.1)."""
     interpolant, start = found.boxes[0].steps[0].fits.interpolant, perf_counter()
     interpolant(found.plan.mesh.points)

@@ -19,8 +19,8 @@ from sdm_deflect.cases.report.pictures import Exhibit, saved
 from sdm_deflect.cases.report.scene3d import triangles_of
 from sdm_deflect.cases.settings.conversion import to_toml
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.volume.deflection import Deflected
-from sdm_deflect.deform.volume.plan import Plan, Planned
+from sdm_deflect.deform.volume.deflection import Deflection
+from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 from sdm_deflect.meshing.generate.parameters import FAR_FIELD
 
 MAP = "viridis"
@@ -35,13 +35,13 @@ COMPARED = {"cad_map": ("surface_to_cad", "root_on_cylinder"), "rigid_cad_map": 
 DEFLECTED, RIGID = "the deflected CAD, built again", "its CAD faces turned rigidly"
 
 
-def report_data_of(case: Case, found: Deflected) -> ReportData:
+def report_data_of(case: Case, found: Deflection) -> ReportData:
     """Return what the report of a case shows, before it is judged."""
     return case_data(case, found.plan, found.points, [FitRows.of(one) for one in found.boxes], found.moved_by_repair)
 
 
 def case_data(
-    case: Case, plan: Planned, points: FloatArray, fits: Sequence[FitRows], repair: FloatArray | None
+    case: Case, plan: Plan, points: FloatArray, fits: Sequence[FitRows], repair: FloatArray | None
 ) -> ReportData:
     """Return what the report of a case shows of points (N, 3), of which a repair (N, 3) is a part."""
     mesh = plan.mesh
@@ -64,9 +64,9 @@ def case_data(
     )
 
 
-def _box(plan: Plan, fits: FitRows) -> Box:
+def _box(plan: BoxPlan, fits: FitRows) -> Box:
     """Return the box of a control surface, which is the first patch that moves; a tail's panel only follows it."""
-    box, nodes = Box.of(plan, plan.angle, plan.surface, fits), plan.mesh.patch(plan.surface).nodes
+    box, nodes = Box.of(plan, plan.job.angle, plan.surface, fits), plan.mesh.patch(plan.surface).nodes
     own = replace(box.surfaces[0], name=plan.surface, patches=(plan.surface,), nodes=nodes)
     return replace(box, surfaces=(own,))
 

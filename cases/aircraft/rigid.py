@@ -23,7 +23,7 @@ from sdm_deflect.deform.mesh.closest import Triangles
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.surface.appendix_a import STRIP_SITES
 from sdm_deflect.deform.surface.tail_root import RootRegion
-from sdm_deflect.deform.volume.plan import Plan
+from sdm_deflect.deform.volume.plan import BoxPlan
 from sdm_deflect.geometry import datum
 from sdm_deflect.meshing.mesh import nodes_by_face, triangles_of
 
@@ -54,7 +54,7 @@ class Shape:
     case: Case
     mesh: Mesh
     deflected: Mesh
-    plan: Plan
+    plan: BoxPlan
     repair: FloatArray | None = None
 
     @property

@@ -22,7 +22,7 @@ from sdm_deflect.deform.base.reading import damaged
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
-from sdm_deflect.deform.volume.deflection import Deflected, ended
+from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.geometry.parameters import LARGEST_TURN
 from sdm_deflect.meshing.formats.vtu import read_vtu, write_vtu
 from sdm_deflect.meshing.generate.parameters import FAR_FIELD
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from sdm_deflect.geometry.model import CadModel
 
 
-def write_deformation(folder: Path, case: Case, deflected: Mesh, found: Deflected, background: Mesh | None) -> None:
+def write_deformation(folder: Path, case: Case, deflected: Mesh, found: Deflection, background: Mesh | None) -> None:
     """Write every file of the contract that needs no validation into `folder`."""
     (folder / "case.toml").write_text(to_toml(case), encoding="utf-8")
     write_vtu(folder / "undeflected.vtu", found.plan.mesh)
@@ -153,7 +153,7 @@ class FinishedCase(FinishedRun):
         parts = zip(("undeflected_mesh", "background_mesh"), meshes, models(case), grids, strict=False)
         own = tuple(mesh_check(*part) for part in parts)
         checks = self.judged(background, deflected_cad())
-        checks += further_checks(ended(self.plan, self.points, self.repair), checks)
+        checks += further_checks(Deflection.at(self.plan, self.points, self.repair), checks)
         return (*checks, *measured(stored), *own)
 
 

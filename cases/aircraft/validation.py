@@ -17,8 +17,8 @@ from sdm_deflect.deform.base.sets import distinct
 from sdm_deflect.deform.checks import Check, checks_of, named, surfaces_crossed, worst
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio, signed_volumes
-from sdm_deflect.deform.volume.deflection import Deflected
-from sdm_deflect.deform.volume.plan import Planned
+from sdm_deflect.deform.volume.deflection import Deflection
+from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.geometry.datum import hinged
 from sdm_deflect.meshing.generate.parameters import FAR_FIELD, MeshParameters
 from sdm_deflect.meshing.generate.topology import boundary_failures
@@ -33,7 +33,7 @@ def validate(
     case: Case,
     mesh: Mesh,
     deflected: Mesh,
-    plan: Planned,
+    plan: Plan,
     reference: Reference,
     background: Mesh | None = None,
     repair: FloatArray | None = None,
@@ -62,7 +62,7 @@ def validate(
     return tuple(checks)
 
 
-def further_checks(found: Deflected, judged: Sequence[Check]) -> tuple[Check, ...]:
+def further_checks(found: Deflection, judged: Sequence[Check]) -> tuple[Check, ...]:
     """Return the checks of any mesh that are not among those which were judged with the CAD."""
     names = {check.name for check in judged}
     return tuple(check for check in checks_of(found, unit="m") if check.name not in names)
@@ -76,7 +76,7 @@ class Repairs:
     slid: IntArray
 
     @classmethod
-    def of(cls, mesh: Mesh, plan: Planned, points: FloatArray, repair: FloatArray | None) -> "Repairs":
+    def of(cls, mesh: Mesh, plan: Plan, points: FloatArray, repair: FloatArray | None) -> "Repairs":
         """Find them, with the nodes at points (N, 3) of which repairs (N, 3) are a part."""
         held, slid = np.ones(len(points), dtype=np.bool_), np.zeros(len(points), dtype=np.bool_)
         if repair is not None:
@@ -89,12 +89,12 @@ class Repairs:
         return cls(np.flatnonzero(held), np.intersect1d(fixed_nodes(mesh, plan), np.flatnonzero(slid), True))
 
 
-def fixed_nodes(mesh: Mesh, plan: Planned) -> IntArray:
+def fixed_nodes(mesh: Mesh, plan: Plan) -> IntArray:
     """Return the sorted nodes (K,) of the patches that stay."""
     return mesh.on(*(name for name in mesh.names if name not in (*plan.patches, BLOCK)))
 
 
-def mesh_checks(case: Case, mesh: Mesh, deflected: Mesh, plan: Planned, slid: IntArray) -> Iterator[Check]:
+def mesh_checks(case: Case, mesh: Mesh, deflected: Mesh, plan: Plan, slid: IntArray) -> Iterator[Check]:
     """Checks of the whole mesh: nothing outside or on a fixed patch moved, no cell inverted, good shape.
 
     Nodes (K,) that a repair slid on fixed patches are none of these; `slid_on_surfaces` is theirs.

@@ -26,7 +26,7 @@ from sdm_deflect.deform.base.errors import printable
 from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.checks import Check, Verdict
 from sdm_deflect.deform.mesh.quality import Quality
-from sdm_deflect.deform.volume.plan import Plan, Planned
+from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.cli.examination import Finding
@@ -85,7 +85,7 @@ def findings(found: Sequence["Finding"]) -> Group:
     return Group(table, *_texts(ill or ["all is well"]))
 
 
-def plan_table(plan: Planned) -> Group:
+def plan_table(plan: Plan) -> Group:
     """Return patches with their part, the box, and what will be computed."""
     table = _table(f"{plan.mesh.name}: what would be done", ("patch", "part"), ("nodes", "in the box"))
     inside = union(*(box.region.inside for box in plan.boxes))
@@ -139,7 +139,7 @@ def _title(done: "Outcome") -> str:
 
 
 def _unit(done: "Outcome") -> str:
-    return done.plan.job.surfaces[0].motion.unit
+    return done.plan.unit
 
 
 def quality_table(before: Sequence[Quality], after: Sequence[Quality]) -> Table:
@@ -204,7 +204,7 @@ def _word(verdict: Verdict) -> Text:
     return Text(verdict, style="bold" if verdict == "FAILED" else "")
 
 
-def _lines(plan: Planned, whole: bool = True) -> list[str]:
+def _lines(plan: Plan, whole: bool = True) -> list[str]:
     """Return how the surfaces move, and of the `whole` also boxes and notes."""
     boxes = (line for box in plan.boxes for line in _box_lines(box))
     return [
@@ -214,7 +214,7 @@ def _lines(plan: Planned, whole: bool = True) -> list[str]:
     ]
 
 
-def _box_lines(plan: Plan) -> list[str]:
+def _box_lines(plan: BoxPlan) -> list[str]:
     """Return what the box of a plan is, what is in it, and by what is interpolated there."""
     sites, region = plan.sites, plan.region
     low, high = (", ".join(f"{x:.4g}" for x in region.hexahedron.corners[i]) for i in (0, 7))
@@ -227,7 +227,7 @@ def _box_lines(plan: Plan) -> list[str]:
     ]
 
 
-def _part(plan: Planned, name: str) -> str:
+def _part(plan: Plan, name: str) -> str:
     for moving, surface in plan.moving:
         if name in surface.patches:
             return f"moves by {moving.amount:+g} {moving.motion.unit}"

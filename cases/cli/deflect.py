@@ -23,7 +23,7 @@ from sdm_deflect.deform.base.errors import InputError
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.run.mesh_files import Targets
-    from sdm_deflect.deform.volume.plan import Planned
+    from sdm_deflect.deform.volume.plan import Plan
 
 HELPERS = ("workers", "scheduler", "worker_memory")
 """Options of work that others do."""
@@ -151,7 +151,7 @@ def quality(mesh: Path, select: tuple[str, ...], as_json: bool) -> None:
         click.echo(inspect(mesh, selections_of(select)))
 
 
-def _show_plan(wanted: "Targets", plan: "Planned", as_json: bool) -> int:
+def _show_plan(wanted: "Targets", plan: "Plan", as_json: bool) -> int:
     """Print what would be done."""
     from sdm_deflect.cases.cli.console import plan_table
     from sdm_deflect.cases.run.deflect_file import plan_figures

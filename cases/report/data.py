@@ -25,8 +25,8 @@ from sdm_deflect.deform.mesh.cells import Polyhedra, Volume
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import MEASURES, POLYHEDRON, Quality, quality_of
 from sdm_deflect.deform.mesh.touched import TouchedCells
-from sdm_deflect.deform.volume.deflection import Deflection
-from sdm_deflect.deform.volume.plan import Plan
+from sdm_deflect.deform.volume.deflection import BoxDeflection
+from sdm_deflect.deform.volume.plan import BoxPlan
 from sdm_deflect.deform.volume.step import DIRECTIONS
 
 Rows = list[tuple[str, str, str, str]]
@@ -91,7 +91,7 @@ class FitRows(NamedTuple):
     centres: dict[str, FloatArray]
 
     @classmethod
-    def of(cls, one: Deflection) -> "FitRows":
+    def of(cls, one: BoxDeflection) -> "FitRows":
         """Return the adaptations of a deflection."""
         convergence = []
         for k, step in enumerate(one.steps, 1):
@@ -156,7 +156,7 @@ class Box:
     fits: FitRows = field(repr=False)
 
     @classmethod
-    def of(cls, plan: Plan, angle: float, name: str, fits: FitRows) -> "Box":
+    def of(cls, plan: BoxPlan, angle: float, name: str, fits: FitRows) -> "Box":
         """Return the box of a plan with its surfaces, the first of them at `angle`."""
         surfaces = [
             MovedSurface(name_of(own.patches), one.amount, one.motion.unit, own.patches, own.nodes, one.motion.axis)
@@ -173,11 +173,6 @@ class Box:
             tolerance=plan.sites.tolerance,
             fits=fits,
         )
-
-    @cached_property
-    def before(self) -> tuple[Quality, ...]:
-        """Quality of the touched cells before, by type."""
-        return self.touched.quality(self.touched.mesh.points)
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,7 +240,7 @@ class ReportData:
 
     def worst(self) -> tuple[float, float] | None:
         """Return the smallest quality of the touched cells before and after, None without cells."""
-        before = [one.min for box in self.boxes for one in box.before]
+        before = [one.min for box in self.boxes for one in box.touched.quality_before]
         after = [one.min for some in self.after for one in some]
         return (min(before), min(after)) if before and after else None
 

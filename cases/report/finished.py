@@ -11,7 +11,7 @@ from sdm_deflect.cases.run.output import PAGE, output_files
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE
-from sdm_deflect.deform.volume.plan import Planned
+from sdm_deflect.deform.volume.plan import Plan
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.report.pictures import Exhibit
@@ -52,7 +52,7 @@ class FinishedRun(ABC):
     """
 
     folder: Path
-    plan: Planned = field(repr=False)
+    plan: Plan = field(repr=False)
     points: FloatArray = field(repr=False)
     repair: FloatArray | None = field(repr=False)
 

@@ -60,9 +60,9 @@ from sdm_deflect.deform.rbf.fitting import JobOptions
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, Surface, TrailingEdge
-from sdm_deflect.deform.volume.deflection import Deflected, ended
+from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.job import Sliding
-from sdm_deflect.deform.volume.plan import Plan, Planned, Plans
+from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 from sdm_deflect.meshing.formats.registry import ending, format_of
 from sdm_deflect.meshing.formats.vtu import write_vtu
 
@@ -76,7 +76,7 @@ def folder_of(out: Path) -> Path:
 
 def write_run_folder(
     folder: Path,
-    one: Deflected,
+    one: Deflection,
     checks: tuple[Check, ...],
     out: Path | None,
     timings: Mapping[str, float],
@@ -136,7 +136,7 @@ class FinishedJob(FinishedRun):
         mesh = replace(format_of(source).read(source), name=source.name, source=str(source))
         if len(mesh.points) != count:
             raise InputError(f"{source} has {len(mesh.points)} points, but {count} when it was deflected")
-        plan = Plans.of(mesh, jobs_of(job_settings(read_job(folder / SETTINGS))))
+        plan = Plan.of(mesh, jobs_of(job_settings(read_job(folder / SETTINGS))))
         points = _read_points(folder / "deflected.vtu", plan)
         repair = moved_by_repair(folder / "deflected.vtu", len(points))
         return cls(folder, plan, points, repair, settings)
@@ -146,7 +146,7 @@ class FinishedJob(FinishedRun):
         """How it is shown: with the patches that pictures show."""
         mesh, plan = self.plan.mesh, self.plan
         drawn = in_view(mesh, (*plan.patches, *plan.stays))
-        positive = "right-handed about the hinge" if plan.job.surfaces[0].motion.unit == "deg" else "as in the table"
+        positive = "right-handed about the hinge" if plan.unit == "deg" else "as in the table"
         return Display(mesh.name, positive, MESH_UNITS, tuple(name for name in mesh.names if name not in drawn))
 
     def report_data(self) -> ReportData:
@@ -162,7 +162,7 @@ class FinishedJob(FinishedRun):
             names = [Path(name).name for name in figures["files"]]
         out = self.folder.resolve().with_name(names[0]) if names else None
         plan = self.plan.keeping(precision_of(Path(self.plan.mesh.source), out, self.plan.mesh)) if out else self.plan
-        checks = *checks_of(ended(plan, self.points, self.repair)), *measured(stored)
+        checks = *checks_of(Deflection.at(plan, self.points, self.repair)), *measured(stored)
         return (*checks, self._mesh_file(out)) if out else checks
 
     def _mesh_file(self, out: Path) -> Check:
@@ -171,14 +171,14 @@ class FinishedJob(FinishedRun):
         return Check("mesh_file", float(bool(text)), 0.0, "faults", f"{out.name}: {text}" if text else out.name)
 
 
-def data_of(one: Deflected, settings: str = "") -> ReportData:
+def data_of(one: Deflection, settings: str = "") -> ReportData:
     """Return what pictures of a deflection show, before it is judged; `settings` is the content of settings.toml."""
     fits = [FitRows.of(box) for box in one.boxes]
     return _data(one.plan, one.angle, one.points, settings, fits, one.moved_by_repair)
 
 
 def _data(
-    plan: Planned, angle: float, points: FloatArray, settings: str, fits: Sequence[FitRows], repair: FloatArray | None
+    plan: Plan, angle: float, points: FloatArray, settings: str, fits: Sequence[FitRows], repair: FloatArray | None
 ) -> ReportData:
     mesh = plan.mesh
     boxes = tuple(
@@ -211,7 +211,7 @@ def _data(
     )
 
 
-def metrics_of(one: Deflected, checks: tuple[Check, ...], out: Path | None, timings: Mapping[str, float]) -> Json:
+def metrics_of(one: Deflection, checks: tuple[Check, ...], out: Path | None, timings: Mapping[str, float]) -> Json:
     """Return the content of metrics.json; lengths in the mesh's unit."""
     plan, own = one.plan, deflection_figures(one)
     boxes = figures_by_box(one) if len(one.boxes) > 1 else {name_of(plan.patches): own}
@@ -219,7 +219,7 @@ def metrics_of(one: Deflected, checks: tuple[Check, ...], out: Path | None, timi
     return {
         "mesh": mesh_figures(plan),
         "angle_deg": one.angle,
-        "unit": plan.job.surfaces[0].motion.unit,
+        "unit": plan.unit,
         "strategy": plan.job.fitting.strategy,
         "version": version("sdm-deflect"),
         **own,
@@ -235,7 +235,7 @@ def metrics_of(one: Deflected, checks: tuple[Check, ...], out: Path | None, timi
     }
 
 
-def settings_of(one: Deflected, home: Path, folder: Path) -> dict[str, Any]:
+def settings_of(one: Deflection, home: Path, folder: Path) -> dict[str, Any]:
     """Return every setting as resolved, as a configuration in `home` has it; tables become files in `folder`."""
     plan, job = one.plan, one.plan.job
     source, tables = plan.mesh.source, []
@@ -260,7 +260,7 @@ def settings_of(one: Deflected, home: Path, folder: Path) -> dict[str, Any]:
     }
 
 
-def _numbers(plan: Plan) -> dict[str, Any]:
+def _numbers(plan: BoxPlan) -> dict[str, Any]:
     """Return the settings of a box and of its sites that were chosen."""
     return {
         "box": plan.region.hexahedron.corners.tolist(),
@@ -313,7 +313,7 @@ def is_small(mesh: Mesh) -> bool:
     return mesh.whole is None and sum(mesh.cell_counts) <= limits.LIMITS.shown
 
 
-def write_deflected(path: Path, one: Deflected) -> None:
+def write_deflected(path: Path, one: Deflection) -> None:
     """Write cells and faces with displacement and quality: of the whole mesh, or those that may change."""
     plan = one.plan
     moved, node, quality = _shown(plan, one.points, is_small(plan.mesh))
@@ -324,7 +324,7 @@ def write_deflected(path: Path, one: Deflected) -> None:
     write_vtu(path, moved, arrays, {"quality": quality})
 
 
-def _shown(plan: Planned, points: FloatArray, whole: bool) -> tuple[Mesh, IntArray, FloatArray]:
+def _shown(plan: Plan, points: FloatArray, whole: bool) -> tuple[Mesh, IntArray, FloatArray]:
     """Return a mesh at `points` (N, 3) or the part that may change, its nodes (P,), and its cells' quality (L,)."""
     mesh, touched, node = plan.mesh.with_points(points), plan.touched, np.arange(len(points))
     rows = [np.arange(len(block)) for block in mesh.cells] if whole else list(touched.rows)
@@ -363,7 +363,7 @@ def _numbered(block: Any, place: IntArray) -> Any:
     return replace(block, nodes=place[block.nodes])
 
 
-def _read_points(path: Path, plan: Planned) -> FloatArray:
+def _read_points(path: Path, plan: Plan) -> FloatArray:
     """Return the points (N, 3), from a file that holds all or those that may change; InputError if it is another's."""
     points, out = format_of(path).read(path).points, plan.mesh.points.copy()
     node = np.arange(len(out))

@@ -91,7 +91,7 @@ def qualities(data: ReportData) -> Iterator[tuple[str, str, Quality | Json]]:
     for box, after in zip(data.boxes, data.after, strict=True):
         figures = data.figures.get("deflections", {}).get(box.name, {})
         repaired = figures.get("repair")
-        for one, then in zip(box.before, after, strict=True):
+        for one, then in zip(box.touched.quality_before, after, strict=True):
             yield box.name, STATES["before"], one
             if repaired:
                 yield box.name, STATES["interpolated"], repaired["quality"][one.shape]

@@ -28,11 +28,11 @@ from sdm_deflect.deform.mesh.pieces import HERE, Runner
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.mesh.touched import Layers
 from sdm_deflect.deform.mesh.unchanged import check_unchanged, held
-from sdm_deflect.deform.volume.deflection import Deflected, sweep
+from sdm_deflect.deform.volume.deflection import Deflection, sweep
 from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.field import Field
 from sdm_deflect.deform.volume.job import Job
-from sdm_deflect.deform.volume.plan import Plan, Planned, Plans
+from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 from sdm_deflect.meshing.files import fresh, permitted_as
 from sdm_deflect.meshing.formats.registry import FORMATS, files_of, format_of, in_pieces, read, size_of
 
@@ -61,7 +61,7 @@ class Outcome:
     `notes` are sentences on what is left to do.
     """
 
-    plan: Planned
+    plan: Plan
     angles: tuple[Judged, ...] = field(repr=False)
     files: tuple[Path, ...]
     reports: tuple[Path, ...]
@@ -107,16 +107,16 @@ def _sent() -> str:
 
 def planned(
     wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: Runner = HERE, angles: tuple[float, ...] = ()
-) -> Planned:
+) -> Plan:
     """Read the mesh and decide everything, for the angles of the targets or for others; fit and write nothing."""
     with watch.stage("read") as progress:
         mesh = needed(wanted, jobs, progress, runner)
     with watch.stage("plan") as progress:
-        plan = Plans.of(mesh, jobs, angles or wanted.angles, progress)
+        plan = Plan.of(mesh, jobs, angles or wanted.angles, progress)
         return plan.keeping(wanted.precision(plan.mesh), runner)
 
 
-def judged(one: Deflected) -> Judged:
+def judged(one: Deflection) -> Judged:
     """Judge the mesh at one angle."""
     measured = one.quality, layers_of(one), checks_of(one)
     own = {"deflections": figures_by_box(one)} if len(one.boxes) > 1 else {}
@@ -135,7 +135,7 @@ def deflect_file(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner:
 
 def _deflected(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: Runner) -> Outcome:
     plan = planned(wanted, jobs, watch, runner)
-    unit = plan.job.surfaces[0].motion.unit
+    unit = plan.unit
     wanted.check_names(plan.mesh)
     found: list[Judged] = []
     names: list[Path] = []
@@ -179,7 +179,7 @@ def _without_page(wanted: Targets) -> tuple[str, ...]:
     return (f"there is no report.html: {text}",) if text else ()
 
 
-def write_angle(wanted: Targets, one: Deflected, out: Path, progress: Progress) -> tuple[str, ...]:
+def write_angle(wanted: Targets, one: Deflection, out: Path, progress: Progress) -> tuple[str, ...]:
     """Write the mesh at one angle; return what its format cannot hold.
 
     Raises MeshFileError if it does not read back as what was judged.
@@ -190,7 +190,7 @@ def write_angle(wanted: Targets, one: Deflected, out: Path, progress: Progress) 
     return lost
 
 
-def plan_figures(plan: Planned) -> Json:
+def plan_figures(plan: Plan) -> Json:
     """Return what was decided before the fit, as JSON has it.
 
     Box and sites are those of the first box; of several all are in `boxes`.
@@ -208,7 +208,7 @@ def plan_figures(plan: Planned) -> Json:
     }
 
 
-def _box_figures(plan: Plan) -> Json:
+def _box_figures(plan: BoxPlan) -> Json:
     """Return the box of a plan and its data sites."""
     region, sites = plan.region, plan.sites
     return {
@@ -225,7 +225,7 @@ def figures(done: Outcome, watch: Stopwatch) -> Json:
         "angles": [
             {
                 "angle": one.angle,
-                "unit": done.plan.job.surfaces[0].motion.unit,
+                "unit": done.plan.unit,
                 **one.figures,
                 "first_layer": asdict(one.layers) if one.layers else None,
                 "validation": verdict_figures(one.checks),

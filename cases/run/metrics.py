@@ -14,8 +14,8 @@ from sdm_deflect.deform.mesh.orthogonality import SEVERE, SKEW
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.rbf.fitting import KERNELS, ORDERS
 from sdm_deflect.deform.surface.reached import Reached
-from sdm_deflect.deform.volume.deflection import Deflected, Deflection
-from sdm_deflect.deform.volume.plan import Plan, Planned
+from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection
+from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 from sdm_deflect.deform.volume.step import DIRECTIONS
 
 Json = dict[str, Any]
@@ -29,7 +29,7 @@ FACES = {
 """What the figures of faces are called, and their format."""
 
 
-def mesh_figures(plan: Planned) -> Json:
+def mesh_figures(plan: Plan) -> Json:
     """Return the sizes of a mesh and of its patches."""
     return {
         "name": plan.mesh.name,
@@ -39,12 +39,12 @@ def mesh_figures(plan: Planned) -> Json:
     }
 
 
-def figures_by_box(one: Deflected) -> Json:
+def figures_by_box(one: Deflection) -> Json:
     """Return the figures of the deflection in each box, by its first moving patch."""
-    return {box.plan.surface: deflection_figures(box) for box in one.boxes}
+    return {part.plan.surface: deflection_figures(part) for part in one.parts}
 
 
-def deflection_figures(one: Deflected) -> Json:
+def deflection_figures(one: Deflection) -> Json:
     """Return box, sites, adaptation and quality of one deflection of any mesh; lengths in the mesh's unit.
 
     Of several boxes box, sites and adaptation are the first one's; cells, repair and motion are those of all.
@@ -83,7 +83,7 @@ def deflection_figures(one: Deflected) -> Json:
     }
 
 
-def kernel_figures(plan: Plan) -> Json:
+def kernel_figures(plan: BoxPlan) -> Json:
     """Return by what is interpolated; a kernel without radius has null."""
     fitting = plan.job.fitting
     return {"name": fitting.kernel, "radius": plan.sites.radius or None, "polynomial": fitting.polynomial}
@@ -107,7 +107,7 @@ def fit_text(figures: Json, unit: str = "") -> str:
     return f"interpolation: condition {condition:.1e}, error at the sites {error:.1e}{end}{off}"
 
 
-def face_figures(one: Deflected) -> Json:
+def face_figures(one: Deflection) -> Json:
     """Return what checkMesh says of the faces of touched polyhedra before and after; nothing without polyhedra."""
     faces, after = one.plan.faces, one.faces
     if not faces or not after:
@@ -125,7 +125,7 @@ def face_rows(figures: Json) -> tuple[str, list[tuple[str, str, str]]]:
     return "faces of the touched cells", [(name, f"{old:{form}}", f"{new:{form}}") for name, form, old, new in pairs]
 
 
-def repair_figures(one: Deflected) -> Json | None:
+def repair_figures(one: Deflection) -> Json | None:
     """Return what repairs did, and the quality of the touched cells before them; None without one."""
     found = one.repairs
     if not found:
@@ -170,13 +170,13 @@ def verdict_figures(checks: Sequence[Check]) -> Json:
     return {"checks": [check.as_dict() for check in checks], "passed": all(check.passed for check in checks)}
 
 
-def warnings_of(plan: Planned) -> tuple[str, ...]:
+def warnings_of(plan: Plan) -> tuple[str, ...]:
     """Return sentences on what is probably wrong, though every check may hold."""
     found = [note for note in plan.mesh.notes if isinstance(note, Warned)]
     return tuple(dict.fromkeys([*found, *(text for box in plan.boxes for text in box.boundary.warnings)]))
 
 
-def notes_of(plan: Planned) -> tuple[str, ...]:
+def notes_of(plan: Plan) -> tuple[str, ...]:
     """Return sentences on what a user may not expect of a mesh."""
     notes = [note for note in plan.mesh.notes if not isinstance(note, Warned)]
     if coincident := sum(box.sites.coincident for box in plan.boxes):
@@ -189,33 +189,33 @@ def notes_of(plan: Planned) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def farthest(plan: Planned) -> Iterator[tuple[str, FloatArray, FloatArray]]:
+def farthest(plan: Plan) -> Iterator[tuple[str, FloatArray, FloatArray]]:
     """Yield each surface's name, place and displacement (3,) of its node that moves farthest, at the largest angle."""
     for box in plan.boxes:
-        for surface, place, move in box.boundary.farthest(box.job.amounts_at(max(box.angles, key=abs))):
+        for surface, place, move in box.boundary.farthest(plan.amounts_of(box, max(plan.angles, key=abs))):
             yield surface.named, place, move
 
 
-def motion_figures(plan: Planned, angle: float) -> Json:
+def motion_figures(plan: Plan, angle: float) -> Json:
     """Return, of each surface, what it reaches of its angle (see `Reached`); null for a motion without one."""
     return {name: asdict(one) if one else None for name, one in _reached(plan, angle)}
 
 
-def motions(plan: Planned) -> Iterator[tuple[str, str]]:
+def motions(plan: Plan) -> Iterator[tuple[str, str]]:
     """Yield the name of each surface that turns, and what it reaches of the largest angle, as text."""
     for name, one in _reached(plan, max(plan.angles, key=abs)):
         if one:
             yield name, one.text
 
 
-def _reached(plan: Planned, angle: float) -> Iterator[tuple[str, Reached | None]]:
+def _reached(plan: Plan, angle: float) -> Iterator[tuple[str, Reached | None]]:
     """Yield the name of each surface, and what it reaches at an angle of the first."""
     for box in plan.boxes:
-        for surface, one in box.boundary.reached(box.job.amounts_at(plan.angle_of(box, angle))):
+        for surface, one in box.boundary.reached(plan.amounts_of(box, angle)):
             yield surface.named, one
 
 
-def travels(plan: Planned) -> Iterator[tuple[str, str]]:
+def travels(plan: Plan) -> Iterator[tuple[str, str]]:
     """Yield each surface's name, how far its node that moves farthest does, where that is, and whereto, as text."""
     for name, place, move in farthest(plan):
         size = float(np.linalg.norm(move))
@@ -228,7 +228,7 @@ def peak_rss_bytes() -> int:
     return 1024 * max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
 
 
-def _adaptation(one: Deflection) -> Json:
+def _adaptation(one: BoxDeflection) -> Json:
     """Per direction, summed over steps: centres of the largest step, its error and condition, seconds of all."""
     table: Json = {}
     groups = list(zip(*(step.fits.adaptations for step in one.steps), strict=True))

@@ -11,7 +11,7 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.rbf.kernels import arrays_of
-from sdm_deflect.deform.volume.deflection import Deflection
+from sdm_deflect.deform.volume.deflection import BoxDeflection
 from sdm_deflect.deform.volume.step import DIRECTIONS
 from sdm_deflect.meshing.files import replacing, replacing_files
 from sdm_deflect.meshing.formats.format import FULL
@@ -93,7 +93,7 @@ def _named(target: Path, scratch: AbstractContextManager[Path]) -> Iterator[Path
             raise
 
 
-def write_interpolants(path: Path, deflections: Sequence[Deflection]) -> None:
+def write_interpolants(path: Path, deflections: Sequence[BoxDeflection]) -> None:
     """Write kernel, centres and coefficients per direction, enough to evaluate the deformation elsewhere.
 
     The first surface's first step has the plain names `centers_x`, `beta_x`, `alpha_x`; further surfaces and
@@ -117,7 +117,7 @@ def write_interpolants(path: Path, deflections: Sequence[Deflection]) -> None:
     np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
 
 
-def write_convergence(path: Path, deflections: Sequence[Deflection]) -> None:
+def write_convergence(path: Path, deflections: Sequence[BoxDeflection]) -> None:
     """Write the adaptation history: one row per surface, step, group and iteration."""
     rows: list[Sequence[object]] = [("direction", "iteration", "centres", "max_error", "seconds", "surface", "step")]
     for one in deflections:

@@ -16,8 +16,8 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE
 from sdm_deflect.deform.surface.surface import TrailingEdge
-from sdm_deflect.deform.volume.deflection import Deflection, mended
-from sdm_deflect.deform.volume.plan import Plan, Planned
+from sdm_deflect.deform.volume.deflection import BoxDeflection, mended
+from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 from sdm_deflect.deform.volume.prepared import Centers, PreparedDeflection
 from sdm_deflect.deform.volume.step import DIRECTIONS
 
@@ -87,7 +87,7 @@ class Mover:
     place: str
 
     @classmethod
-    def of(cls, plan: Plan, row: int, angle: float, leading: int | None) -> "Mover":
+    def of(cls, plan: BoxPlan, row: int, angle: float, leading: int | None) -> "Mover":
         """Return a surface of a plan."""
         surface, moving = plan.boundary.surfaces[row], plan.job.surfaces[row]
         patches, following = surface.patches[:leading], surface.patches[leading or len(surface.patches) :]
@@ -138,7 +138,7 @@ class InteractiveRun:
             display=finished.display,
             angle=angle,
             boxes=_prepared_boxes(finished.folder, plan),
-            factors=tuple(box.angle / angle if angle else 1.0 for box in plan.boxes),
+            factors=tuple(box.job.angle / angle if angle else 1.0 for box in plan.boxes),
             changed=tuple(box.changed for box in plan.boxes),
             surfaces=tuple(
                 Mover.of(box, row, angle, finished.display.leading)
@@ -209,8 +209,7 @@ class InteractiveRun:
             points = self.points
         else:
             for box, factor, changed in zip(self.boxes, self.factors, self.changed, strict=True):
-                inverted = int(np.count_nonzero(box.plan.touched.newly_inverted(frame.points)))
-                found = mended(Deflection(box.plan, factor * frame.angle, (), frame.points, inverted, 0.0))
+                found = mended(BoxDeflection.at(box.plan, factor * frame.angle, frame.points))
                 points[changed] = found.points[changed]
         moved = self.moved if points is self.points else points - frame.points
         quality, bad = self._judged(points)
@@ -228,13 +227,13 @@ class InteractiveRun:
         return quality, np.flatnonzero(inverted)
 
 
-def _prepared_boxes(folder: Path, plan: Planned) -> tuple[PreparedDeflection, ...]:
+def _prepared_boxes(folder: Path, plan: Plan) -> tuple[PreparedDeflection, ...]:
     """Return each box of a plan with the centres that a run has left for it; InputError if they do not belong to it."""
     stored = read_arrays(folder / "interpolant.npz")
     tags = [f"_{box.surface}" if i else "" for i, box in enumerate(plan.boxes)]
     try:
         pairs = zip(plan.boxes, tags, strict=True)
-        return tuple(PreparedDeflection.of(box, box.angle, centers_of(stored, tag)) for box, tag in pairs)
+        return tuple(PreparedDeflection.of(box, box.job.angle, centers_of(stored, tag)) for box, tag in pairs)
     except InputError:
         raise InputError(f"{folder}: interpolant.npz {FOREIGN}") from None
 

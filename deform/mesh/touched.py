@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.compiled import compiled
 from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.base.threads import in_chunks
 from sdm_deflect.deform.mesh import polyhedra
 from sdm_deflect.deform.mesh.cells import Polyhedra, Volume
@@ -81,6 +82,12 @@ class TouchedCells:
         judged = [oriented(mesh.points, block) for block in mesh.cells]
         return cls(mesh, rows, tuple(sign for sign, _ in judged), tuple(count for _, count in judged))
 
+    @classmethod
+    def together(cls, parts: Sequence[TouchedCells]) -> TouchedCells:
+        """Return the cells of several parts of one mesh; a single part as it is."""
+        rows = zip(*(part.rows for part in parts), strict=True)
+        return parts[0] if len(parts) == 1 else replace(parts[0], rows=tuple(union(*own) for own in rows))
+
     @property
     def count(self) -> int:
         """Number of cells touched."""
@@ -110,11 +117,24 @@ class TouchedCells:
         for name in dict.fromkeys(name for name, rows in zip(names, self.rows, strict=True) if len(rows)):
             yield name, np.repeat([one == name for one in names], [len(rows) for rows in self.rows])
 
-    def least(self, points: FloatArray) -> tuple[Least, ...]:
-        """Return, by type, the least quality at points (N, 3) of cells that were good before: not inverted, above 0."""
+    def least(self, points: FloatArray, quality: Sequence[Quality]) -> tuple[Least, ...]:
+        """Return, by type, the least quality of the cells that were good before: not inverted, above 0.
+
+        Parameters
+        ----------
+        points : (N, 3) where the nodes are.
+        quality : By type, of all touched cells there.
+        """
+        if all(one.min > 0.0 and not one.inverted for one in self.quality_before):
+            return tuple(Least(one.min, one.cells) for one in quality)
         good, now = ~self.before.inverted & (self.before.quality > 0.0), self.judged(points).quality
         own = [now[good & cells] for _, cells in self.by_shape()]
         return tuple(Least(float(values.min(initial=np.inf)), len(values)) for values in own)
+
+    @cached_property
+    def quality_before(self) -> tuple[Quality, ...]:
+        """Quality of the touched cells of each type in the undeflected mesh."""
+        return self.quality(self.mesh.points)
 
     def quality(self, points: FloatArray) -> tuple[Quality, ...]:
         """Return the quality of the touched cells of each type, with the nodes at `points` (N, 3)."""

@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,106 +14,32 @@ from sdm_deflect.deform.base.threads import single_threaded_blas
 from sdm_deflect.deform.mesh.orthogonality import State
 from sdm_deflect.deform.mesh.precision import Precision
 from sdm_deflect.deform.mesh.quality import Quality
-from sdm_deflect.deform.mesh.touched import Least
+from sdm_deflect.deform.mesh.touched import Least, TouchedCells
 from sdm_deflect.deform.repair.goal import RepairResult
 from sdm_deflect.deform.repair.repair import repaired
 from sdm_deflect.deform.volume.between import ErrorBetween
 from sdm_deflect.deform.volume.boundary import Amounts
-from sdm_deflect.deform.volume.plan import Plan, Planned, Plans
+from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 from sdm_deflect.deform.volume.step import Step, adapted, rate, solve
 
 
-class Deflected:
-    """The mesh at one angle: deflected in one box (`Deflection`), or in several (`Deflections`)."""
-
-    if TYPE_CHECKING:  # of both, as fields or as properties
-
-        @property
-        def plan(self) -> Planned: ...  # noqa: D102
-        @property
-        def boxes(self) -> "tuple[Deflection, ...]": ...  # noqa: D102
-        @property
-        def angle(self) -> float: ...  # noqa: D102
-        @property
-        def points(self) -> FloatArray: ...  # noqa: D102
-        @property
-        def inverted(self) -> int: ...  # noqa: D102
-        @property
-        def seconds(self) -> float: ...  # noqa: D102
-        def stored(self, precision: Precision) -> "Deflected": ...  # noqa: D102
-
-    @property
-    def amounts(self) -> Amounts:
-        """Amount of each moving surface."""
-        return self.plan.amounts_at(self.angle)
-
-    @property
-    def repairs(self) -> tuple[RepairResult, ...]:
-        """The repairs of the boxes that needed one."""
-        return tuple(box.repaired for box in self.boxes if box.repaired)
-
-    @cached_property
-    def quality(self) -> tuple[Quality, ...]:
-        """Quality of the touched cells by type."""
-        return self.plan.touched.quality(self.points)
-
-    @cached_property
-    def least(self) -> tuple[tuple[Least, Least], ...]:
-        """Least quality before and now, by type, of the touched cells that were good before."""
-        plan = self.plan
-        states = ((plan.mesh.points, plan.before), (self.points, self.quality))
-        return tuple(zip(*(plan.least(*state) for state in states), strict=True))
-
-    @cached_property
-    def faces(self) -> State | None:
-        """What was measured of the faces of touched cells as OpenFOAM's checkMesh does; None without polyhedra."""
-        return self.plan.faces.at(self.points) if self.plan.faces else None
-
-    @property
-    def moved_by_repair(self) -> FloatArray | None:
-        """How far (N, 3) repairs moved each node from where the interpolants put it; None without a repair."""
-        if not self.repairs:
-            return None
-        return np.asarray(np.sum([box.points - box.interpolated for box in self.boxes], axis=0))
-
-    def sensitivity(self) -> FloatArray:
-        """Return d(points)/d(angle) (N, 3) in length units per unit of the amount, from the same centres.
-
-        With several steps it is the derivative with respect to the end of the last one.
-
-        Raises InputError for a repaired mesh: a repair ends where cells are good enough, which has no derivative.
-        """
-        if self.repairs:
-            raise InputError(
-                f"{self.plan.mesh.name}: the mesh at {self.angle:g} was repaired, and a repair ends where cells are "
-                "good enough: it has no derivative; set repair = off for the sensitivity"
-            )
-        first, job = self.boxes[0], self.plan.job
-        rates = rate(first.steps[-1], first.plan.boundary.rate(first.amounts, job.ratios))
-        for box in self.boxes[1:]:
-            own = tuple(ratio * box.plan.job.beside(job, 1.0) for ratio in box.plan.job.ratios)
-            changed = box.plan.changed
-            rates[changed] = rate(box.steps[-1], box.plan.boundary.rate(box.amounts, own))[changed]
-        return rates
-
-
 @dataclass(frozen=True, eq=False)
-class Deflection(Deflected):
-    """The mesh at one angle and how it got there.
+class BoxDeflection:
+    """The mesh at one angle of one box's first surface, and how it got there.
 
     Attributes
     ----------
     plan : what was decided before.
     angle : the first surface's amount.
     steps : the solves, one unless a single step inverted further cells.
-    points : (N, 3) deflected coordinates, as the file that is to be written holds them (`Plan.precision`); outside the
-        box they are those of `Plan.undeflected`.
+    points : (N, 3) deflected coordinates, as the file that is to be written holds them (`BoxPlan.precision`); outside
+        the box they are those of `Plan.undeflected`.
     inverted : number of touched cells that are inverted at the end and were not before.
     seconds : time it took.
     repaired : the repair, where one was needed.
     """
 
-    plan: Plan = field(repr=False)
+    plan: BoxPlan = field(repr=False)
     angle: float
     steps: tuple[Step, ...] = field(repr=False)
     points: FloatArray = field(repr=False)
@@ -122,28 +47,40 @@ class Deflection(Deflected):
     seconds: float
     repaired: RepairResult | None = field(default=None, repr=False)
 
-    @property
-    def boxes(self) -> "tuple[Deflection, ...]":
-        """The deflection alone: it is of one box."""
-        return (self,)
+    @classmethod
+    def at(cls, plan: BoxPlan, angle: float, points: FloatArray, repair: FloatArray | None = None) -> "BoxDeflection":
+        """Return one of which nothing is known but where its nodes (N, 3) are: it has no steps.
+
+        `repair` is how far a repair moved each node (N, 3), if there was one.
+        """
+        repaired, wanted = None, plan.job.repair
+        if repair is not None and wanted.mode != "off" and repair[plan.changed].any():
+            start = points - repair
+            repaired = RepairResult.of(start, points, plan.touched, plan.freedom(start), wanted.wanted)
+        return cls(plan, angle, (), points, inverted_count(plan.touched, points), 0.0, repaired)
 
     @property
-    def exact(self) -> FloatArray:
-        """Coordinates (N, 3) before they were rounded to those of the file."""
-        if self.repaired is not None:
-            return self.repaired.points
-        return self.steps[-1].points if self.steps else self.points
+    def amounts(self) -> Amounts:
+        """Amount of each moving surface of the box."""
+        return self.plan.job.amounts_at(self.angle)
 
-    def with_points(self, points: FloatArray) -> "Deflection":
+    @cached_property
+    def quality(self) -> tuple[Quality, ...]:
+        """Quality of the touched cells by type."""
+        return self.plan.touched.quality(self.points)
+
+    def with_points(self, points: FloatArray) -> "BoxDeflection":
         """Return it with other points (N, 3), rounded to those of the file; unchanged if they are its own."""
         rounded = self.plan.precision.rounded(points, self.plan.mesh.points)
         if rounded is self.points:
             return self
-        return replace(self, points=rounded, inverted=inverted_count(self.plan, rounded))
+        return replace(self, points=rounded, inverted=inverted_count(self.plan.touched, rounded))
 
-    def stored(self, precision: Precision) -> "Deflection":
-        """Return the same deflection as another file holds it."""
-        return replace(self, plan=self.plan.keeping(precision)).with_points(self.exact)
+    def stored(self, precision: Precision) -> "BoxDeflection":
+        """Return the same as another file holds it: it starts from the coordinates before they were rounded."""
+        exact = self.steps[-1].points if self.steps else self.points
+        exact = self.repaired.points if self.repaired else exact
+        return replace(self, plan=replace(self.plan, precision=precision)).with_points(exact)
 
     @property
     def interpolated(self) -> FloatArray:
@@ -164,31 +101,47 @@ class Deflection(Deflected):
 
 
 @dataclass(frozen=True, eq=False)
-class Deflections(Deflected):
-    """The mesh at one angle, deflected in several boxes, of which none reaches into another.
+class Deflection:
+    """The mesh at one angle, and how it got there in each box.
 
     Attributes
     ----------
+    plan : what was decided before.
     boxes : the deflection in each box, from the undeflected mesh.
-    angle : the first surface's amount.
     """
 
-    boxes: tuple[Deflection, ...] = field(repr=False)
-    angle: float
+    plan: Plan = field(repr=False)
+    boxes: tuple[BoxDeflection, ...] = field(repr=False)
 
     @classmethod
-    def of(cls, boxes: Sequence[Deflection]) -> Deflected:
-        """Return the deflections of disjoint boxes of one mesh together; that of one box as it is."""
-        return cls(tuple(boxes), boxes[0].angle) if len(boxes) > 1 else boxes[0]
+    def at(cls, plan: Plan, points: FloatArray, repair: FloatArray | None = None) -> "Deflection":
+        """Return one at the plan's angle of which nothing is known but where its nodes (N, 3) are.
 
-    @cached_property
-    def plan(self) -> Plans:
-        """What was decided before."""
-        return Plans(tuple(box.plan for box in self.boxes))
+        `repair` is how far repairs moved each node (N, 3), if there were any.
+        """
+        boxes = (BoxDeflection.at(box, plan.angle_of(box, plan.angle), points, repair) for box in plan.boxes)
+        return cls(plan, tuple(boxes))
+
+    @property
+    def parts(self) -> "tuple[Deflection, ...]":
+        """The deflection in each box as one that knows of no other."""
+        return tuple(Deflection(Plan((box.plan,), (box.angle,)), (box,)) for box in self.boxes)
+
+    @property
+    def angle(self) -> float:
+        """The first surface's amount."""
+        return self.boxes[0].angle
+
+    @property
+    def amounts(self) -> Amounts:
+        """Amount of each moving surface."""
+        return tuple(amount for box in self.boxes for amount in box.amounts)
 
     @cached_property
     def points(self) -> FloatArray:
         """Deflected coordinates (N, 3): of each box its own."""
+        if len(self.boxes) == 1:  # no copy of a large array
+            return self.boxes[0].points
         points = self.plan.undeflected.copy()
         for box in self.boxes:
             changed = box.plan.changed
@@ -198,19 +151,95 @@ class Deflections(Deflected):
     @cached_property
     def inverted(self) -> int:
         """Number of touched cells that are inverted at the end and were not before."""
-        return inverted_count(self.plan, self.points)
+        return inverted_count(self.plan.touched, self.points)
 
     @property
     def seconds(self) -> float:
         """Time it took."""
         return sum(box.seconds for box in self.boxes)
 
-    def stored(self, precision: Precision) -> "Deflections":
-        """Return the same deflections as another file holds them."""
-        return replace(self, boxes=tuple(box.stored(precision) for box in self.boxes))
+    @property
+    def repairs(self) -> tuple[RepairResult, ...]:
+        """The repairs of the boxes that needed one."""
+        return tuple(box.repaired for box in self.boxes if box.repaired)
+
+    @cached_property
+    def quality(self) -> tuple[Quality, ...]:
+        """Quality of the touched cells by type."""
+        return self.boxes[0].quality if len(self.boxes) == 1 else self.plan.touched.quality(self.points)
+
+    @cached_property
+    def least(self) -> tuple[tuple[Least, Least], ...]:
+        """Least quality before and now, by type, of the touched cells that were good before."""
+        return least_of(self.plan.touched, self.points, self.quality)
+
+    @cached_property
+    def faces(self) -> State | None:
+        """What was measured of the faces of touched cells as OpenFOAM's checkMesh does; None without polyhedra."""
+        return self.plan.faces.at(self.points) if self.plan.faces else None
+
+    @property
+    def moved_by_repair(self) -> FloatArray | None:
+        """How far (N, 3) repairs moved each node from where the interpolants put it; None without a repair."""
+        if not self.repairs:
+            return None
+        return np.asarray(np.sum([box.points - box.interpolated for box in self.boxes], axis=0))
+
+    def stored(self, precision: Precision) -> "Deflection":
+        """Return the same deflection as another file holds it."""
+        return Deflection(self.plan.keeping(precision), tuple(box.stored(precision) for box in self.boxes))
+
+    def sensitivity(self) -> FloatArray:
+        """Return d(points)/d(angle) (N, 3) in length units per unit of the amount, from the same centres.
+
+        With several steps it is the derivative with respect to the end of the last one.
+
+        Raises InputError for a repaired mesh: a repair ends where cells are good enough, which has no derivative.
+        """
+        if self.repairs:
+            raise InputError(
+                f"{self.plan.mesh.name}: the mesh at {self.angle:g} was repaired, and a repair ends where cells are "
+                "good enough: it has no derivative; set repair = off for the sensitivity"
+            )
+        rates = np.zeros_like(self.points)
+        for box in self.boxes:
+            job, changed = box.plan.job, box.plan.changed
+            speeds = tuple(ratio * self.plan.angle_of(box.plan, 1.0) for ratio in job.ratios)
+            rates[changed] = rate(box.steps[-1], box.plan.boundary.rate(box.amounts, speeds))[changed]
+        return rates
 
 
 def deflect(plan: Plan, angle: float, progress: Progress = silent, earlier: Deflection | None = None) -> Deflection:
+    """Bring the mesh to an angle of the first surface in every box, on the centres of an earlier one if they do."""
+    known = earlier.boxes if earlier else [None] * len(plan.boxes)
+    pairs = zip(plan.boxes, known, strict=True)
+    found = (deflect_box(box, plan.angle_of(box, angle), progress, one) for box, one in pairs)
+    return Deflection(plan, tuple(found))
+
+
+def sweep(plan: Plan, angles: Sequence[float], progress: Progress = silent) -> Iterator[tuple[int, Deflection]]:
+    """Bring the mesh to several angles, the largest first: its centres and factors serve for all of them.
+
+    Each angle is checked at every data site; centres are added where one is off by more than the tolerance.
+
+    Yields
+    ------
+    The place of the angle in `angles`, and the deflection.
+    """
+    largest = max(range(len(angles)), key=lambda i: abs(angles[i]))
+    reusable: list[BoxDeflection | None] = [None] * len(plan.boxes)
+    for i in (largest, *(i for i in range(len(angles)) if i != largest)):
+        found = []
+        for k, box in enumerate(plan.boxes):
+            found.append(deflect_box(box, plan.angle_of(box, angles[i]), progress, reusable[k]))
+            if len(found[-1].steps) == 1:
+                reusable[k] = found[-1]
+        yield i, Deflection(plan, tuple(found))
+
+
+def deflect_box(
+    plan: BoxPlan, angle: float, progress: Progress = silent, earlier: BoxDeflection | None = None
+) -> BoxDeflection:
     """Bring the mesh to an angle in one step, and repair it.
 
     Where cells invert that did not before, the angle is taken in twice as many steps while that leaves at most half as
@@ -230,17 +259,14 @@ def deflect(plan: Plan, angle: float, progress: Progress = silent, earlier: Defl
     return best
 
 
-def deflected(plan: Planned, angle: float, progress: Progress = silent, earlier: Deflected | None = None) -> Deflected:
-    """Bring the mesh to an angle of the first surface in every box, as `deflect` does in one."""
-    known = earlier.boxes if earlier else [None] * len(plan.boxes)
-    pairs = zip(plan.boxes, known, strict=True)
-    return Deflections.of([deflect(box, plan.angle_of(box, angle), progress, one) for box, one in pairs])
-
-
-def mended(deflection: Deflection, progress: Progress = silent) -> Deflection:
+def mended(deflection: BoxDeflection, progress: Progress = silent) -> BoxDeflection:
     """Return a deflection whose spoiled cells are repaired, where its job wants that and there are any."""
     plan, wanted = deflection.plan, deflection.plan.job.repair
-    if not is_spoiled(deflection):
+    if wanted.mode == "off" or not plan.touched.count:
+        return deflection
+    least = least_of(plan.touched, deflection.points, deflection.quality)
+    fell = any(old.cells and new.quality < wanted.wanted * old.quality for old, new in least)
+    if not fell and not deflection.inverted:
         return deflection
     freedom, aim = plan.freedom(deflection.points), (wanted.wanted, wanted.min_quality)
     found = repaired(deflection.points, plan.touched, freedom, *aim, progress)
@@ -249,52 +275,15 @@ def mended(deflection: Deflection, progress: Progress = silent) -> Deflection:
     return after.with_points(found.points)
 
 
-def is_spoiled(deflection: Deflection) -> bool:
-    """True if the job of a deflection wants its mesh repaired, and there is something to repair."""
-    plan, wanted = deflection.plan, deflection.plan.job.repair
-    if wanted.mode == "off" or not plan.touched.count:
-        return False
-    fell = any(old.cells and new.quality < wanted.wanted * old.quality for old, new in deflection.least)
-    return fell or deflection.inverted > 0
+def least_of(touched: TouchedCells, points: FloatArray, quality: Sequence[Quality]) -> tuple[tuple[Least, Least], ...]:
+    """Return the least quality before and at points (N, 3), by type, of the touched cells that were good before."""
+    before = touched.least(touched.mesh.points, touched.quality_before)
+    return tuple(zip(before, touched.least(points, quality), strict=True))
 
 
-def ended(plan: Planned, points: FloatArray, repair: FloatArray | None = None) -> Deflected:
-    """Return a deflection of which nothing is known but where its nodes (N, 3) are: it has no steps.
-
-    `repair` is how far its repair moved each node (N, 3), if it had one.
-    """
-    found = []
-    for box in plan.boxes:
-        repaired, wanted = None, box.job.repair
-        if repair is not None and wanted.mode != "off" and repair[box.changed].any():
-            start = points - repair
-            repaired = RepairResult.of(start, points, box.touched, box.freedom(start), wanted.wanted)
-        inverted = inverted_count(box, points)
-        found.append(Deflection(box, plan.angle_of(box, plan.angle), (), points, inverted, 0.0, repaired))
-    return Deflections.of(found)
-
-
-def sweep(plan: Planned, angles: Sequence[float], progress: Progress = silent) -> Iterator[tuple[int, Deflected]]:
-    """Bring the mesh to several angles, the largest first: its centres and factors serve for all of them.
-
-    Each angle is checked at every data site; centres are added where one is off by more than the tolerance.
-
-    Yields
-    ------
-    The place of the angle in `angles`, and the deflection.
-    """
-    largest = max(range(len(angles)), key=lambda i: abs(angles[i]))
-    reusable: dict[int, Deflection] = {}
-    for i in (largest, *(i for i in range(len(angles)) if i != largest)):
-        found = []
-        for k, box in enumerate(plan.boxes):
-            found.append(deflect(box, plan.angle_of(box, angles[i]), progress, reusable.get(k)))
-            if len(found[-1].steps) == 1:
-                reusable[k] = found[-1]
-        yield i, Deflections.of(found)
-
-
-def stepped(plan: Plan, angle: float, count: int, take: Callable[[int, FloatArray, FloatArray], Step]) -> Deflection:
+def stepped(
+    plan: BoxPlan, angle: float, count: int, take: Callable[[int, FloatArray, FloatArray], Step]
+) -> BoxDeflection:
     """Go to an angle in `count` equal steps, each from where the last one ended.
 
     `take` carries out a step, given its number from 1, the points (N, 3) at its start, and how far (K, 3) the moving
@@ -308,10 +297,14 @@ def stepped(plan: Plan, angle: float, count: int, take: Callable[[int, FloatArra
         points, reached = steps[-1].points, target
     points[nodes] = plan.mesh.points[nodes] + reached  # the places asked for, without the rounding of the steps
     points = plan.precision.rounded(points, plan.mesh.points)
-    return Deflection(plan, angle, tuple(steps), points, inverted_count(plan, points), perf_counter() - begin)
+    return BoxDeflection(
+        plan, angle, tuple(steps), points, inverted_count(plan.touched, points), perf_counter() - begin
+    )
 
 
-def adapted_steps(plan: Plan, angle: float, count: int, progress: Progress, earlier: Step | None = None) -> Deflection:
+def adapted_steps(
+    plan: BoxPlan, angle: float, count: int, progress: Progress, earlier: Step | None = None
+) -> BoxDeflection:
     """Go to the angle in `count` steps, on centres adapted to each; on those of an earlier step first."""
 
     def take(_: int, points: FloatArray, move: FloatArray) -> Step:
@@ -321,6 +314,6 @@ def adapted_steps(plan: Plan, angle: float, count: int, progress: Progress, earl
     return stepped(plan, angle, count, take)
 
 
-def inverted_count(plan: Planned, points: FloatArray) -> int:
+def inverted_count(touched: TouchedCells, points: FloatArray) -> int:
     """Return how many touched cells are inverted with the mesh at `points` (N, 3) and were not before."""
-    return int(np.count_nonzero(plan.touched.newly_inverted(points)))
+    return int(np.count_nonzero(touched.newly_inverted(points)))

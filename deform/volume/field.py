@@ -25,7 +25,7 @@ from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.cells import bounded
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.rbf.kernels import arrays_of, stored_kernel
-from sdm_deflect.deform.volume.deflection import Deflected, Deflection
+from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection
 from sdm_deflect.deform.volume.near_wall import Nearby, NearWall
 from sdm_deflect.deform.volume.region import ON_FACE
 from sdm_deflect.deform.volume.step import Step
@@ -103,7 +103,7 @@ class FieldBox:
     planes: FloatArray = field(repr=False)
 
     @classmethod
-    def of(cls, one: Deflection) -> "FieldBox":
+    def of(cls, one: BoxDeflection) -> "FieldBox":
         """Take what a deflection has found in one box; InputError as of `Field.of`."""
         plan, sites = one.plan, one.plan.sites
         told = np.zeros(len(plan.mesh.points), dtype=np.bool_)
@@ -181,7 +181,7 @@ class Field:
     boxes: tuple[FieldBox, ...]
 
     @classmethod
-    def of(cls, deflected: Deflected) -> "Field":
+    def of(cls, deflected: Deflection) -> "Field":
         """Take what a deflection has found.
 
         Raises InputError if its points are rounded, or nodes at one place move apart.

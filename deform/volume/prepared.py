@@ -16,7 +16,7 @@ from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.sites import DataSites
 from sdm_deflect.deform.rbf.sums import kernel_matrix, kernel_sum
 from sdm_deflect.deform.volume.deflection import stepped
-from sdm_deflect.deform.volume.plan import Plan
+from sdm_deflect.deform.volume.plan import BoxPlan
 from sdm_deflect.deform.volume.region import check_moving
 from sdm_deflect.deform.volume.step import Fits, Step, StepStart, solve
 
@@ -122,12 +122,12 @@ class PreparedDeflection:
     beyond, the first one those of the other sign.
     """
 
-    plan: Plan
+    plan: BoxPlan
     angle: float
     steps: tuple[PreparedStep, ...] = field(repr=False)
 
     @classmethod
-    def of(cls, plan: Plan, angle: float, centers: Sequence[Centers]) -> "PreparedDeflection":
+    def of(cls, plan: BoxPlan, angle: float, centers: Sequence[Centers]) -> "PreparedDeflection":
         """Prepare the steps of a deflection to an angle, given the centres that it found.
 
         Raises InputError if they are no data sites of the plan.

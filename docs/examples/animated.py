@@ -22,7 +22,7 @@ from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.pipeline import meshed
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.progress import Stopwatch
-from sdm_deflect.deform.volume.deflection import deflected
+from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.meshing.formats.adapters import to_pyvista
 
 AIRCRAFT, AIRFOIL = 15.0, 25.0
@@ -57,10 +57,10 @@ def aircraft(parts: Sequence[float]) -> Iterator[Any]:
     case = replace(case_named("all"), angle=AIRCRAFT)
     mesh = meshed(case, Stopwatch())[0]
     plan = plan_of(case, mesh, [AIRCRAFT * part for part in parts])
-    known = deflected(plan, plan.angle)
+    known = deflect(plan, plan.angle)
     orientation = plan.touched.orientation
     for part in parts:
-        displacement = deflected(plan, plan.angle * part, earlier=known).points - mesh.points
+        displacement = deflect(plan, plan.angle * part, earlier=known).points - mesh.points
         yield to_pyvista(mesh.with_points(mesh.points + displacement), displacement, orientation)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.registry import resolve
 from sdm_deflect.cases.run.progress import Stopwatch
-from sdm_deflect.deform.volume.deflection import deflected
+from sdm_deflect.deform.volume.deflection import deflect
 from studies.flow.frozen import hinge_moment, hinge_moment_rate
 from studies.flow.members import DEFLECTED, Member, study_of, undeflected_mesh
 from studies.flow.pictures import Skin
@@ -34,14 +34,14 @@ def rates(folder: Path, angle: float) -> tuple[float, float]:
     skin = Skin.of(study, folder / FOLDER / Member(DEFLECTED, angle).name)
     flow = undeflected_mesh(study, Stopwatch())
     plan = plan_of(study.at(angle), flow)
-    here = deflected(plan, plan.angle)
+    here = deflect(plan, plan.angle)
     np.testing.assert_array_equal(here.points, skin.points)  # the mesh whose flow was computed
     own = skin.own == 1
     pressure, triangles = study.stream.dynamic_pressure * skin.pressure[own], skin.triangles[own]
     hinge = next(one for one in study.setup(True).hinges if one.name == study.surface)
     moments = []
     for step in (STEP, -STEP):
-        one = deflected(plan, plan.angle + step * plan.angle / angle, earlier=here)
+        one = deflect(plan, plan.angle + step * plan.angle / angle, earlier=here)
         moments.append(hinge_moment(one.points, triangles, pressure, hinge))
     reference = surface_reference(case.fighter, study.surface)
     scale = study.stream.dynamic_pressure * reference.area * reference.chord

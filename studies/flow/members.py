@@ -17,7 +17,7 @@ from sdm_deflect.deform.base.progress import Progress
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.rbf.fitting import RepairMode
-from sdm_deflect.deform.volume.deflection import deflected
+from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.geometry.deflected import CadTurn
 from sdm_deflect.geometry.parameters import LARGEST_TURN
 from sdm_deflect.meshing.mesh import tets_of
@@ -167,7 +167,7 @@ def fresh_deflected_meshes(
 def moved_points(case: Case, flow: Mesh) -> FloatArray:
     """Return the points (N, 3) of a case's mesh, deflected; InputError as a run has it."""
     plan = plan_of(case, flow)
-    return deflected(plan, plan.angle).points
+    return deflect(plan, plan.angle).points
 
 
 def fresh_mesh(study: FlowStudy, member: Member, watch: Stopwatch) -> Mesh:

@@ -8,7 +8,7 @@ from sdm_deflect.cases.aircraft.job import BLOCK, plan_of
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.volume.deflection import deflected
+from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.meshing.formats.openfoam_files import MESH, open_foam, parse
 from sdm_deflect.meshing.mesh import tets_of
 from studies.donors import donors_at, write_donors
@@ -34,7 +34,7 @@ def test_block_and_background_are_one_overset_case(chimera_run, tmp_path):
     run, _ = chimera_run
     case = replace(run.case, angle=-12.0)
     plan = plan_of(case, run.mesh)
-    block = run.mesh.with_points(deflected(plan, plan.angle).points)
+    block = run.mesh.with_points(deflect(plan, plan.angle).points)
     folder = tmp_path / "overset"
     overset.write_overset(block, run.background, BLOCK, Setup(), folder)
     types = {patch.name: patch.type for patch in parse(open_foam(folder / MESH, "boundary").text())}

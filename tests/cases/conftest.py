@@ -14,7 +14,7 @@ from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.aircraft.validation import further_checks, validate
 from sdm_deflect.cases.run.output import output_folder
 from sdm_deflect.cases.run.progress import Stopwatch
-from sdm_deflect.deform.volume.deflection import deflected
+from sdm_deflect.deform.volume.deflection import deflect
 from tests.cases.sdm.deflected_cad import built
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -106,7 +106,7 @@ def turned(make_mesh):
     def turn(case):
         mesh, _ = make_mesh(case)
         plan = plan_of(case, mesh)
-        found = deflected(plan, plan.angle)
+        found = deflect(plan, plan.angle)
         moved = mesh.with_points(found.points)
         checks = validate(case, mesh, moved, plan, built(case), repair=found.moved_by_repair)
         return mesh, moved, checks + further_checks(found, checks)

@@ -34,9 +34,9 @@ def test_words_of_the_command_give_what_objects_give(inboard_wing):
     objects = deflect(w.mesh, ["flap_*"], None, 8.0, motion=motion, fixed=["wing_*"], slide={"symmetry": "plane"})
     assert np.array_equal(words.points, objects.points)
     assert words.passed
-    corners = Hexahedron(words.plan.region.hexahedron.corners)
+    corners = Hexahedron(words.plan.boxes[0].region.hexahedron.corners)
     given = deflect(w.mesh, "flap_*", None, 8.0, motion=motion, fixed="wing_*", slide="symmetry:plane", box=corners)
-    assert given.plan.region.box.why == "corners as given"
+    assert given.plan.boxes[0].region.box.why == "corners as given"
 
 
 @pytest.mark.parametrize("options", [{"tolerance": 2e-4}, {"strategy": "mv"}, {"max_centers": 61}, {"spacing": 0.3}])
@@ -44,15 +44,15 @@ def test_every_setting_reaches_the_fit(options, block):
     ((name, value),) = options.items()
     result = deflect(block, "body", HINGE, 10.0, box=BOX, **options)
     assert getattr(result.plan.job.fitting, name) == value
-    chosen = [len(fit.chosen) for fit in result.deflection.steps[0].fits.adaptations]
+    chosen = [len(fit.chosen) for fit in result.deflection.boxes[0].steps[0].fits.adaptations]
     if name == "tolerance":
-        assert result.plan.sites.tolerance == value >= result.deflection.steps[0].error
+        assert result.plan.boxes[0].sites.tolerance == value >= result.deflection.boxes[0].steps[0].error
     if name == "strategy":
         assert len(chosen) == 1
     if name == "max_centers":
         assert max(chosen) == 61
     if name == "spacing":
-        assert result.plan.sites.spacing == value
+        assert result.plan.boxes[0].sites.spacing == value
 
 
 def test_a_sweep_refuses_what_deflect_refuses(block):

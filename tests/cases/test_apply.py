@@ -3,7 +3,6 @@
 import json
 import re
 import shutil
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +14,7 @@ from sdm_deflect.meshing.formats.openfoam_files import open_foam, vectors
 from sdm_deflect.meshing.formats.registry import FORMATS
 from tests.cases import foam
 from tests.deform.blocks import block_with_body, joined
+from tests.deform.jobs import placed
 
 TURN = ["--surface", "flap_*", "--fixed", "wing_*", "--slide", "symmetry:plane", "--motion", "blended", "--quiet"]
 TURN += ["--hinge", "0.7,0.3,0", "0.7,0.7,0", "--angle", "8", "--no-report"]
@@ -190,9 +190,9 @@ def test_what_cannot_be_is_one_sentence(folder, field, sdm, tmp_path):
 def test_nodes_at_one_place_that_move_apart_have_no_field():
     mesh = block_with_body(8)
     both = joined(mesh, mesh)
-    (one,) = deflect(both, ["body", "body'"], [[0, 0, 0], [0, 1, 0]], 5.0).deflection.boxes
+    one = deflect(both, ["body", "body'"], [[0, 0, 0], [0, 1, 0]], 5.0).deflection
     assert np.array_equal(Field.of(one).apply(both.points), one.points)
     moved = one.points.copy()
-    moved[one.plan.sites.moving[-1], 0] += 0.01
+    moved[one.plan.boxes[0].sites.moving[-1], 0] += 0.01
     with pytest.raises(InputError, match="nodes at one place move apart"):
-        Field.of(replace(one, points=moved))
+        Field.of(placed(one, moved))

@@ -99,7 +99,7 @@ def test_the_folder_makes_report_and_view_again(home, run):
     shown = InteractiveRun.of(finished).at(3.0)
     one = alone(two_bodies(), SURFACES[1], -1.5)
     nodes = one.plan.changed
-    np.testing.assert_allclose(shown.points[nodes], one.points[nodes], atol=2.0 * one.plan.sites.tolerance)
+    np.testing.assert_allclose(shown.points[nodes], one.points[nodes], atol=2.0 * one.plan.boxes[0].sites.tolerance)
 
 
 def test_the_folder_is_validated_by_its_files(run):

@@ -16,13 +16,12 @@ from sdm_deflect.deform.mesh.faces import FACES as OF_SHAPES
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.orthogonality import TouchedFaces, face_quality
 from sdm_deflect.deform.mesh.touched import TouchedCells
-from sdm_deflect.deform.volume.deflection import inverted_count
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.polyhedra import bounded
 from tests.cases import foam
 from tests.cases.snappy import CONTROL
 from tests.deform.blocks import block_with_body, grid
-from tests.deform.jobs import turn
+from tests.deform.jobs import placed, turn
 from tests.meshing.formats.wing import wing
 
 HEAD = "FoamFile { version 2.0; format ascii; class dictionary; object controlDict; }\n"
@@ -83,10 +82,10 @@ COMPLAINTS = {
 @pytest.mark.parametrize("seed", [5, 14, 19, 30])
 def test_a_check_fails_where_checkmesh_complains(seed, turned, tmp_path):
     rng, points = np.random.default_rng(seed), turned.points.copy()
-    free = turned.plan.region.inside
+    free = turned.plan.boxes[0].region.inside
     some = rng.choice(free[(np.abs(turned.plan.mesh.points[free]) < 1.1).all(axis=1)], 6, replace=False)
     points[some] += rng.normal(0.0, 0.5 if seed < 30 else 0.05, (len(some), 3))
-    worse = replace(turned, points=points, inverted=inverted_count(turned.plan, points))
+    worse = placed(turned, points)
     checks = {check.name: check for check in checks_of(worse)}
     said = asked(turned.plan.mesh.with_points(points), tmp_path / "case")
     for name, complaint in COMPLAINTS.items():

@@ -32,8 +32,8 @@ def test_each_cell_is_judged_in_its_own_hand(share):
     one, other = (turn(each, hinge=HINGE, angle=80.0, repair="auto") for each in (mesh, half_mirrored(mesh, share)))
     np.testing.assert_array_equal(one.points, other.points)
     assert one.quality == other.quality
-    assert one.repaired is not None
-    assert np.count_nonzero(other.plan.touched.newly_inverted(other.interpolated)) > 0
+    assert one.boxes[0].repaired is not None
+    assert np.count_nonzero(other.plan.touched.newly_inverted(other.boxes[0].interpolated)) > 0
     assert sum(other.plan.touched.inverted) == 0
 
 

@@ -27,7 +27,7 @@ def turned(block):
 @pytest.mark.parametrize("name", KERNELS)
 def test_every_kernel_deflects_and_says_what_it_is(name, turned):
     result, figures = turned[name], turned[name].figures()
-    sites, region = result.plan.sites, result.plan.region
+    sites, region = result.plan.boxes[0].sites, result.plan.boxes[0].region
     diagonal = np.linalg.norm(np.ptp(region.hexahedron.corners, axis=0))
     radius = {"mq": sites.edge, "wendland": diagonal}.get(name)
     assert result.passed
@@ -99,6 +99,6 @@ def test_the_narrower_the_support_the_less_a_node_far_away_moves(block):
     means = []
     for radius in (1.0, 2.0, 8.0):
         found = deflect(block, "body", HINGE, 10.0, kernel_radius=radius, **options)
-        assert found.plan.sites.radius == radius
+        assert found.plan.boxes[0].sites.radius == radius
         means.append(np.abs(found.displacement[far]).mean())
     assert means[0] < 0.5 * means[1] < 0.5 * means[2]

@@ -127,7 +127,7 @@ def test_folder_holds_all_and_makes_the_page_anew(coarse_wing, tmp_path, monkeyp
     source, out = tmp_path / "wing.su2", tmp_path / "out" / "bent.su2"
     format_of(source).write(coarse_wing.mesh, source)
     mesh = replace(format_of(source).read(source), name="wing.su2", source=str(source))
-    one = deflect(Plan.of(mesh, blended(coarse_wing.hinge)), 3.0)
+    one = deflect(Plan.of(mesh, [blended(coarse_wing.hinge)]), 3.0)
     checks = tuple(checks_of(one))
     folder = folders.folder_of(out)
     data = write_run_folder(folder, one, checks, out, {"deflect": one.seconds})
@@ -184,7 +184,7 @@ def blended(hinge):
 
 
 def test_arrays_of_the_whole_mesh_are_in_the_vtu_file(coarse_wing, tmp_path):
-    one = deflect(Plan.of(coarse_wing.mesh, blended(coarse_wing.hinge)), 3.0)
+    one = deflect(Plan.of(coarse_wing.mesh, [blended(coarse_wing.hinge)]), 3.0)
     write_deflected(tmp_path / "deflected.vtu", one)
     grid = pv.read(tmp_path / "deflected.vtu")
     np.testing.assert_array_equal(grid.points, one.points)
@@ -202,10 +202,10 @@ def test_polyhedra_and_nodes_alone_have_a_report(tmp_path):
     hinge = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
     for name, mesh in (("polyhedra", replace(polyhedral(block), zones=())), ("nodes", loose)):
         job = Job((Moving(("body",), Rotation.about(*hinge), 5.0),))
-        one = deflect(Plan.of(mesh, job), 5.0)
+        one = deflect(Plan.of(mesh, [job]), 5.0)
         data = write_run_folder(tmp_path / name, one, tuple(checks_of(one)), None, {})
         text = (tmp_path / name / "report.html").read_text()
-        assert text.count("<figure>") == (4 if mesh.cells else 2)
+        assert text.count("<figure>") == (3 if mesh.cells else 2)
         assert ("smallest face pyramid over volume" in text) == bool(mesh.cells)
         assert data.drawn == ("body",)
         with pytest.raises(InputError, match="names no mesh"):
@@ -213,7 +213,7 @@ def test_polyhedra_and_nodes_alone_have_a_report(tmp_path):
 
 
 def test_page_of_a_hybrid_mesh_is_turnable(coarse_wing, opened, tmp_path):
-    one = deflect(Plan.of(coarse_wing.mesh, blended(coarse_wing.hinge)), 3.0)
+    one = deflect(Plan.of(coarse_wing.mesh, [blended(coarse_wing.hinge)]), 3.0)
     data = write_run_folder(tmp_path, one, tuple(checks_of(one)), None, {})
     tab, _, complaints = opened(tmp_path / "report.html")
     tab.locator("#scene-threshold").fill("0.6")
@@ -229,7 +229,7 @@ def test_names_of_a_mesh_cannot_inject_markup(coarse_wing, opened, tmp_path):
     evil = "</script><script>document.title='broken'</script>"
     named = {"symmetry": evil}
     patches = tuple(Patch(named.get(p.name, p.name), p.faces) for p in coarse_wing.mesh.patches)
-    one = deflect(Plan.of(replace(coarse_wing.mesh, patches=patches, name=evil), blended(coarse_wing.hinge)), 3.0)
+    one = deflect(Plan.of(replace(coarse_wing.mesh, patches=patches, name=evil), [blended(coarse_wing.hinge)]), 3.0)
     data = write_run_folder(tmp_path, one, tuple(checks_of(one)), None, {})
     (tmp_path / "report.html").write_text(page(data, Gallery(())), encoding="utf-8")
     tab, _, complaints = opened(tmp_path / "report.html")
@@ -241,7 +241,7 @@ def test_names_of_a_mesh_cannot_inject_markup(coarse_wing, opened, tmp_path):
 @pytest.mark.parametrize("cells", [lambda mesh: mesh, polyhedral], ids=["as they are", "polyhedra"])
 def test_pictures_of_the_near_cells_are_those_of_all(cells, coarse_wing):
     mesh = replace(cells(coarse_wing.mesh), zones=())
-    data = folders.data_of(deflect(Plan.of(mesh, blended(coarse_wing.hinge)), 3.0))
+    data = folders.data_of(deflect(Plan.of(mesh, [blended(coarse_wing.hinge)]), 3.0))
     near = data.near
     assert 0 < sum(map(len, near.mesh.cells)) < sum(map(len, mesh.cells))
     one, other = turnable(near), turnable(data)
@@ -262,7 +262,7 @@ def test_pictures_of_the_near_cells_are_those_of_all(cells, coarse_wing):
 
 def test_without_its_libraries_a_report_has_all_but_the_page(coarse_wing, tmp_path, monkeypatch):
     monkeypatch.setattr("sdm_deflect.cases.run.output.find_spec", lambda name: None if name == "jinja2" else name)
-    one = deflect(Plan.of(coarse_wing.mesh, blended(coarse_wing.hinge)), 3.0)
+    one = deflect(Plan.of(coarse_wing.mesh, [blended(coarse_wing.hinge)]), 3.0)
     write_run_folder(tmp_path, one, tuple(checks_of(one)), None, {})
     assert {path.name for path in tmp_path.iterdir()} == FILES - {"report.html"}
     with pytest.raises(InputError, match=r"a report needs jinja2: in your clone, pip install '.\[report\]'"):
@@ -308,7 +308,7 @@ def test_the_command_writes_a_folder_unless_told_not_to(coarse_wing, tmp_path, s
 
 
 def test_an_angle_of_a_sweep_is_told_as_it_is(coarse_wing, tmp_path):
-    plan = Plan.of(coarse_wing.mesh, blended(coarse_wing.hinge), (3.0, -1.0))
+    plan = Plan.of(coarse_wing.mesh, [blended(coarse_wing.hinge)], (3.0, -1.0))
     data = write_run_folder(tmp_path, deflect(plan, -1.0), (), None, {})
     assert [surface.turned for surface in data.surfaces] == ["-1 deg"]
     assert "angle = -1.0" in (tmp_path / "settings.toml").read_text()
@@ -318,7 +318,7 @@ def test_an_angle_of_a_sweep_is_told_as_it_is(coarse_wing, tmp_path):
 def test_turnable_cells_of_polyhedra_are_triangles_of_their_own():
     mesh = replace(polyhedral(block_with_body()), zones=())
     hinge = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
-    one = deflect(Plan.of(mesh, Job((Moving(("body",), Rotation.about(*hinge), 5.0),))), 5.0)
+    one = deflect(Plan.of(mesh, [Job((Moving(("body",), Rotation.about(*hinge), 5.0),))]), 5.0)
     data = folders.data_of(one)
     (group,) = turnable(data)["cells"]["groups"]
     cell = np.frombuffer(b64decode(group["cell"]), "<u4")

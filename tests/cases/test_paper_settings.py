@@ -7,7 +7,7 @@ import numpy as np
 from sdm_deflect.cases.aircraft.job import block_stations, hexahedron_of, job_of, open_faces, plan_of
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.api import deflect
-from sdm_deflect.deform.volume.deflection import deflected
+from sdm_deflect.deform.volume.deflection import deflect as carried_out
 from tests.frozen.test_frozen import SAME, frozen_mesh
 
 
@@ -15,7 +15,7 @@ def test_a_chimera_block_is_deflected_by_settings_alone():
     case = replace(case_named("aileron-chimera"), angle=-12.0)
     mesh = frozen_mesh("block")
     plan = plan_of(case, mesh)
-    expected = deflected(plan, plan.angle)
+    expected = carried_out(plan, plan.angle)
     moving = job_of(case, mesh, case.deflections[0]).surfaces[0]
     fitting = expected.plan.job.fitting
     result = deflect(

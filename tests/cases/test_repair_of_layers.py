@@ -31,7 +31,7 @@ def test_a_flap_without_a_gap(hybrid_wing, angle, least):
     assert min(shares(result).values()) > least
     heights = next(check for check in result.checks if check.name == "first_layer")
     assert heights.value < HEIGHT
-    assert len(result.deflection.repaired.moved) > 0
+    assert len(result.deflection.boxes[0].repaired.moved) > 0
 
 
 def test_every_layer_has_the_height_that_the_deflection_gave_it(hybrid_wing):

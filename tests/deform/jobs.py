@@ -1,5 +1,7 @@
 """Jobs for the engine in the few words that tests need."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from sdm_deflect.deform.rbf.fitting import Repair
@@ -24,9 +26,19 @@ def job(patches, hinge=Y_AXIS, angle=10.0, motion=None, slide=None, box=None, re
     return Job((moving,), slides=slides, box=rule, repair=Repair(repair), force=force, **more)
 
 
+def box_plan(mesh, wanted, angles=()):
+    """Plan the one box of a job."""
+    return Plan.of(mesh, [wanted], angles).boxes[0]
+
+
 def turn(mesh, patches=("body",), hinge=Y_AXIS, angle=10.0, **more):
     """Plan one angle and bring the mesh to it."""
-    return deflect(Plan.of(mesh, job(patches, hinge, angle, **more)), angle)
+    return deflect(Plan.of(mesh, [job(patches, hinge, angle, **more)]), angle)
+
+
+def placed(one, points):
+    """Return the deflection of one box with other points."""
+    return replace(one, boxes=(replace(one.boxes[0], points=points),))
 
 
 def blended(w, **more):

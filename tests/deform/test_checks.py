@@ -12,7 +12,7 @@ from sdm_deflect.deform.rbf.fitting import Fitting
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.plan import Plan
 from tests.deform.blocks import block_with_body
-from tests.deform.jobs import WING, job, turn
+from tests.deform.jobs import WING, job, placed, turn
 from tests.deform.test_quality import as_polyhedra
 
 TIGHT = [[-1.2, -1.2, -1.2], [1.2, 1.2, 1.2]]
@@ -25,7 +25,7 @@ def named(deflection):
 def kept(block, share, angle=10.0):
     """A deflection whose cells must keep a share of their quality."""
     wanted = job(("body",), angle=angle, box=TIGHT)
-    return deflect(Plan.of(block, replace(wanted, repair=replace(wanted.repair, min_quality=share))), angle)
+    return deflect(Plan.of(block, [replace(wanted, repair=replace(wanted.repair, min_quality=share))]), angle)
 
 
 def twisted(mesh, rows):
@@ -102,10 +102,10 @@ def test_a_node_that_moved_where_it_must_not_is_found_by_its_last_bit(block):
     result = turn(block, box=[[-2.5, -1.2, -1.2], [1.2, 1.2, 1.2]], fixed=("x-",))
     plan = result.plan
     outside = np.setdiff1d(np.arange(len(block.points)), plan.changed)
-    for node, name in ((outside[5], "outside_moved"), (plan.sites.fixed[0], "fixed_surfaces_moved")):
+    for node, name in ((outside[5], "outside_moved"), (plan.boxes[0].sites.fixed[0], "fixed_surfaces_moved")):
         points = result.points.copy()
         points[node, 1] = np.nextafter(points[node, 1], 9.0)
-        failed = [check.name for check in checks_of(replace(result, points=points)) if not check.passed]
+        failed = [check.name for check in checks_of(placed(result, points)) if not check.passed]
         assert failed == [name]
 
 
@@ -113,10 +113,10 @@ def test_a_node_off_its_shape_fails(inboard_wing):
     w = inboard_wing
     result = turn(w.mesh, WING, w.hinge, slide={"symmetry": "plane"})
     assert named(result)["on_symmetry"].passed
-    (nodes,) = result.plan.sites.sliding
+    (nodes,) = result.plan.boxes[0].sites.sliding
     points = result.points.copy()
     points[nodes[0], 1] += 1e-6
-    check = named(replace(result, points=points))["on_symmetry"]
+    check = named(placed(result, points))["on_symmetry"]
     assert not check.passed
     assert check.value == pytest.approx(1e-6)
 
@@ -124,9 +124,13 @@ def test_a_node_off_its_shape_fails(inboard_wing):
 def test_a_site_beyond_the_tolerance_fails(block):
     few = Fitting(initial_surface=4, initial_hexahedron=4, max_centers=8, max_steps=1)
     result = turn(block, box=TIGHT, angle=30.0, fitting=few)
-    check = site_error(result, "m")
+    check = site_error(result.boxes[0], "m")
     assert not check.passed
-    assert (check.value, check.limit, check.unit) == (result.steps[0].error, result.plan.sites.tolerance, "m")
+    assert (check.value, check.limit, check.unit) == (
+        result.boxes[0].steps[0].error,
+        result.plan.boxes[0].sites.tolerance,
+        "m",
+    )
     assert check.where == "all data sites, 1 step"
 
 
@@ -227,8 +231,8 @@ def test_a_cell_that_no_repair_can_mend_is_named_with_its_patches():
     result = turn(mesh, angle=80.0, fixed=outer, repair="auto", fitting=Fitting(max_steps=1))
     check = named(result)["inverted_cells"]
     assert not check.passed
-    assert result.repaired.left == 0
-    assert not len(result.repaired.moved)
+    assert result.boxes[0].repaired.left == 0
+    assert not len(result.boxes[0].repaired.moved)
     row = int(check.where.split("cell ")[1].split()[0])
     (cells,) = mesh.cells
     assert inverted_of(result.points, cells)[row]

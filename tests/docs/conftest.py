@@ -5,7 +5,7 @@ import pytest
 from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.output import write_interpolants
-from sdm_deflect.deform.volume.deflection import deflected
+from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.meshing.formats.vtu import write_vtu
 
 
@@ -14,8 +14,8 @@ def finished(tmp_path_factory, aileron_mesh):
     """The aileron at -12 degrees, and a folder with those files of a run that the examples read."""
     case, (mesh, _), folder = case_named("aileron"), aileron_mesh, tmp_path_factory.mktemp("aileron")
     plan = plan_of(case, mesh)
-    result = deflected(plan, plan.angle)
-    write_interpolants(folder / "interpolant.npz", (result,))
+    result = deflect(plan, plan.angle)
+    write_interpolants(folder / "interpolant.npz", result.boxes)
     displacement = {"displacement": result.points - mesh.points}
     write_vtu(folder / "deflected.vtu", mesh.with_points(result.points), point_data=displacement)
     return mesh, result, folder

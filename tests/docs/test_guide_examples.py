@@ -149,7 +149,7 @@ def test_own_surface_bends_the_fin_and_nothing_else(aileron_mesh, tmp_path):
 @pytest.mark.mesher
 def test_stored_interpolant_equals_the_run(finished):
     mesh, result, folder = finished
-    flow = np.setdiff1d(result.plan.region.inside, mesh.on(*mesh.names))
+    flow = np.setdiff1d(result.plan.boxes[0].region.inside, mesh.on(*mesh.names))
     elsewhere = evaluate_interpolant.displacement(folder / "interpolant.npz", mesh.points[flow])
     np.testing.assert_allclose(elsewhere, (result.points - mesh.points)[flow], atol=1e-9)
 

@@ -128,7 +128,7 @@ def _plan(mesh, random: Random) -> None:
     hinge = np.array([middle - reach, middle + reach])
     name = mesh.patches[0].name
     job = jobs_of(settings_of([name], hinge, 3.0, {"fixed": "*"} if len(mesh.patches) > 1 else {}))[0]
-    plan = Plan.of(mesh, job, (3.0,))
+    plan = Plan.of(mesh, [job], (3.0,))
     if random.random() < 0.3:
         for _, one in sweep(plan, (3.0,)):
             checks_of(one)

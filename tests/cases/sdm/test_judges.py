@@ -15,7 +15,7 @@ from skfem.models.poisson import laplace
 from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.export import export_run
-from sdm_deflect.deform.volume.deflection import deflected
+from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.vtu import write_vtu
 from sdm_deflect.meshing.mesh import skin, tets_of
@@ -72,7 +72,7 @@ def bent(make_mesh, tmp_path_factory):
             case = case_of(name)
             mesh, _ = make_mesh(case)
             plan = plan_of(case, mesh)
-            after = mesh.with_points(deflected(plan, plan.angle).points)
+            after = mesh.with_points(deflect(plan, plan.angle).points)
             folder = tmp_path_factory.mktemp(name)
             write_vtu(folder / "undeflected.vtu", mesh)
             write_vtu(folder / "deflected.vtu", after)

@@ -9,7 +9,7 @@ from sdm_deflect.cases.aircraft.job import axis_of, plan_of
 from sdm_deflect.cases.aircraft.rigid import Shape, distance, parts_of
 from sdm_deflect.cases.aircraft.validation import plane_deviation, validate
 from sdm_deflect.deform.checks import Check
-from sdm_deflect.deform.volume.deflection import deflected
+from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.meshing.mesh import nodes_by_face
 from tests.cases.sdm.deflected_cad import built
 
@@ -184,9 +184,9 @@ def test_steps_are_taken_where_one_would_invert_cells(chimera_run):
     run, _ = chimera_run
     stiff = replace(run.case, confinement=replace(run.case.confinement, slide=False), repair="off")
     plan = plan_of(stiff, run.mesh)
-    result = deflected(plan, plan.angle)
-    assert len(result.steps) > 1
-    boundary = result.plan.boundary
+    result = deflect(plan, plan.angle)
+    assert len(result.boxes[0].steps) > 1
+    boundary = result.plan.boxes[0].boundary
     np.testing.assert_allclose(
         result.points[boundary.nodes],
         run.mesh.points[boundary.nodes] + boundary.displacement((stiff.angle,)),

@@ -15,14 +15,15 @@ from sdm_deflect.cases.run.mesh_files import SETTINGS, write_mesh
 from sdm_deflect.cases.run.output import write_convergence, write_interpolants
 from sdm_deflect.cases.view.run import InteractiveRun
 from sdm_deflect.deform.base.progress import silent
-from sdm_deflect.deform.volume.deflection import Deflections, adapted_steps, deflected
+from sdm_deflect.deform.volume.deflection import Deflection, adapted_steps
+from sdm_deflect.deform.volume.deflection import deflect as carried_out
 
 
 @pytest.fixture(scope="session")
 def bare_run(tmp_path_factory, make_mesh):
     """Deflect a case and write its files; return the folder."""
 
-    def run(case, solve=deflected):
+    def run(case, solve=carried_out):
         mesh, _ = make_mesh(case)
         plan = plan_of(case, mesh)
         found = solve(plan, plan.angle)
@@ -36,7 +37,7 @@ def bare_run(tmp_path_factory, make_mesh):
 
 def in_two_steps(plan, angle):
     """Deflect in two steps, which a run does only where one inverts cells."""
-    return Deflections.of([adapted_steps(box, angle, 2, silent) for box in plan.boxes])
+    return Deflection(plan, tuple(adapted_steps(box, angle, 2, silent) for box in plan.boxes))
 
 
 @pytest.fixture(scope="session")

@@ -107,7 +107,7 @@ def test_several_surfaces_turn_in_one_box(tmp_path):
         Moving((name,), Rotation(Axis(np.array([x, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))), angle)
         for name, x, angle in (("left", -1.25, 8.0), ("right", 1.25, -4.0))
     )
-    result = deflect(Plan.of(read(tmp_path / "two.su2"), Job(surfaces=surfaces)), 8.0)
+    result = deflect(Plan.of(read(tmp_path / "two.su2"), [Job(surfaces=surfaces)]), 8.0)
     run = InteractiveRun.of(FinishedJob.of(written(tmp_path / "report", result)))
     assert [(one.name, one.factor) for one in run.surfaces] == [("left", 1.0), ("right", -0.5)]
     assert np.abs(run.at(8.0).points - result.points).max() < EQUAL

@@ -43,11 +43,11 @@ def test_a_hinge_in_another_unit_is_refused_with_the_factor(mesh, factor):
     other = replace(mesh, points=mesh.points * factor)
     match = rf"hinge: its line passes \S+ from body, which is \S+ wide across it; times {factor:.4g} it would fit"
     with pytest.raises(InputError, match=match):
-        Plan.of(other, job(["body"], HINGE, force=False))
+        Plan.of(other, [job(["body"], HINGE, force=False)])
 
 
 def warned(mesh, hinge, angle=1.0, force=False, **settings):
-    return warnings_of(Plan.of(mesh, replace(job(["body"], hinge, angle), force=force, **settings)))
+    return warnings_of(Plan.of(mesh, [replace(job(["body"], hinge, angle), force=force, **settings)]))
 
 
 def test_a_hinge_that_is_far_away_in_any_unit_is_refused_unless_it_is_meant(mesh):
@@ -103,11 +103,11 @@ def test_a_tolerance_above_a_tenth_of_an_edge_is_warned_of(mesh):
 
 def test_a_box_that_does_not_fit_says_so_beside_the_hinge(mesh):
     with pytest.raises(InputError, match=r"must not move.*; hinge: its line passes 3\.5 from body, .*the right one\?"):
-        Plan.of(mesh, replace(job(["body"], HINGE + 4.0 * UP, 40.0), force=True))
+        Plan.of(mesh, [replace(job(["body"], HINGE + 4.0 * UP, 40.0), force=True)])
 
 
 def test_the_farthest_node_says_where_the_surface_goes(mesh):
-    plan = Plan.of(mesh, job(["body"], HINGE - 0.5 * AFT, 10.0))  # about its front: the rear turns down
+    plan = Plan.of(mesh, [job(["body"], HINGE - 0.5 * AFT, 10.0)])  # about its front: the rear turns down
     ((name, place, move),) = farthest(plan)
     arm = np.array([[1.0, 0.0, -0.5], [1.0, 0.0, 0.5]])
     turned = plan.job.surfaces[0].motion.axis.matrix(10.0)

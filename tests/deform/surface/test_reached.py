@@ -77,7 +77,7 @@ def test_a_longer_unit_of_length_changes_nothing_but_the_place(wedge):
 
 def test_figures_of_a_job_have_it_for_each_surface(inboard_wing):
     w = inboard_wing
-    plan = Plan.of(w.mesh, job(("flap_*",), **blended(w)))
+    plan = Plan.of(w.mesh, [job(("flap_*",), **blended(w))])
     found = deflection_figures(deflect(plan, 10.0))["motion"]
     (name,) = found
     assert 0.0 < found[name]["full"] <= found[name]["mean"] < 1.0
@@ -91,8 +91,8 @@ def test_displacements_of_a_table_have_no_angle(inboard_wing):
     w = inboard_wing
     nodes = w.mesh.on("flap_upper", "flap_lower", "flap_base")
     table = Table(w.mesh.points[nodes], np.zeros((len(nodes), 3)))
-    plan = Plan.of(w.mesh, job(("flap_*",), angle=1.0, **{**blended(w), "motion": table}))
+    plan = Plan.of(w.mesh, [job(("flap_*",), angle=1.0, **{**blended(w), "motion": table})])
     assert list(motions(plan)) == []
-    assert [one for _, one in plan.boundary.reached((1.0,))] == [None]
-    still = Plan.of(w.mesh, job(("flap_*",), angle=0.0, **blended(w)))
-    assert [one for _, one in still.boundary.reached((0.0,))] == [None]
+    assert [one for _, one in plan.boxes[0].boundary.reached((1.0,))] == [None]
+    still = Plan.of(w.mesh, [job(("flap_*",), angle=0.0, **blended(w))])
+    assert [one for _, one in still.boxes[0].boundary.reached((0.0,))] == [None]

@@ -17,7 +17,7 @@ from sdm_deflect.deform.volume.between import ErrorBetween, _corners, _means
 from sdm_deflect.deform.volume.deflection import adapted_steps, deflect
 from sdm_deflect.deform.volume.plan import Plan
 from tests.deform.blocks import block_with_body
-from tests.deform.jobs import FLAP, Y_AXIS, blended, job, turn
+from tests.deform.jobs import FLAP, Y_AXIS, blended, box_plan, job, turn
 
 TIGHT = Fitting(tolerance=1e-7)
 
@@ -33,7 +33,7 @@ def finer_points(n):
 @pytest.mark.parametrize("steps", [1, 2])
 def test_it_is_the_error_at_the_nodes_of_a_finer_mesh(steps):
     mesh = block_with_body(8)
-    plan = Plan.of(mesh, job(("body",), angle=20.0, near_wall=False))
+    plan = box_plan(mesh, job(("body",), angle=20.0, near_wall=False))
     one = adapted_steps(plan, 20.0, steps, silent)
     start = finer_points(8)
     places = start.copy()
@@ -50,22 +50,21 @@ def test_it_is_the_error_at_the_nodes_of_a_finer_mesh(steps):
 def test_it_is_no_error_of_rounding_where_every_node_is_a_centre():
     """At the sites nothing is left; between them there is."""
     found = turn(block_with_body(8), angle=20.0, near_wall=False, fitting=TIGHT)
-    assert found.steps[0].error < 1e-7 < 1e-5 < found.error_between.max
+    assert found.boxes[0].steps[0].error < 1e-7 < 1e-5 < found.boxes[0].error_between.max
 
 
 def test_a_finer_mesh_has_less_of_it():
-    errors = [
-        turn(block_with_body(n), angle=20.0, near_wall=False, fitting=TIGHT).error_between.max for n in (8, 16, 32)
-    ]
+    turned = [turn(block_with_body(n), angle=20.0, near_wall=False, fitting=TIGHT) for n in (8, 16, 32)]
+    errors = [one.boxes[0].error_between.max for one in turned]
     assert errors[0] > 1.5 * errors[1] > 1.5**2 * errors[2]
 
 
 def test_points_are_bounded_and_the_same_each_time(monkeypatch):
     whole = turn(block_with_body(16), angle=20.0, near_wall=False)
-    measured = whole.error_between
+    measured = whole.boxes[0].error_between
     monkeypatch.setattr(between, "MOST", 50)
-    amounts = whole.plan.boundary.displacement(whole.amounts)
-    few, again = (ErrorBetween.of(whole.plan.boundary, whole.steps, amounts) for _ in range(2))
+    amounts = whole.plan.boxes[0].boundary.displacement(whole.amounts)
+    few, again = (ErrorBetween.of(whole.plan.boxes[0].boundary, whole.boxes[0].steps, amounts) for _ in range(2))
     assert few == again
     assert 25 < few.points <= 50 < measured.points
     assert 0.3 * measured.max < few.max <= measured.max
@@ -83,8 +82,8 @@ def test_a_blended_flap_bends_little_within_its_faces(inboard_wing):
 
     By how much less than the interpolant errs, on an airfoil of four faces from hinge to trailing edge.
     """
-    one = deflect(Plan.of(inboard_wing.mesh, job(FLAP, inboard_wing.hinge, 10.0, **blended(inboard_wing))), 10.0)
-    mesh, (law,), (surface,) = one.plan.mesh, one.plan.boundary.laws, one.plan.boundary.surfaces
+    one = deflect(Plan.of(inboard_wing.mesh, [job(FLAP, inboard_wing.hinge, 10.0, **blended(inboard_wing))]), 10.0)
+    mesh, (law,), (surface,) = one.plan.mesh, one.plan.boxes[0].boundary.laws, one.plan.boxes[0].boundary.surfaces
     corners = _corners(polygons_of(mesh.faces_of(surface.patches)))
     moved, beside = np.zeros_like(mesh.points), np.zeros(len(mesh.points))
     moved[surface.nodes], beside[surface.nodes] = law.displacement(10.0), law.strip
@@ -92,11 +91,11 @@ def test_a_blended_flap_bends_little_within_its_faces(inboard_wing):
     asked = blend(points, law.points[law.front], law.points[law.driven], full[law.driven], law.kernel)
     off_strip = np.add.reduceat(beside[corners.nodes], corners.offsets[:-1]) == 0.0
     assert 50 < off_strip.sum() < len(off_strip)
-    assert np.abs(asked - _means(moved, corners))[off_strip].max() < 0.25 * one.error_between.max
+    assert np.abs(asked - _means(moved, corners))[off_strip].max() < 0.25 * one.boxes[0].error_between.max
 
 
 def test_a_surface_without_faces_has_none(block):
     one = turn(block)
     bare = tuple(replace(patch, faces=()) if patch.name == "body" else patch for patch in block.patches)
-    boundary = replace(one.plan.boundary, mesh=replace(block, patches=bare))
-    assert ErrorBetween.of(boundary, one.steps, one.plan.boundary.displacement(one.amounts)) is None
+    boundary = replace(one.plan.boxes[0].boundary, mesh=replace(block, patches=bare))
+    assert ErrorBetween.of(boundary, one.boxes[0].steps, one.plan.boxes[0].boundary.displacement(one.amounts)) is None

@@ -12,18 +12,18 @@ from sdm_deflect.deform.mesh.cells import Cells
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.rbf.fitting import Fitting
 from sdm_deflect.deform.volume import deflection
-from sdm_deflect.deform.volume.deflection import deflect, sweep
-from sdm_deflect.deform.volume.plan import Plan, Plans
+from sdm_deflect.deform.volume.deflection import Deflection, deflect, sweep
+from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.deform.volume.step import adapted, rate, solve
 from tests.deform.blocks import two_bodies
-from tests.deform.jobs import FLAP, blended, job, turn
+from tests.deform.jobs import FLAP, blended, box_plan, job, turn
 
 BOX = [[0.2, -0.2, -0.5], [1.6, 0.95, 0.5]]
 ANGLES = (-10.0, -5.0, 0.0, 5.0, 10.0)
 
 
 def flapped(w, angle, angles=(), **more):
-    return Plan.of(w.mesh, job(FLAP, w.hinge, angle, **blended(w, **more)), angles)
+    return Plan.of(w.mesh, [job(FLAP, w.hinge, angle, **blended(w, **more))], angles)
 
 
 def central(ends, h):
@@ -44,8 +44,8 @@ def test_sensitivities_are_central_differences(inboard_wing, strategy):
     result = deflect(plan, 8.0)
     either = [deflect(plan, 8.0 + step, earlier=result) for step in (-h, h)]
     for one in either:  # the same centres, so the field is a smooth function of the angle
-        assert [len(fit.chosen) for fit in one.steps[0].fits.adaptations] == [
-            len(fit.chosen) for fit in result.steps[0].fits.adaptations
+        assert [len(fit.chosen) for fit in one.boxes[0].steps[0].fits.adaptations] == [
+            len(fit.chosen) for fit in result.boxes[0].steps[0].fits.adaptations
         ]
     difference = central([one.points for one in either], h)
     np.testing.assert_allclose(result.sensitivity(), difference, atol=2e-9)
@@ -62,16 +62,18 @@ def test_sensitivities_on_a_cylinder(block_on_cylinder):
 def test_sensitivity_of_the_last_of_several_steps(inboard_wing):
     """The end of the last step varies, the steps before it do not."""
     h, plan = 1e-3, flapped(inboard_wing, 8.0)
-    course = deflection.adapted_steps(plan, 8.0, 2, silent)
-    boundary, last = plan.boundary, course.steps[-1]
+    (box,) = plan.boxes
+    course = deflection.adapted_steps(box, 8.0, 2, silent)
+    boundary, last = box.boundary, course.steps[-1]
     assert len(course.steps) == 2
     before = boundary.displacement((4.0,))
     ends = [
         solve(last.state, boundary.displacement((8.0 + d,)) - before, adapted(last.state, silent, last)).points
         for d in (-h, h)
     ]
-    np.testing.assert_allclose(course.sensitivity(), central(ends, h), atol=1e-8)
-    assert np.array_equal(course.sensitivity(), rate(last, boundary.rate((8.0,), (1.0,))))
+    sensitivity = Deflection(plan, (course,)).sensitivity()
+    np.testing.assert_allclose(sensitivity, central(ends, h), atol=1e-8)
+    assert np.array_equal(sensitivity, rate(last, boundary.rate((8.0,), (1.0,))))
 
 
 def test_a_sweep_equals_single_runs_within_the_tolerance(swept, inboard_wing):
@@ -85,19 +87,19 @@ def test_a_sweep_equals_single_runs_within_the_tolerance(swept, inboard_wing):
     for angle in (-5.0, 5.0, 10.0):
         plan = flapped(inboard_wing, angle, box=BOX)
         single, one = deflect(plan, angle), swept[angle]
-        nodes = np.union1d(plan.sites.moving, plan.sites.fixed)
+        nodes = plan.walls
         assert len(nodes) > len(mesh.on("flap_upper", "flap_lower"))
         assert np.array_equal(one.points[nodes], single.points[nodes])
         on_plane = mesh.on("symmetry")
         assert np.array_equal(one.points[on_plane, 1], single.points[on_plane, 1])
-        assert np.abs(one.points - single.points).max() < 2.0 * plan.sites.tolerance
+        assert np.abs(one.points - single.points).max() < 2.0 * plan.boxes[0].sites.tolerance
 
 
 def test_every_angle_of_a_sweep_is_verified_at_all_sites(swept):
     for result in swept.values():
         checks = {check.name: check for check in checks_of(result)}
         assert all(check.passed for check in checks.values())
-        assert checks["site_error"].value <= result.plan.sites.tolerance
+        assert checks["site_error"].value <= result.plan.boxes[0].sites.tolerance
     assert np.array_equal(swept[0.0].points, swept[0.0].plan.mesh.points)
 
 
@@ -110,9 +112,9 @@ def test_a_sweep_starts_with_the_largest_angle_and_says_where_each_belongs(inboa
 
 
 def test_a_sweep_adds_centres_to_those_of_the_largest_angle(swept):
-    first = swept[-10.0].steps[0].fits
+    first = swept[-10.0].boxes[0].steps[0].fits
     for angle in (-5.0, 5.0):
-        fits = swept[angle].steps[0].fits
+        fits = swept[angle].boxes[0].steps[0].fits
         for before, after in zip(first.adaptations, fits.adaptations, strict=True):
             assert np.array_equal(after.chosen[: len(before.chosen)], before.chosen)
 
@@ -121,11 +123,11 @@ def test_centres_are_added_where_a_site_exceeds_the_tolerance(inboard_wing):
     plan = flapped(inboard_wing, 2.0, (2.0, 12.0), box=BOX)
     first = deflect(plan, 2.0)
     more = deflect(plan, 12.0, earlier=first)
-    old, new = (one.steps[0].fits for one in (first, more))
+    old, new = (one.boxes[0].steps[0].fits for one in (first, more))
     assert sum(len(f.chosen) for f in new.adaptations) > sum(len(f.chosen) for f in old.adaptations)
     for before, after in zip(old.adaptations, new.adaptations, strict=True):
         assert np.array_equal(after.chosen[: len(before.chosen)], before.chosen)
-    assert new.error <= plan.sites.tolerance
+    assert new.error <= plan.boxes[0].sites.tolerance
 
 
 @pytest.fixture
@@ -133,7 +135,7 @@ def counted(monkeypatch):
     """Let inverted cells depend on the number of steps alone: {steps: count}; record the numbers that are tried."""
 
     def count(mesh, inverted, max_steps=8):
-        plan = Plan.of(mesh, job(("body",), fitting=Fitting(max_steps=max_steps)))
+        plan = box_plan(mesh, job(("body",), fitting=Fitting(max_steps=max_steps)))
         tried, stepped = [], deflection.adapted_steps
 
         def known(plan, angle, count, progress, earlier=None):
@@ -142,7 +144,7 @@ def counted(monkeypatch):
             return replace(found, inverted=inverted[count])
 
         monkeypatch.setattr(deflection, "adapted_steps", known)
-        return deflect(plan, plan.angle), tried
+        return deflection.deflect_box(plan, plan.job.angle), tried
 
     return count
 
@@ -164,7 +166,7 @@ def test_of_equal_attempts_the_one_of_fewer_steps_is_kept(block, counted):
 
 def test_steps_end_where_one_step_does_and_at_the_places_asked_for(block):
     """The moving nodes are set, not added up: no rounding of steps is left in them."""
-    plan = Plan.of(block, job(("body",)))
+    plan = box_plan(block, job(("body",)))
     one, four = (deflection.adapted_steps(plan, 10.0, count, silent) for count in (1, 4))
     moving = plan.sites.moving
     assert np.array_equal(one.points[moving], four.points[moving])
@@ -180,12 +182,12 @@ def sides(width=0.9, angles=(10.0, 10.0)):
 
 def test_several_boxes_of_one_mesh_give_what_each_gives_alone():
     mesh, jobs = two_bodies(), sides(angles=(10.0, -4.0))
-    plan = Plans.of(mesh, jobs, (5.0, 10.0))
+    plan = Plan.of(mesh, jobs, (5.0, 10.0))
     found = dict(sweep(plan, (5.0, 10.0)))
     for i, angles in ((0, (5.0, -2.0)), (1, (10.0, -4.0))):
         both, rest = found[i], np.ones(len(mesh.points), dtype=bool)
         for k, (own, angle) in enumerate(zip(jobs, angles, strict=True)):
-            alone = Plan.of(mesh, own, [(5.0, 10.0), (-2.0, -4.0)][k])
+            alone = Plan.of(mesh, [own], [(5.0, 10.0), (-2.0, -4.0)][k])
             one = dict(sweep(alone, alone.angles))[i]
             assert one.angle == angle
             assert np.array_equal(both.points[alone.changed], one.points[alone.changed])
@@ -202,8 +204,8 @@ def test_several_boxes_of_one_mesh_give_what_each_gives_alone():
 
 def test_the_sensitivity_of_several_boxes_is_per_degree_of_the_first():
     mesh = two_bodies()
-    ((_, both),) = sweep(Plans.of(mesh, sides(angles=(10.0, -5.0))), (10.0,))
-    one, other = (deflect(Plan.of(mesh, own), own.angle) for own in sides(angles=(10.0, -5.0)))
+    ((_, both),) = sweep(Plan.of(mesh, sides(angles=(10.0, -5.0))), (10.0,))
+    one, other = (deflect(Plan.of(mesh, [own]), own.angle) for own in sides(angles=(10.0, -5.0)))
     nodes = other.plan.changed
     assert np.array_equal(both.sensitivity()[one.plan.changed], one.sensitivity()[one.plan.changed])
     np.testing.assert_allclose(both.sensitivity()[nodes], -0.5 * other.sensitivity()[nodes], rtol=1e-12, atol=1e-15)
@@ -211,7 +213,7 @@ def test_the_sensitivity_of_several_boxes_is_per_degree_of_the_first():
 
 def test_boxes_that_overlap_are_refused():
     with pytest.raises(InputError, match=r"the boxes of left and right overlap by 0\.1; make them smaller"):
-        Plans.of(two_bodies(), sides(1.3))
+        Plan.of(two_bodies(), sides(1.3))
 
 
 def test_the_mesh_given_is_never_touched(block):
@@ -231,5 +233,5 @@ def test_a_mesh_numbered_left_handed_gives_the_same_points(block):
 
 def test_planning_tells_what_it_does(block):
     seen = []
-    Plan.of(block, job(("body",)), progress=lambda text, fraction: seen.append(text))
+    Plan.of(block, [job(("body",))], progress=lambda text, fraction: seen.append(text))
     assert seen == ["surfaces", "box", "cells"]

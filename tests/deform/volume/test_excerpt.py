@@ -13,7 +13,7 @@ from sdm_deflect.deform.mesh.pieces import MeshInPieces, Threads
 from sdm_deflect.deform.volume import excerpt
 from sdm_deflect.deform.volume.box import Automatic
 from sdm_deflect.deform.volume.deflection import deflect, sweep
-from sdm_deflect.deform.volume.plan import Plan, Plans
+from sdm_deflect.deform.volume.plan import Plan
 from tests.deform.blocks import block_with_body, joined, two_bodies
 from tests.deform.jobs import job
 from tests.limits import limited
@@ -102,7 +102,7 @@ def test_points_and_cells_of_a_deflection(name, runner):
     numbers = part.numbers(np.arange(len(part.points)))
     assert (np.diff(numbers) > 0).all()
     np.testing.assert_array_equal(part.points, mesh.points[numbers])
-    whole, found = (deflect(Plan.of(one, own), 4.0) for one in (mesh, part))
+    whole, found = (deflect(Plan.of(one, [own]), 4.0) for one in (mesh, part))
     np.testing.assert_array_equal(found.points, whole.points[numbers])
     rest = np.setdiff1d(np.arange(len(mesh.points)), numbers)
     np.testing.assert_array_equal(whole.points[rest], mesh.points[rest])
@@ -120,7 +120,7 @@ def test_an_excerpt_holds_what_lies_in_any_of_several_boxes():
     ]
     part = excerpt.excerpt(in_pieces(mesh), jobs, (4.0,), Elsewhere())
     numbers = part.numbers(np.arange(len(part.points)))
-    (_, whole), (_, found) = (next(sweep(Plans.of(one, jobs, (4.0,)), (4.0,))) for one in (mesh, part))
+    (_, whole), (_, found) = (next(sweep(Plan.of(one, jobs, (4.0,)), (4.0,))) for one in (mesh, part))
     np.testing.assert_array_equal(found.points, whole.points[numbers])
     assert found.plan.touched.count == whole.plan.touched.count
     assert found.quality == whole.quality
@@ -133,7 +133,7 @@ def test_cells_of_the_other_hand_are_judged_as_such(runner):
     own = job(("body",), angle=4.0, fixed=far(mesh.names, "body"))
     part = excerpt.excerpt(in_pieces(turned), (own,), (4.0,), runner)
     assert (part.whole.orientation, part.whole.inverted) == ((-1.0,), (0,))
-    assert Plan.of(turned, own).touched.orientation == (-1.0,)
+    assert Plan.of(turned, [own]).touched.orientation == (-1.0,)
 
 
 def test_a_job_that_does_not_suit_is_refused_before_cells_are_read():

@@ -6,7 +6,7 @@ import pytest
 from sdm_deflect import deflect
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.progress import silent
-from sdm_deflect.deform.volume.deflection import adapted_steps
+from sdm_deflect.deform.volume.deflection import Deflection, adapted_steps
 from sdm_deflect.deform.volume.deflection import deflect as carried_out
 from sdm_deflect.deform.volume.field import Field
 from sdm_deflect.deform.volume.plan import Plan
@@ -20,11 +20,11 @@ BOX = [[0.2, -0.2, -0.5], [1.6, 0.95, 0.5]]
 @pytest.fixture(scope="module")
 def plan(inboard_wing):
     """Prisms, sliding nodes on the symmetry plane, a blended flap."""
-    return Plan.of(inboard_wing.mesh, job(FLAP, inboard_wing.hinge, 12.0, **blended(inboard_wing, box=BOX)))
+    return Plan.of(inboard_wing.mesh, [job(FLAP, inboard_wing.hinge, 12.0, **blended(inboard_wing, box=BOX))])
 
 
 def two_steps(plan):
-    return adapted_steps(plan, 12.0, 2, silent)
+    return Deflection(plan, (adapted_steps(plan.boxes[0], 12.0, 2, silent),))
 
 
 @pytest.mark.parametrize("how", [lambda plan: carried_out(plan, 12.0), two_steps])
@@ -45,7 +45,7 @@ def test_what_a_repair_has_moved_is_told_outright():
     mesh = plate(40, "triangle")
     box = [[-0.55, -0.55], [0.55, 0.55]]
     result = deflect(mesh, "hole", hinge=[0.1, 0.0], angle=60, box=box, max_steps=1)
-    assert len(result.deflection.repaired.moved)
+    assert len(result.deflection.boxes[0].repaired.moved)
     assert result.field.apply(mesh.points).tobytes() == result.points.tobytes()
 
 

@@ -22,7 +22,7 @@ from sdm_deflect.deform.volume.field import Field
 from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.deform.volume.prepared import Centers, PreparedDeflection
 from tests.deform.blocks import block_with_body
-from tests.deform.jobs import job
+from tests.deform.jobs import job, placed
 from tests.deform.paired import about_x, airfoil, bound, sector, wedge
 from tests.deform.plates import plate
 from tests.deform.volume.test_excerpt import Elsewhere, Held
@@ -66,7 +66,7 @@ def turned():
     def turn(name):
         if name not in known:
             mesh, wanted = made(name)
-            known[name] = deflect(Plan.of(mesh, wanted), 10.0)
+            known[name] = deflect(Plan.of(mesh, [wanted]), 10.0)
         return known[name]
 
     return turn
@@ -129,7 +129,7 @@ def test_pairs_are_kept_and_checked(name, turned):
     assert moved[mesh.periodic[0].nodes].all(axis=1).sum() > 30
     torn = points.copy()
     torn[mesh.periodic[0].nodes[moved[mesh.periodic[0].nodes[:, 0]]][0, 0]] += 1e-9
-    assert not checked(replace(result, points=torn))[check.name].passed
+    assert not checked(placed(result, torn))[check.name].passed
 
 
 def test_a_case_one_cell_thick_is_as_plane_as_it_was(turned):
@@ -155,7 +155,7 @@ def test_an_excerpt_gives_the_same_bits(name, turned):
     mesh, wanted = made(name)
     pieces = MeshInPieces(mesh.name, Held(mesh), mesh.patches, mesh.zones, periodic=mesh.periodic)
     some = excerpt(pieces, (wanted,), (), Elsewhere())
-    found = deflect(Plan.of(some, wanted), 10.0)
+    found = deflect(Plan.of(some, [wanted]), 10.0)
     points = mesh.points.copy()
     points[some.whole.nodes] = found.points
     assert np.array_equal(points, turned(name).points)
@@ -175,12 +175,12 @@ def test_sweeps_and_prepared_angles_keep_pairs(turned):
     plan = turned("sector").plan
     for _, one in sweep(plan, [4.0, -6.0]):
         assert apart(plan.mesh, one.points) < 2e-15
-    fits = turned("sector").steps[0]
+    fits = turned("sector").boxes[0].steps[0]
     centers = [
         {d: one.interpolant.centers for one in found.adaptations for d in one.components}
         for found in (fits.first, fits.fits)
     ]
-    prepared = PreparedDeflection.of(plan, 10.0, [Centers(*centers)])
+    prepared = PreparedDeflection.of(plan.boxes[0], 10.0, [Centers(*centers)])
     assert apart(plan.mesh, prepared.at(7.0).points) < 2e-15
 
 
@@ -189,8 +189,8 @@ def test_a_repair_moves_images_alike(name, angle, monkeypatch):
     monkeypatch.setattr(goal, "LOST", 1.0)
     mesh, wanted = made(name)
     wanted = replace(wanted.at(angle), repair=replace(wanted.repair, mode="auto", share=0.98))
-    result = deflect(Plan.of(mesh, wanted), angle)
-    moved = np.isin(mesh.periodic[0].nodes, result.repaired.moved)
+    result = deflect(Plan.of(mesh, [wanted]), angle)
+    moved = np.isin(mesh.periodic[0].nodes, result.boxes[0].repaired.moved)
     assert moved.all(axis=1).any()
     assert np.array_equal(moved[:, 0], moved[:, 1])
     assert apart(mesh, result.points) <= 1e-15 * np.abs(mesh.points).max() + apart(mesh, mesh.points)
@@ -199,14 +199,14 @@ def test_a_repair_moves_images_alike(name, angle, monkeypatch):
 def test_images_of_nodes_that_stay_or_are_beyond_the_box_stay():
     mesh = bound(block_with_body(), "y-", "y+", shift=[0.0, 4.0, 0.0])
     low, high = [-1.8, -2.1, -1.8], [1.8, 1.8, 1.8]  # the nodes of y+ are outside
-    result = deflect(Plan.of(mesh, job(["body"], box=[low, high])), 10.0)
+    result = deflect(Plan.of(mesh, [job(["body"], box=[low, high])]), 10.0)
     side = mesh.patch("y-").nodes
-    assert np.isin(side, result.plan.region.inside).any()
+    assert np.isin(side, result.plan.boxes[0].region.inside).any()
     assert np.array_equal(result.points[side], mesh.points[side])
     assert all(check.passed for check in checks_of(result))
     wide = job(["body"], box=[[-1.8, -2.1, -1.8], [1.8, 2.1, 1.8]])
-    assert (deflect(Plan.of(mesh, wide), 10.0).points[side] != mesh.points[side]).any()
-    held = deflect(Plan.of(mesh, replace(wide, fixed=("y+",))), 10.0)
+    assert (deflect(Plan.of(mesh, [wide]), 10.0).points[side] != mesh.points[side]).any()
+    held = deflect(Plan.of(mesh, [replace(wide, fixed=("y+",))]), 10.0)
     assert np.array_equal(held.points[side], mesh.points[side])
 
 
@@ -226,16 +226,16 @@ def test_what_a_pair_cannot_do_is_refused(name):
     mesh, wanted = made("cyclic")
     change, said = REFUSED[name]
     with pytest.raises(InputError, match=said):
-        Plan.of(mesh, change(wanted))
+        Plan.of(mesh, [change(wanted)])
 
 
 def test_a_plane_case_turns_within_its_plane():
     mesh, wanted = made("empty")
     tilted = job(["flap", "wing"], [[0.7, 0.0, 0.0], [0.7, 1.0, 0.5]]).surfaces
     with pytest.raises(InputError, match=r"would leave the plane of a case one cell thick, by up to .* parallel"):
-        Plan.of(mesh, replace(wanted, surfaces=tilted, fixed=()))
+        Plan.of(mesh, [replace(wanted, surfaces=tilted, fixed=())])
     with pytest.raises(InputError, match="patch side0 is empty, so that its nodes move as their images do"):
-        Plan.of(mesh, replace(wanted, slides=job(["flap"], slide={"side*": "cylinder"}).slides))
+        Plan.of(mesh, [replace(wanted, slides=job(["flap"], slide={"side*": "cylinder"}).slides)])
 
 
 def test_sides_that_do_not_match_stay_out_of_the_box():
@@ -243,9 +243,9 @@ def test_sides_that_do_not_match_stay_out_of_the_box():
     pair = replace(mesh.periodic[0], nodes=np.empty((0, 2), dtype=int))
     mesh = replace(mesh, periodic=(pair,))
     with pytest.raises(InputError, match=r"also belong to side0; side0 and side1 do not match node by node"):
-        Plan.of(mesh, wanted)
+        Plan.of(mesh, [wanted])
     with pytest.raises(InputError, match="side0, which is fixed, would move"):
-        Plan.of(mesh, replace(wanted, fixed=("wing", "side0", "side1")))
+        Plan.of(mesh, [replace(wanted, fixed=("wing", "side0", "side1"))])
 
 
 def test_planes_of_symmetry_slide_without_being_asked():
@@ -253,8 +253,8 @@ def test_planes_of_symmetry_slide_without_being_asked():
     mesh = replace(mesh, periodic=(), patches=tuple(
         replace(p, constraint="symmetry" if p.name.startswith("side") else "") for p in mesh.patches
     ))  # fmt: skip
-    plan = Plan.of(mesh, wanted)
-    asked = Plan.of(mesh, replace(wanted, slides=job(["flap"], slide={"side*": "plane"}).slides))
+    plan = Plan.of(mesh, [wanted])
+    asked = Plan.of(mesh, [replace(wanted, slides=job(["flap"], slide={"side*": "plane"}).slides)])
     assert np.array_equal(deflect(plan, 10.0).points, deflect(asked, 10.0).points)
 
 
@@ -262,7 +262,7 @@ def test_planes_of_symmetry_slide_without_being_asked():
 def test_a_pair_may_be_kept_plane(name, sides, turned):
     mesh, wanted = made(name)
     slides = job(["flap"], slide=dict.fromkeys(sides, "plane")).slides
-    result = deflect(Plan.of(mesh, replace(wanted, slides=slides)), 10.0)
+    result = deflect(Plan.of(mesh, [replace(wanted, slides=slides)]), 10.0)
     if name == "empty":
         assert np.array_equal(result.points, turned(name).points)
     for patch, degrees in (("left", -15.0), ("right", 15.0)) if name == "sector" else ():
@@ -280,7 +280,7 @@ def test_a_plane_mesh_has_pairs():
     mesh = bound(replace(mesh, patches=(*mesh.patches[:2], *parts)), "left", "right", shift=[2.0, 0.0, 0.0])
     box = Outline.at(np.array([[-1.1, -0.9], [1.1, 0.9]]))
     wanted = job(["hole"], hinge=[[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]], box=box)
-    result = deflect(Plan.of(mesh, wanted), 8.0)
+    result = deflect(Plan.of(mesh, [wanted]), 8.0)
     left, right = mesh.periodic[0].nodes.T
     assert np.array_equal(result.points[left, 1], result.points[right, 1])
     assert np.abs(result.points[left] - mesh.points[left]).max() > 1e-3

@@ -27,7 +27,7 @@ def pair():
 
 @pytest.fixture(scope="module")
 def both(pair):
-    plan = Plan.of(pair, pair_job(12.0, -6.0), (12.0, -4.0))
+    plan = Plan.of(pair, [pair_job(12.0, -6.0)], (12.0, -4.0))
     return {one.angle: one for _, one in sweep(plan, (12.0, -4.0))}
 
 
@@ -48,14 +48,14 @@ def test_sensitivities_of_several_surfaces(both):
 
 
 def test_the_box_holds_all_surfaces(both, pair):
-    box = both[12.0].plan.region.hexahedron
+    box = both[12.0].plan.boxes[0].region.hexahedron
     for result in both.values():
         assert box.contains(result.points[pair.on("left", "right")]).all()
 
 
 def test_a_first_surface_that_stays_does_not_keep_the_others_from_moving(pair):
     """The others' amounts are no multiples of zero: they are what was asked."""
-    result = deflect(Plan.of(pair, pair_job(0.0, 15.0)), 0.0)
+    result = deflect(Plan.of(pair, [pair_job(0.0, 15.0)]), 0.0)
     left, right = pair.on("left"), pair.on("right")
     assert np.array_equal(result.points[left], pair.points[left])
     np.testing.assert_allclose(result.points[right], RIGHT.axis.rotated(pair.points[right], 15.0), atol=1e-14)
@@ -68,14 +68,14 @@ def test_a_sweep_of_a_first_surface_that_stays_is_refused(pair):
     with pytest.raises(InputError, match="angle = 0 of left, the first surface: the others cannot be in proportion"):
         job.amounts_at(5.0)
     with pytest.raises(InputError, match="put a surface that moves first"):
-        Plan.of(pair, job, (0.0, 5.0))
+        Plan.of(pair, [job], (0.0, 5.0))
 
 
 def test_nothing_has_a_sensitivity_to_the_angle_of_a_first_surface_that_stays(pair):
-    result = deflect(Plan.of(pair, pair_job(0.0, 15.0)), 0.0)
+    result = deflect(Plan.of(pair, [pair_job(0.0, 15.0)]), 0.0)
     with pytest.raises(InputError, match="put a surface that moves first"):
         result.sensitivity()
-    still = deflect(Plan.of(pair, pair_job(0.0, 0.0)), 0.0)
+    still = deflect(Plan.of(pair, [pair_job(0.0, 0.0)]), 0.0)
     expected = RIGHT.law(Surface.of(pair, ("right",))).rate(0.0)
     np.testing.assert_allclose(still.sensitivity()[pair.on("right")], expected, atol=1e-15)
 

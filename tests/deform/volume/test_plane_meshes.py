@@ -111,7 +111,7 @@ def test_lines_around_slide_on_lines_circles_and_any_curve():
         (Moving(("hole",), Rotation.about([0.0, 0.0]), 8.0),), slides=(Sliding("bottom", "plane"),), fixed=("rest",)
     )
     for shape in ("plane", "surface"):
-        plan = Plan.of(mesh, replace(job, slides=(Sliding("bottom", shape),)))
+        plan = Plan.of(mesh, [replace(job, slides=(Sliding("bottom", shape),))])
         one = carried_out(plan, 8.0)
         assert all(check.passed for check in checks_of(one))
         nodes = np.setdiff1d(mesh.patch("bottom").nodes, mesh.patch("rest").nodes)
@@ -216,7 +216,7 @@ def test_one_layer_of_cells_between_two_planes():
     slide = {"front": "plane", "back": "plane"}
     result = deflect(mesh, "inner", hinge=[[0, 0, 0], [0, 0, 1]], angle=10, slide=slide, fixed="outer", margin=0.85)
     assert result.passed
-    assert result.plan.sites.zero
-    assert result.plan.sites.spacing < 0.5
+    assert result.plan.boxes[0].sites.zero
+    assert result.plan.boxes[0].sites.spacing < 0.5
     below, above = result.points[:count], result.points[count:]
     assert np.abs(above - below - up).max() < 0.05 * np.abs(result.displacement).max()

@@ -7,11 +7,10 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.progress import silent
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.surface.motions import Moving, Rotation, Table
-from sdm_deflect.deform.volume.deflection import adapted_steps, deflect
+from sdm_deflect.deform.volume.deflection import adapted_steps, deflect_box
 from sdm_deflect.deform.volume.job import Job, Sliding
-from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.deform.volume.prepared import Centers, PreparedDeflection
-from tests.deform.jobs import FLAP, blended, job
+from tests.deform.jobs import FLAP, blended, box_plan, job
 from tests.limits import limited
 
 BOX = [[0.2, -0.2, -0.5], [1.6, 0.95, 0.5]]
@@ -30,12 +29,12 @@ def ready_for(one):
 
 
 def prepare(plan, steps=1):
-    one = adapted_steps(plan, plan.angle, steps, silent)
+    one = adapted_steps(plan, plan.job.angle, steps, silent)
     return one, ready_for(one)
 
 
 def flapped(w, angle, angles=(), **more):
-    return Plan.of(w.mesh, job(FLAP, w.hinge, angle, **blended(w, **more)), angles)
+    return box_plan(w.mesh, job(FLAP, w.hinge, angle, **blended(w, **more)), angles)
 
 
 @pytest.fixture
@@ -44,7 +43,7 @@ def sliding(block_on_cylinder):
     turn = Rotation(Axis(np.zeros(3), np.array([0.0, 0.0, 1.0])))
     slides = (Sliding("round", "cylinder"),)
     job = Job((Moving(("body",), turn, 4.0),), fixed=("rest",), slides=slides, force=True)
-    return Plan.of(block_on_cylinder, job)
+    return box_plan(block_on_cylinder, job)
 
 
 @pytest.mark.parametrize("steps", [1, 2])
@@ -68,7 +67,7 @@ def test_the_mesh_is_linear_in_a_table(block):
     nodes = block.patch("body").nodes
     table = Table(block.points[nodes], np.random.default_rng(3).normal(scale=0.02, size=(len(nodes), 3)))
     job = Job((Moving(("body",), table, 1.0),), near_wall=False)
-    _, ready = prepare(Plan.of(block, job))
+    _, ready = prepare(box_plan(block, job))
     one, half = (ready.at(share).points - block.points for share in (1.0, 0.5))
     assert np.allclose(half, 0.5 * one, atol=1e-14)
     assert ready.at(0.0) == (ready.plan.mesh.points, 0.0)
@@ -96,8 +95,8 @@ def test_centres_that_are_no_sites_are_refused(sliding):
 def test_it_is_deflecting_on_the_same_centres(angle, inboard_wing):
     """Where no centre has to be added, the two are one, also on centres that another angle has found."""
     plan = flapped(inboard_wing, -10.0, (-10.0, 10.0), box=BOX)
-    known = deflect(plan, 10.0, earlier=deflect(plan, -10.0))
-    free, found = deflect(plan, angle, earlier=known), ready_for(known).at(angle)
+    known = deflect_box(plan, 10.0, earlier=deflect_box(plan, -10.0))
+    free, found = deflect_box(plan, angle, earlier=known), ready_for(known).at(angle)
     for theirs, first in zip(free.steps[0].fits.adaptations, known.steps[0].fits.adaptations, strict=True):
         assert np.array_equal(theirs.chosen, first.chosen)
     assert np.abs(found.points - free.points).max() < SAME
@@ -105,8 +104,8 @@ def test_it_is_deflecting_on_the_same_centres(angle, inboard_wing):
 
 def test_centres_stay_where_a_deflection_would_add_some(inboard_wing):
     plan = flapped(inboard_wing, 2.0, (2.0, 12.0), box=BOX)
-    known = deflect(plan, 2.0)
-    found, free = ready_for(known).at(12.0), deflect(plan, 12.0, earlier=known)
+    known = deflect_box(plan, 2.0)
+    found, free = ready_for(known).at(12.0), deflect_box(plan, 12.0, earlier=known)
     assert found.error > plan.sites.tolerance >= free.steps[0].error
     assert np.array_equal(found.points[plan.sites.moving], free.points[plan.sites.moving])
 
@@ -124,6 +123,6 @@ def test_a_deflection_of_two_steps(inboard_wing):
 
 
 def test_an_angle_beyond_the_box_is_refused(inboard_wing):
-    ready = ready_for(deflect(flapped(inboard_wing, 10.0, box=[[0.2, -0.2, -0.12], [1.6, 0.95, 0.12]]), 10.0))
+    ready = ready_for(deflect_box(flapped(inboard_wing, 10.0, box=[[0.2, -0.2, -0.12], [1.6, 0.95, 0.12]]), 10.0))
     with pytest.raises(InputError, match=r"moving nodes of flap_.* leave the box at 40; enlarge it"):
         ready.at(40.0)

@@ -99,10 +99,10 @@ def test_a_patch_that_shares_nodes_outside_the_box_is_to_be_declared_as_well(blo
 
 def test_an_automatic_box_gives_way_to_other_patches(block):
     result = turn(block)
-    assert "give way" not in result.plan.region.box.why
+    assert "give way" not in result.plan.boxes[0].region.box.why
     wide = turn(block, box=Automatic(margin=1.6))
-    assert "faces that give way to other patches" in wide.plan.region.box.why
-    corners = wide.plan.region.hexahedron.corners
+    assert "faces that give way to other patches" in wide.plan.boxes[0].region.box.why
+    corners = wide.plan.boxes[0].region.hexahedron.corners
     assert np.abs(corners).max() < 2.0
 
 
@@ -117,7 +117,7 @@ def test_coincident_nodes_move_as_one_and_are_counted(block):
     doubled = replace(block, points=points, patches=(*block.patches, second), zones=())
     result = turn(doubled, ("body", "back"))
     assert np.array_equal(result.points[n:], result.points[nodes])
-    assert result.plan.sites.coincident == 26
+    assert result.plan.boxes[0].sites.coincident == 26
     with pytest.raises(InputError, match=r"24 nodes of the moving surface lie exactly on nodes that move otherwise"):
         turn(doubled, fixed=("back",))
 
@@ -126,7 +126,7 @@ def test_zones(block):
     apart = joined(block, block.with_points(block.points + np.array([10.0, 0.0, 0.0])))
     result = turn(apart)
     n = len(block.points)
-    assert result.plan.region.zones == ("near",)
+    assert result.plan.boxes[0].region.zones == ("near",)
     assert np.array_equal(result.points[n:], apart.points[n:])
     assert np.array_equal(result.points[:n], turn(block).points)
     over = joined(block, block.with_points(0.251 * block.points + [0.7531, 0.013, 0.017]))
@@ -172,7 +172,7 @@ CUT = [[-1.6, -1.6, -2.5], [1.6, 1.6, 1.6]]
 
 def cut(block, slides, z=-2.0):
     section = Section("z-", np.array([0.0, 0.0, z]), 2, slides)
-    return Plan.of(block, job(("body",), box=CUT, sections=(section,), near_wall=False))
+    return Plan.of(block, [job(("body",), box=CUT, sections=(section,), near_wall=False)])
 
 
 def test_without_a_section_the_patch_must_not_be_in_the_box(block):
@@ -183,8 +183,8 @@ def test_without_a_section_the_patch_must_not_be_in_the_box(block):
 
 def test_nodes_of_a_section_slide_in_its_plane_and_no_other_boundary_node_moves(block):
     plan = cut(block, True)
-    ((section, nodes),) = plan.region.sections
-    inside = plan.region.hexahedron.contains(block.points)
+    ((section, nodes),) = plan.boxes[0].region.sections
+    inside = plan.boxes[0].region.hexahedron.contains(block.points)
     assert section.patch == "z-"
     assert np.array_equal(nodes, np.flatnonzero(inside & (block.points[:, 2] == -2.0)))
     result = deflect(plan, plan.angle)
@@ -196,7 +196,7 @@ def test_nodes_of_a_section_slide_in_its_plane_and_no_other_boundary_node_moves(
 
 def test_sites_of_a_section_are_for_its_normal_alone(block):
     plan = cut(block, True)
-    sliding, held = plan.sites, cut(block, False).sites
+    sliding, held = plan.boxes[0].sites, cut(block, False).boxes[0].sites
     faces, section = sliding.zero
     assert (faces.components, section.components) == ((0, 1, 2), (2,))
     np.testing.assert_allclose(section.points[:, 2], -2.0)
@@ -206,10 +206,10 @@ def test_sites_of_a_section_are_for_its_normal_alone(block):
 
 def test_a_section_that_does_not_slide_keeps_the_bits_of_its_nodes(block):
     plan = cut(block, False)
-    assert plan.region.sections == ()
-    own = np.intersect1d(block.on("z-"), plan.region.inside)
+    assert plan.boxes[0].region.sections == ()
+    own = np.intersect1d(block.on("z-"), plan.boxes[0].region.inside)
     assert len(own)
-    assert np.isin(own, plan.region.fixed).all()
+    assert np.isin(own, plan.boxes[0].region.fixed).all()
     result = deflect(plan, plan.angle)
     assert np.array_equal(result.points[own], block.points[own])
     assert np.any(result.points != block.points)
@@ -222,11 +222,11 @@ def test_a_section_elsewhere_is_no_excuse(block):
 
 def test_without_near_wall_following_boundary_nodes_in_a_face_of_the_box_keep_their_bits(block):
     """Undeclared patches may touch the box; their nodes there are no sites, but stay."""
-    plan = Plan.of(block, job(("body",), box=[[-1.5, -1.5, -2.0], [1.5, 1.5, 1.5]], near_wall=False))
-    held = np.intersect1d(block.on("z-"), plan.region.inside)
+    plan = Plan.of(block, [job(("body",), box=[[-1.5, -1.5, -2.0], [1.5, 1.5, 1.5]], near_wall=False)])
+    held = np.intersect1d(block.on("z-"), plan.boxes[0].region.inside)
     assert len(held)
-    assert np.array_equal(plan.region.fixed, held)
-    assert len(plan.sites.sampled) == 0
+    assert np.array_equal(plan.boxes[0].region.fixed, held)
+    assert len(plan.boxes[0].sites.sampled) == 0
     result = deflect(plan, plan.angle)
     assert np.array_equal(result.points[held], block.points[held])
     checks = {check.name: check for check in checks_of(result)}
@@ -234,8 +234,8 @@ def test_without_near_wall_following_boundary_nodes_in_a_face_of_the_box_keep_th
 
 
 def test_without_near_wall_following_the_free_nodes_go_where_the_interpolant_says(block):
-    plan = Plan.of(block, job(("body",), box=[[-1.5, -1.5, -1.5], [1.5, 1.5, 1.5]], near_wall=False))
-    step = deflect(plan, plan.angle).steps[-1]
+    plan = Plan.of(block, [job(("body",), box=[[-1.5, -1.5, -1.5], [1.5, 1.5, 1.5]], near_wall=False)])
+    step = deflect(plan, plan.angle).boxes[0].steps[-1]
     free = step.state.free
     expected = block.points[free] + step.fits.interpolant(block.points[free])
     assert np.array_equal(step.points[free], expected)

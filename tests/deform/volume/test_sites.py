@@ -11,9 +11,8 @@ from sdm_deflect.deform.mesh.edges import median_edge
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.rbf.fitting import Fitting
 from sdm_deflect.deform.volume import sites as places
-from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.deform.volume.sites import apart_from
-from tests.deform.jobs import FLAP, WING, blended, job, turn
+from tests.deform.jobs import FLAP, WING, blended, box_plan, job, turn
 
 TIGHT = [[-1.2, -1.2, -1.2], [1.2, 1.2, 1.2]]
 
@@ -21,7 +20,7 @@ TIGHT = [[-1.2, -1.2, -1.2], [1.2, 1.2, 1.2]]
 @pytest.fixture(scope="module")
 def plan(inboard_wing):
     w = inboard_wing
-    return Plan.of(w.mesh, job(FLAP, w.hinge, **blended(w)))
+    return box_plan(w.mesh, job(FLAP, w.hinge, **blended(w)))
 
 
 def test_known_nodes_are_moving_fixed_and_sliding_ones_each_once(plan, inboard_wing):
@@ -43,7 +42,7 @@ def test_lengths_follow_from_the_edges_of_the_surface(plan, inboard_wing):
 
 @pytest.mark.parametrize(("given", "spacing"), [({"spacing": 0.3}, 0.3), ({"spacing_edges": 1.0}, 0.5)])
 def test_spacing_may_be_given_in_lengths_or_in_edges(given, spacing, block):
-    sites = Plan.of(block, job(("body",), box=TIGHT, fitting=Fitting(**given, tolerance=0.02))).sites
+    sites = box_plan(block, job(("body",), box=TIGHT, fitting=Fitting(**given, tolerance=0.02))).sites
     assert sites.spacing == pytest.approx(spacing)
     assert sites.tolerance == 0.02
 
@@ -69,9 +68,9 @@ def test_no_zero_site_is_behind_a_plane_that_bounds_the_mesh(plan):
 
 def test_zero_sites_are_no_more_than_a_solve_takes(monkeypatch, block):
     fine = Fitting(spacing_edges=0.1)
-    many = Plan.of(block, job(("body",), box=TIGHT, fitting=fine)).sites
+    many = box_plan(block, job(("body",), box=TIGHT, fitting=fine)).sites
     monkeypatch.setattr(places, "MOST_ZERO", 500)
-    few = Plan.of(block, job(("body",), box=TIGHT, fitting=fine)).sites
+    few = box_plan(block, job(("body",), box=TIGHT, fitting=fine)).sites
     assert many.zero_sites(0) > 2000
     assert 400 < few.zero_sites(0) < 600
     assert few.spacing == pytest.approx(np.sqrt(6.0 * 2.4**2 / 500))
@@ -81,14 +80,14 @@ def test_a_box_like_a_needle_has_no_more_sites(block):
     needle = [[-1.2, -1.2, -1e9], [1.2, 1.2, 1.2]]
     points = block.points[block.on("body")]
     alone = Mesh(points, (), (Patch("body", (), np.arange(len(points))),))
-    assert Plan.of(alone, job(("body",), box=needle)).sites.zero_sites(0) < 100_000
+    assert box_plan(alone, job(("body",), box=needle)).sites.zero_sites(0) < 100_000
 
 
 def test_large_fixed_patches_are_thinned_and_verified_as_a_whole(monkeypatch, inboard_wing):
     monkeypatch.setattr(places, "MOST_FIXED", 30)
     w = inboard_wing
     result = turn(w.mesh, FLAP, w.hinge, **blended(w))
-    sites, before = result.plan.sites, w.mesh.points
+    sites, before = result.plan.boxes[0].sites, w.mesh.points
     assert len(sites.fixed) > 60
     assert 15 <= len(sites.sampled) <= 30
     assert 15 <= len(sites.sampled_sliding) <= 30
@@ -103,14 +102,14 @@ def test_coincident_nodes_are_one_site(block):
     n = len(block.points)
     both = Patch("body", (), np.append(body, n + np.arange(len(body))))
     doubled = Mesh(np.vstack([block.points, block.points[body]]), (), (both,))
-    sites = Plan.of(doubled, job(("body",), box=TIGHT)).sites
+    sites = box_plan(doubled, job(("body",), box=TIGHT)).sites
     assert (len(sites.moving), len(sites.distinct), sites.coincident) == (52, 26, 26)
     assert np.isin(sites.moving[sites.distinct], body).all()
 
 
 def test_a_surface_without_faces_has_the_edges_of_its_nearest_neighbours(block):
     arrays = Mesh(block.points, (), (Patch("body", (), block.on("body")),))
-    plan = Plan.of(arrays, job(("body",), box=TIGHT))
+    plan = box_plan(arrays, job(("body",), box=TIGHT))
     assert plan.sites.edge == 0.5
     edges = plan.sites.edges(plan.boundary)
     lengths = np.linalg.norm(np.diff(arrays.points[plan.sites.known[edges]], axis=1), axis=2)
@@ -118,7 +117,7 @@ def test_a_surface_without_faces_has_the_edges_of_its_nearest_neighbours(block):
     assert lengths.max() < 1.1
     one = Mesh(block.points, (), (Patch("body", (), block.on("body")[:1]),))
     with pytest.raises(InputError, match="the moving surface has 1 distinct nodes"):
-        Plan.of(one, job(("body",), box=TIGHT))
+        box_plan(one, job(("body",), box=TIGHT))
 
 
 def test_each_moving_surface_is_a_part_of_its_own_and_the_rest_is_one(plan, hybrid_wing):
@@ -126,16 +125,16 @@ def test_each_moving_surface_is_a_part_of_its_own_and_the_rest_is_one(plan, hybr
     assert np.array_equal(moving, np.arange(len(plan.sites.moving)))
     assert np.array_equal(np.sort(np.concatenate([moving, rest])), np.arange(len(plan.sites.known)))
     w = hybrid_wing
-    alone = Plan.of(w.mesh, job(WING, w.hinge, slide={"symmetry": "plane"}))
+    alone = box_plan(w.mesh, job(WING, w.hinge, slide={"symmetry": "plane"}))
     assert len(alone.sites.parts(alone.boundary)[1]) == len(alone.sites.slid) > 0
 
 
 def test_a_blended_flap_shears_in_its_strips_and_a_rigid_surface_nowhere(inboard_wing, hybrid_wing):
-    one = Plan.of(inboard_wing.mesh, job(FLAP, inboard_wing.hinge, **blended(inboard_wing)))
+    one = box_plan(inboard_wing.mesh, job(FLAP, inboard_wing.hinge, **blended(inboard_wing)))
     (law,), (surface,) = one.boundary.laws, one.boundary.surfaces
     sheared = np.flatnonzero(one.sites.sheared(one.boundary))
     assert np.isin(surface.nodes[law.strip], one.sites.moving[sheared]).mean() > 0.8
-    rigid = Plan.of(hybrid_wing.mesh, job(WING, hybrid_wing.hinge, slide={"symmetry": "plane"}))
+    rigid = box_plan(hybrid_wing.mesh, job(WING, hybrid_wing.hinge, slide={"symmetry": "plane"}))
     assert not rigid.sites.sheared(rigid.boundary).any()
     assert not len(rigid.state(hybrid_wing.mesh.points).layers.rows)
 

@@ -66,7 +66,7 @@ def test_layers_keep_their_first_height_within_a_percent(case):
 def test_nodes_outside_the_box_keep_their_bits(case):
     result, w = case
     before = w.mesh.points
-    outside = ~result.plan.region.hexahedron.contains(before)
+    outside = ~result.plan.boxes[0].region.hexahedron.contains(before)
     assert 0 < outside.sum() < len(before)
     assert np.array_equal(result.points[outside].view(np.int64), before[outside].view(np.int64))
 
@@ -81,12 +81,14 @@ def test_the_symmetry_plane_stays_plane_to_the_last_bit(case):
 def test_prescribed_nodes_take_their_places_exactly(case):
     """Moving and fixed nodes are where they were asked to be, whatever the interpolant says there."""
     result, w = case
-    plan, (step,) = result.plan, result.steps
-    assert np.array_equal(step.move, plan.boundary.displacement((10.0,)))
-    assert np.array_equal(result.points[plan.sites.moving], w.mesh.points[plan.sites.moving] + step.move)
-    assert np.array_equal(result.points[plan.sites.fixed], w.mesh.points[plan.sites.fixed])
-    known = plan.sites.known
-    exact = np.vstack([step.move, np.zeros((len(plan.sites.fixed), 3)), step.slid])
+    plan, (step,) = result.plan, result.boxes[0].steps
+    assert np.array_equal(step.move, plan.boxes[0].boundary.displacement((10.0,)))
+    assert np.array_equal(
+        result.points[plan.boxes[0].sites.moving], w.mesh.points[plan.boxes[0].sites.moving] + step.move
+    )
+    assert np.array_equal(result.points[plan.boxes[0].sites.fixed], w.mesh.points[plan.boxes[0].sites.fixed])
+    known = plan.boxes[0].sites.known
+    exact = np.vstack([step.move, np.zeros((len(plan.boxes[0].sites.fixed), 3)), step.slid])
     off = np.linalg.norm(exact - step.fits.interpolant(w.mesh.points[known]), axis=1)
     assert step.correction == off.max()
     assert len(np.unique(known)) == len(known)
@@ -94,10 +96,10 @@ def test_prescribed_nodes_take_their_places_exactly(case):
 
 def test_every_site_is_within_the_tolerance(case):
     result, _ = case
-    (step,) = result.steps
+    (step,) = result.boxes[0].steps
     for fits in (step.first, step.fits):
         for group in fits.adaptations:
-            assert group.max_error < result.plan.sites.tolerance
+            assert group.max_error < result.plan.boxes[0].sites.tolerance
     assert step.error == max(step.first.error, step.fits.error)
 
 
@@ -119,14 +121,14 @@ def test_common_centres_do_as_well(inboard_wing, flapped):
     w, plan = inboard_wing, flapped.plan
     other = turn(w.mesh, FLAP, w.hinge, **blended(w, fitting=Fitting(strategy="mv")))
     assert all(check.passed for check in checks_of(other))
-    assert [fit.components for fit in other.steps[0].fits.adaptations] == [(0, 1, 2)]
-    known = np.union1d(plan.sites.moving, plan.sites.fixed)
+    assert [fit.components for fit in other.boxes[0].steps[0].fits.adaptations] == [(0, 1, 2)]
+    known = np.union1d(plan.boxes[0].sites.moving, plan.boxes[0].sites.fixed)
     assert np.array_equal(other.points[known], flapped.points[known])
-    assert np.abs(other.points - flapped.points).max() < 2.0 * plan.sites.tolerance
+    assert np.abs(other.points - flapped.points).max() < 2.0 * plan.boxes[0].sites.tolerance
 
 
 def test_the_interpolants_give_the_points_away_from_the_surfaces(rigid, hybrid_wing):
-    (step,) = rigid.steps
+    (step,) = rigid.boxes[0].steps
     state = step.state
     away = np.setdiff1d(state.free, state.free[state.near_wall.follow.rows])
     moved = hybrid_wing.mesh.points[away] + step.fits.interpolant(hybrid_wing.mesh.points[away])
@@ -145,11 +147,11 @@ def test_a_limit_of_centres_is_kept(inboard_wing):
     few = Fitting(initial_surface=8, initial_hexahedron=8, max_centers=20)
     result = turn(w.mesh, FLAP, w.hinge, **blended(w, fitting=few))
     plan = result.plan
-    assert {len(fit.chosen) for fit in result.steps[0].fits.adaptations} == {20}
-    assert result.steps[0].error > plan.sites.tolerance
-    moving = plan.sites.moving
-    assert np.array_equal(result.points[moving], w.mesh.points[moving] + plan.boundary.displacement((10.0,)))
+    assert {len(fit.chosen) for fit in result.boxes[0].steps[0].fits.adaptations} == {20}
+    assert result.boxes[0].steps[0].error > plan.boxes[0].sites.tolerance
+    moving = plan.boxes[0].sites.moving
+    assert np.array_equal(result.points[moving], w.mesh.points[moving] + plan.boxes[0].boundary.displacement((10.0,)))
     checks = {check.name: check for check in checks_of(result)}
     assert not checks["site_error"].passed
     assert checks["outside_moved"].passed
-    assert deflect(plan, 10.0).steps[0].error == result.steps[0].error
+    assert deflect(plan, 10.0).boxes[0].steps[0].error == result.boxes[0].steps[0].error
