@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 import webbrowser
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from html import escape
 from os import PathLike
@@ -28,8 +29,8 @@ from sdm_deflect.deform.checks import Check, checks_of
 from sdm_deflect.deform.mesh.pieces import Threads
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.rbf.interpolant import Interpolant
+from sdm_deflect.deform.run import run
 from sdm_deflect.deform.volume.deflection import Deflection
-from sdm_deflect.deform.volume.deflection import sweep as swept
 from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.field import Field
 from sdm_deflect.deform.volume.job import Job
@@ -429,10 +430,9 @@ def _run(mesh: Any, jobs: Sequence[Job], angles: Sequence[float], progress: Prog
     plan = Plan.of(given.mesh, jobs, angles, progress)
     for text in warnings_of(plan):
         warnings.warn(text, stacklevel=3)
-    results = [
-        (i, Result(one, given.with_points(one.points), checks_of(one))) for i, one in swept(plan, angles, progress)
-    ]
-    return tuple(result for _, result in sorted(results, key=lambda pair: pair[0]))
+    judged = run(plan, angles, lambda _: nullcontext(progress))
+    found = {one.angle: Result(one, given.with_points(one.points), checks) for one, checks in judged}
+    return tuple(found[angle] for angle in angles)
 
 
 def _table(title: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -16,8 +16,9 @@ from sdm_deflect.cases.aircraft.metrics import Run
 from sdm_deflect.cases.aircraft.pipeline import meshed, run_case
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.report.pictures import write_png
-from sdm_deflect.cases.run.progress import Show, Stopwatch
+from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.progress import Stage
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.rbf.fitting import Strategy
@@ -39,7 +40,7 @@ class Sources:
 
     scale: str
     folder: Path
-    show: Show
+    show: Stage
     cache: bool = True
     _runs: dict[tuple[str, float, Strategy], Run] = field(default_factory=dict)
 
@@ -63,7 +64,7 @@ Measure = Callable[[Sources, Numbers, Path], None]
 """Measures a section into numbers, and writes its pictures and tables into a folder."""
 
 
-def write_page(scale: str, folder: Path, show: Show, cache: bool = True) -> None:
+def write_page(scale: str, folder: Path, show: Stage, cache: bool = True) -> None:
     """Write figures/ and tables/ into `folder`, with all other numbers in tables/page.json."""
     for name in ("figures", "tables"):
         (folder / name).mkdir()

@@ -1,6 +1,7 @@
 """One case, from parameters to validated result: geometry, mesh, deformation, validation, output."""
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import asdict, replace
 from math import nan
 from pathlib import Path
@@ -13,12 +14,17 @@ from sdm_deflect.cases.aircraft.metrics import MeshOrigin, Run, metrics
 from sdm_deflect.cases.aircraft.overset import finer_background
 from sdm_deflect.cases.aircraft.reference import reference
 from sdm_deflect.cases.aircraft.run_folder import write_deformation, write_metrics
+from sdm_deflect.cases.run.limit import Search
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.cache_folder import default_folder
 from sdm_deflect.deform.base.progress import Progress
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import Quality
+from sdm_deflect.deform.rbf.fitting import RepairMode
+from sdm_deflect.deform.run import run as carried_out
 from sdm_deflect.deform.volume.deflection import Deflection, deflect
+from sdm_deflect.deform.volume.plan import Plan
+from sdm_deflect.geometry.parameters import LARGEST_TURN
 from sdm_deflect.meshing.cache import MeshCache, cache_key
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.mesh import tets_of
@@ -39,7 +45,7 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, rep
         background = background_mesh(case, watch, cache) if case.domain == "block" else None
         with watch.stage("deformation") as progress:
             plan = plan_of(case, mesh, progress=progress)
-            found = deflect(plan, plan.angle, progress)
+            ((found, own),) = carried_out(plan, (plan.angle,), lambda _: nullcontext(progress), "m")
             moved = mesh.with_points(found.points)
             whole = whole_mesh_seconds(found)
             stiff = pinned_quality(case, mesh, progress) if case.domain == "block" else None
@@ -52,7 +58,7 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, rep
         with watch.stage("validation") as progress:
             progress("waiting for the deflected CAD", nan)
             checks = validate(case, mesh, moved, plan, deflected_cad(), background, found.moved_by_repair)
-            checks += further_checks(found, checks)
+            checks += further_checks(own, checks)
             progress(f"{sum(check.passed for check in checks)} of {len(checks)} checks passed", 1.0)
     run = Run(case, mesh, origin, moved, found, whole, checks, watch, background, stiff)
     if report:
@@ -157,6 +163,16 @@ def pinned_quality(case: Case, mesh: Mesh, progress: Progress) -> Quality:
     stiff = replace(case, repair="off", confinement=replace(case.confinement, slide=False))
     plan = plan_of(stiff, mesh, progress=progress)
     return deflect(plan, plan.angle, progress).quality[0]
+
+
+def search_of(case: Case, mesh: Mesh, threshold: float, resolution: float) -> Search:
+    """Return how the largest angles of a case are found, given its mesh and the smallest acceptable mean ratio."""
+
+    def plan(angle: float, repair: RepairMode) -> Plan:
+        return plan_of(replace(case, angle=angle, repair=repair), mesh)
+
+    largest = LARGEST_TURN / max(abs(one.factor) for one in case.deflections)
+    return Search(case.name, "deg", plan, largest, resolution, threshold)
 
 
 def whole_mesh_seconds(found: Deflection) -> float:

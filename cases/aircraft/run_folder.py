@@ -19,7 +19,7 @@ from sdm_deflect.cases.run.output import moved_by_repair, write_convergence, wri
 from sdm_deflect.cases.settings.conversion import to_toml
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.reading import damaged
-from sdm_deflect.deform.checks import Check
+from sdm_deflect.deform.checks import Check, checks_of
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.volume.deflection import Deflection
@@ -153,7 +153,7 @@ class FinishedCase(FinishedRun):
         parts = zip(("undeflected_mesh", "background_mesh"), meshes, models(case), grids, strict=False)
         own = tuple(mesh_check(*part) for part in parts)
         checks = self.judged(background, deflected_cad())
-        checks += further_checks(Deflection.at(self.plan, self.points, self.repair), checks)
+        checks += further_checks(checks_of(Deflection.at(self.plan, self.points, self.repair), unit="m"), checks)
         return (*checks, *measured(stored), *own)
 
 

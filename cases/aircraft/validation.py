@@ -14,10 +14,9 @@ from sdm_deflect.cases.aircraft.reference import Faces, Reference
 from sdm_deflect.cases.aircraft.rigid import Shape, closest, corners_of, distance, plane_normal, predicted, rigid_checks
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.sets import distinct
-from sdm_deflect.deform.checks import Check, checks_of, named, surfaces_crossed, worst
+from sdm_deflect.deform.checks import Check, named, surfaces_crossed, worst
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio, signed_volumes
-from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.geometry.datum import hinged
 from sdm_deflect.meshing.generate.parameters import FAR_FIELD, MeshParameters
@@ -62,10 +61,10 @@ def validate(
     return tuple(checks)
 
 
-def further_checks(found: Deflection, judged: Sequence[Check]) -> tuple[Check, ...]:
+def further_checks(own: Sequence[Check], judged: Sequence[Check]) -> tuple[Check, ...]:
     """Return the checks of any mesh that are not among those which were judged with the CAD."""
     names = {check.name for check in judged}
-    return tuple(check for check in checks_of(found, unit="m") if check.name not in names)
+    return tuple(check for check in own if check.name not in names)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

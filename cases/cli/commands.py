@@ -13,8 +13,8 @@ from typing import NoReturn, TextIO
 import click
 
 from sdm_deflect.cases.cli import options
-from sdm_deflect.cases.cli.deflect import apply, deflect, example, quality
-from sdm_deflect.cases.cli.run import compare, export, geometry, limit, list_cases, report, run, study, validate, view
+from sdm_deflect.cases.cli.deflect import apply, deflect, example, limit, quality
+from sdm_deflect.cases.cli.run import compare, export, geometry, list_cases, report, run, study, validate, view
 
 OBJECTS = 100_000
 """New objects after which garbage is looked for: libraries make many as they are loaded, and all of them stay."""
@@ -88,8 +88,8 @@ def completion(shell: str) -> None:
 
 
 SUBJECTS = {
-    "Your mesh": (example, quality, deflect, apply, view),
-    "The SDM, an aircraft": (list_cases, run, limit, geometry, validate),
+    "Your mesh": (example, quality, deflect, limit, apply, view),
+    "The SDM, an aircraft": (list_cases, run, geometry, validate),
     "Results": (report, compare, export),
     "This machine": (doctor, cache, completion),
 }

@@ -30,7 +30,7 @@ from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.cli.examination import Finding
-    from sdm_deflect.cases.run.deflect_file import Judged, Outcome
+    from sdm_deflect.cases.run.deflect_file import AngleSummary, Outcome
 
 WIDTH = 160
 """Columns of a table that goes to a file or a pipe, unless the environment variable COLUMNS says otherwise."""
@@ -114,7 +114,7 @@ def result_table(done: "Outcome", whole: bool) -> Group:
     return Group(*warning_texts(warned, last), *tables, *_texts([*texts, last]))
 
 
-def _of_one_angle(done: "Outcome", judged: "Judged", whole: bool) -> tuple[list[Table], list[str]]:
+def _of_one_angle(done: "Outcome", judged: "AngleSummary", whole: bool) -> tuple[list[Table], list[str]]:
     """Return the tables of a single angle, or of its checks that failed, and lines on quality, repair and fit."""
     title, repair = f"{_title(done)}, {judged.angle:+g} {_unit(done)}", repair_text(judged.figures)
     texts = [repair] if repair else []
@@ -126,7 +126,7 @@ def _of_one_angle(done: "Outcome", judged: "Judged", whole: bool) -> tuple[list[
     return [*tables, *face_table(judged.figures)], [*texts, *(fits or [fit_text(judged.figures)])]
 
 
-def _of_many_angles(done: "Outcome", ordered: Sequence["Judged"]) -> tuple[list[Table], list[str]]:
+def _of_many_angles(done: "Outcome", ordered: Sequence["AngleSummary"]) -> tuple[list[Table], list[str]]:
     """Return a table with a row for each angle and the checks of those that failed, and what is said of repairs."""
     named = [(f"{judged.angle:+g} {_unit(done)}", judged) for judged in ordered]
     failed = [verdict(judged.checks, name) for name, judged in named if not judged.passed]
@@ -170,7 +170,7 @@ def face_table(figures: Json) -> list[Table]:
     return [table] if rows else []
 
 
-def sweep_table(angles: Sequence["Judged"], title: str) -> Table:
+def sweep_table(angles: Sequence["AngleSummary"], title: str) -> Table:
     """Return one row for each angle."""
     table = _table(title, (), ("angle", "steps", "centres", "site error", "least quality", "seconds", "verdict"))
     for one in angles:

@@ -1,7 +1,7 @@
-"""Commands on any mesh file: example, quality, deflect, apply."""
+"""Commands on any mesh file: example, quality, deflect, limit, apply."""
 
 import lzma
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
@@ -22,9 +22,14 @@ from sdm_deflect.cases.settings.job_settings import (
 from sdm_deflect.deform.base.errors import InputError
 
 if TYPE_CHECKING:
+    from sdm_deflect.cases.run.limit import Search
     from sdm_deflect.cases.run.mesh_files import Targets
+    from sdm_deflect.cases.run.progress import Stopwatch
+    from sdm_deflect.deform.rbf.fitting import RepairMode
     from sdm_deflect.deform.volume.plan import Plan
 
+BEYOND = 3.0
+"""Times its amount a table is scaled at most."""
 HELPERS = ("workers", "scheduler", "worker_memory")
 """Options of work that others do."""
 moved = partial(click.option, cls=options.Grouped, group="What moves")
@@ -92,6 +97,44 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
     return options.code_of(done.passed)
 
 
+@click.command(cls=options.DeflectCommand, params=options.settings_options(FLAT.values()))
+@click.argument("place", metavar="CASE|MESH", type=options.CaseName())
+@options.output_option("--scale", type=options.SCALES, help="Of a case: size of the mesh (default: small).")
+@options.output_option("--quality", type=float, help="Of a case: smallest acceptable mean ratio (default: 0.2).")
+@options.output_option("--resolution", type=float, help="Of the limit (default: 1 degree, 0.02 of a table).")
+@options.output_option("--out", type=options.FILE, help="Output folder (default: runs/CASE-limit, or MESH-limit).")
+@options.json_option
+@options.progress_options
+@click.option("--config", type=options.FILE, help="Of a mesh: settings in a TOML file.")
+@options.set_option
+def limit(place: str, out: Path | None, as_json: bool, quiet: bool, verbose: bool, **given: Any) -> None:
+    """Find the largest deflections, and what ends them.
+
+    These are the amounts, up and down, that invert no cell and keep the quality: of a mesh the share --min-quality of
+    each type's worst cell. They are sought without repair and with it; with --repair off only without.
+
+    sdm limit wing.su2 --surface flap --fixed wing --hinge 0.7,0,0 0.7,1,0 --motion blended
+    """
+    from sdm_deflect.cases.aircraft.registry import CASES
+
+    if place not in CASES and not Path(place).exists():
+        raise InputError(f"{place} is no mesh file, and no case: the cases are {', '.join(CASES)}")
+    for name, high in (("quality", 1.0), ("resolution", 30.0)):
+        if given[name] is not None and not 0.0 < given[name] < high:
+            raise InputError(f"--{name} {given[name]:g} must be between 0 and {high:g}")
+    search_of = _search_of_case if place in CASES else _search_of_mesh
+    with options.watched(quiet or (as_json and not verbose), verbose) as watch:
+        search, repair, folder, figures = search_of(place, watch, given)
+        from sdm_deflect.cases.run.limit import write_limits
+        from sdm_deflect.cases.run.output import output_folder
+
+        with output_folder(out or folder, ()) as scratch:
+            with watch.stage("limits") as progress:
+                limits = search.limits(repair, progress)
+            table = write_limits(limits, search, scratch)
+    options.print_either(as_json, {**figures, "limits": [asdict(one) for one in limits]}, table)
+
+
 @click.command()
 @click.argument("field", type=options.FILE)
 @click.argument("meshes", metavar="MESH...", type=options.FILE, nargs=-1, required=True)
@@ -149,6 +192,62 @@ def quality(mesh: Path, select: tuple[str, ...], as_json: bool) -> None:
         options.print_json(inspected(mesh, selections_of(select)))
     else:
         click.echo(inspect(mesh, selections_of(select)))
+
+
+Found = tuple["Search", "RepairMode", Path, dict[str, Any]]
+"""What is tried, how cells are repaired, where the files go, and figures of it."""
+
+
+def _search_of_case(case: str, watch: "Stopwatch", given: dict[str, Any]) -> Found:
+    """Return how the limits of a case are found, its mesh made."""
+    from sdm_deflect.cases.aircraft.registry import resolve
+
+    threshold, resolution = given.pop("quality") or 0.2, given.pop("resolution") or 1.0
+    own = {name: given.pop(name) for name in ("scale", "repair", "assignments")}
+    for name in (name for name, value in given.items() if value not in (None, ())):
+        flag = options.flag(FLAT[name]) if name in FLAT else f"--{name}"
+        raise InputError(f"{flag} is of a mesh, and {case} is a case: replace its settings by --set")
+    resolved = resolve(case, **{**own, "scale": own["scale"] or "small"})
+
+    from sdm_deflect.cases.aircraft.pipeline import meshed, search_of
+
+    search = search_of(resolved, meshed(resolved, watch)[0], threshold, resolution)
+    figures = {"case": case, "scale": resolved.scale, "quality": threshold, "resolution_deg": resolution}
+    return search, resolved.repair, Path("runs") / f"{case}-limit", figures
+
+
+def _search_of_mesh(name: str, watch: "Stopwatch", given: dict[str, Any]) -> Found:
+    """Return how the limits of surfaces of a mesh are found, the mesh read."""
+    from sdm_deflect.cases.run.limit import Search
+    from sdm_deflect.cases.run.mesh_files import Targets
+    from sdm_deflect.cases.settings.jobs import jobs_of
+    from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE
+    from sdm_deflect.deform.volume.plan import Plan
+    from sdm_deflect.meshing.formats.registry import read
+
+    for option in ("scale", "quality"):
+        if given.pop(option) is not None:
+            raise InputError(f"--{option} is of a case, and {name} is a mesh; a mesh keeps the share --min-quality")
+    resolution, path = given.pop("resolution") or 0.0, Path(name)
+    if not (given["config"] or given["table"] or given["angle"]):
+        given["angle"] = 1.0
+    jobs = jobs_of(_settings(given)[0])
+    first, unit = jobs[0], jobs[0].surfaces[0].motion.unit
+    ratios = [moving.amount / first.angle for job in jobs for moving in job.surfaces]
+    top = LARGEST_ANGLE / max(map(abs, ratios)) if unit == "deg" else BEYOND * abs(first.angle)
+    step = resolution or (1.0 if unit == "deg" else 0.02 * abs(first.angle))
+    targets = Targets.of(path, None, ())
+    with watch.stage("read") as progress:
+        mesh = read(path, progress)
+
+    def plan(angle: float, repair: "RepairMode") -> Plan:
+        own = (job.at(job.beside(first, angle)) for job in jobs)
+        repaired = [replace(job, repair=replace(job.repair, mode=repair)) for job in own]
+        return Plan.of(mesh, repaired, (angle,)).keeping(targets.precision(mesh))
+
+    search = Search(f"{', '.join(first.surfaces[0].patches)} of {mesh.name}", unit, plan, top, step)
+    figures = {"mesh": name, "min_quality": first.repair.min_quality, "unit": unit, "resolution": step}
+    return search, first.repair.mode, targets.limits, figures
 
 
 def _show_plan(wanted: "Targets", plan: "Plan", as_json: bool) -> int:

@@ -67,17 +67,17 @@ def _option(setting: Setting) -> Grouped:
     inner = get_args(kind)[:1]
     several = get_origin(kind) is dict or inner == (str,) or any(map(is_dataclass, inner))
     value = {"type": of, "nargs": max(1, len(how.metavar.split())), "multiple": several, "metavar": how.metavar or None}
-    flag = {"is_flag": True, "default": None}
-    given: dict[str, Any] = flag if kind is bool else value
+    switch = {"is_flag": True, "default": None}
+    given: dict[str, Any] = switch if kind is bool else value
 
     def read(ctx: click.Context, param: click.Parameter, text: Any) -> Any:
         """Read a value that may be written in several ways before words without an option are complained of."""
         return spelled(text, setting, setting.name) if text else text
 
-    return Grouped([_flag(setting), setting.name], help=_help(setting), group=setting.doc.group, callback=read, **given)
+    return Grouped([flag(setting), setting.name], help=_help(setting), group=setting.doc.group, callback=read, **given)
 
 
-def _flag(setting: Setting) -> str:
+def flag(setting: Setting) -> str:
     """Return the option of a setting; of one that has none its name."""
     how = setting.option
     return setting.name if how.flag is None else how.flag or f"--{setting.name.replace('_', '-')}"
@@ -86,7 +86,7 @@ def _flag(setting: Setting) -> str:
 def _help(setting: Setting) -> str:
     """Return what a setting means, with its default, and with options instead of the names of settings."""
     words = setting.doc.text.split("`")
-    text = "".join(_flag(FLAT[word]) if i % 2 and word in FLAT else word for i, word in enumerate(words))
+    text = "".join(flag(FLAT[word]) if i % 2 and word in FLAT else word for i, word in enumerate(words))
     hidden = not setting.default or setting.default is True or not setting.shown
     return text if hidden else f"{text.removesuffix('.')} (default: {setting.shown})."
 

@@ -1,6 +1,5 @@
-"""Commands on cases and finished runs: list, run, validate, report, compare, view, export, limit, geometry, study."""
+"""Commands on cases and finished runs: list, run, validate, report, compare, view, export, geometry, study."""
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -212,44 +211,6 @@ def export(folder: Path, form: str, which: str, out: Path | None, quiet: bool, v
     for sentence in lost:
         click.echo(f"{target}: {sentence}", err=True)
     click.echo(f"{target}")
-
-
-@click.command(params=options.settings_options([FLAT["repair"]]))
-@click.argument("case", type=options.CaseName())
-@options.scale_option
-@click.option("--quality", "threshold", default=0.2, show_default=True, help="Smallest acceptable mean ratio.")
-@click.option("--resolution", default=1.0, show_default=True, help="Degrees to which the limit is found.")
-@click.option("--out", type=options.FILE, help="Output folder (default: runs/CASE-limit).")
-@options.set_option
-@options.json_option
-@options.progress_options
-def limit(case: str, threshold: float, resolution: float, out: Path | None, as_json: bool, **given: Any) -> None:
-    """Find the largest angles of a case, and what ends them.
-
-    These are the angles, up and down, that invert no cell and keep the --quality. The command measures the quality over
-    the angle without repair and with it; with --repair off it measures the former alone.
-    """
-    from sdm_deflect.cases.aircraft.registry import resolve
-    from sdm_deflect.deform.base.errors import InputError
-
-    for name, value, high in (("quality", threshold, 1.0), ("resolution", resolution, 30.0)):
-        if not 0.0 < value < high:
-            raise InputError(f"--{name} {value:g} must be between 0 and {high:g}")
-    quiet, verbose = given.pop("quiet"), given.pop("verbose")
-    resolved = resolve(case, **given)
-
-    from sdm_deflect.cases.aircraft.limit import find_limits, write_limits
-    from sdm_deflect.cases.aircraft.pipeline import meshed
-    from sdm_deflect.cases.run.output import output_folder
-
-    folder = out or Path("runs") / f"{resolved.name}-limit"
-    with output_folder(folder, ()) as scratch, options.watched(quiet or (as_json and not verbose), verbose) as watch:
-        mesh, _ = meshed(resolved, watch)
-        with watch.stage("limits") as progress:
-            limits = find_limits(resolved, mesh, threshold, resolution, progress)
-        table = write_limits(limits, resolved, threshold, scratch)
-    figures = {"case": resolved.name, "scale": resolved.scale, "quality": threshold, "resolution_deg": resolution}
-    options.print_either(as_json, {**figures, "limits": [asdict(one) for one in limits]}, table)
 
 
 @click.command(hidden=True, context_settings={"ignore_unknown_options": True, "help_option_names": []})

@@ -22,13 +22,14 @@ from sdm_deflect.cases.run.read_back import check_written
 from sdm_deflect.deform.base import limits
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.progress import Progress
-from sdm_deflect.deform.checks import Check, checks_of, layers_of
+from sdm_deflect.deform.checks import Check, layers_of
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.pieces import HERE, Runner
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.mesh.touched import Layers
 from sdm_deflect.deform.mesh.unchanged import check_unchanged, held
-from sdm_deflect.deform.volume.deflection import Deflection, sweep
+from sdm_deflect.deform.run import run
+from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.field import Field
 from sdm_deflect.deform.volume.job import Job
@@ -38,7 +39,7 @@ from sdm_deflect.meshing.formats.registry import FORMATS, files_of, format_of, i
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Judged:
+class AngleSummary:
     """One angle of a job, without the mesh: figures, quality by type, checks."""
 
     angle: float
@@ -47,6 +48,12 @@ class Judged:
     layers: Layers | None
     checks: tuple[Check, ...]
     seconds: float
+
+    @classmethod
+    def of(cls, one: Deflection, checks: tuple[Check, ...]) -> "AngleSummary":
+        """Take what is told of a deflection."""
+        own = {"deflections": figures_by_box(one)} if len(one.boxes) > 1 else {}
+        return cls(one.angle, {**deflection_figures(one), **own}, one.quality, layers_of(one), checks, one.seconds)
 
     @property
     def passed(self) -> bool:
@@ -62,7 +69,7 @@ class Outcome:
     """
 
     plan: Plan
-    angles: tuple[Judged, ...] = field(repr=False)
+    angles: tuple[AngleSummary, ...] = field(repr=False)
     files: tuple[Path, ...]
     reports: tuple[Path, ...]
     lost: tuple[str, ...]
@@ -116,13 +123,6 @@ def planned(
         return plan.keeping(wanted.precision(plan.mesh), runner)
 
 
-def judged(one: Deflection) -> Judged:
-    """Judge the mesh at one angle."""
-    measured = one.quality, layers_of(one), checks_of(one)
-    own = {"deflections": figures_by_box(one)} if len(one.boxes) > 1 else {}
-    return Judged(one.angle, {**deflection_figures(one), **own}, *measured, one.seconds)
-
-
 def deflect_file(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: Runner = HERE) -> Outcome:
     """Deflect a mesh file to each angle; the files appear together at the end, or none of them.
 
@@ -135,19 +135,13 @@ def deflect_file(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner:
 
 def _deflected(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: Runner) -> Outcome:
     plan = planned(wanted, jobs, watch, runner)
-    unit = plan.unit
     wanted.check_names(plan.mesh)
-    found: list[Judged] = []
+    found: list[AngleSummary] = []
     names: list[Path] = []
     lost: tuple[str, ...] = ()
     with permitted_as(wanted.source), output_files(wanted.out.parent) as scratch:
-        results = sweep(plan, wanted.angles)
-        for _ in wanted.angles:
-            with watch.stage("deflect") as progress:
-                _, one = next(results)
-                progress(f"{one.angle:+g} {unit}", 1.0)
-            with watch.stage("quality"):
-                found.append(judged(one))
+        for one, checks in run(plan, wanted.angles, watch.stage):
+            found.append(AngleSummary.of(one, checks))
             mesh = wanted.mesh(one.angle)
             with watch.stage("write") as progress:
                 lost = write_angle(wanted, one, scratch / mesh.name, progress)
@@ -157,12 +151,12 @@ def _deflected(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: R
 
                 with watch.stage("report") as progress:
                     place, seconds = scratch / wanted.report(one.angle).name, {**watch.seconds}
-                    write_run_folder(place, one, found[-1].checks, mesh, seconds)
+                    write_run_folder(place, one, checks, mesh, seconds)
             if wanted.sensitive:
                 with watch.stage("sensitivity"):
                     arrays, picture = (scratch / path.name for path in wanted.sensitivity(one.angle))
                     write_sensitivity(
-                        plan.mesh, one.points, one.sensitivity(), (arrays, picture), f"mesh length per {unit}"
+                        plan.mesh, one.points, one.sensitivity(), (arrays, picture), f"mesh length per {plan.unit}"
                     )
         if wanted.field:
             with fresh(wanted.field) as beside:

@@ -79,6 +79,11 @@ class Targets:
         return replace(self, out=self.mesh(angle))._named("-report", "")
 
     @property
+    def limits(self) -> Path:
+        """The folder of `sdm limit`, such as ``wing-limit``."""
+        return self.out.with_name(f"{self._named('', '').name.removesuffix('-deflected')}-limit")
+
+    @property
     def reports(self) -> tuple[Path, ...]:
         """All folders of reports."""
         return tuple(self.report(angle) for angle in self.angles) if self.reported else ()

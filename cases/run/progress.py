@@ -1,8 +1,8 @@
 """Stages of a run: who reports progress, who shows it, and how long each stage took."""
 
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from math import isnan
 from os import sysconf
@@ -11,7 +11,7 @@ from time import CLOCK_BOOTTIME, clock_gettime, perf_counter
 from typing import TYPE_CHECKING, Any
 
 from sdm_deflect.deform.base.errors import printable
-from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.base.progress import Progress, Stage, silent, unseen
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -19,16 +19,9 @@ if TYPE_CHECKING:
 
 PATIENCE = 2.0
 """Seconds after which a notebook shows progress."""
-Show = Callable[[str], AbstractContextManager[Progress]]
-"""Shows a stage of a run while its context lasts, which gives what takes the stage's progress."""
 
 
-def unseen(_: str) -> AbstractContextManager[Progress]:
-    """Show nothing."""
-    return nullcontext(silent)
-
-
-def lines(console: "Console", every: bool = True) -> Show:
+def lines(console: "Console", every: bool = True) -> Stage:
     """Show stages as lines on a console, with the seconds since each began: one for each, or for every report of it."""
 
     @contextmanager
@@ -54,7 +47,7 @@ def lines(console: "Console", every: bool = True) -> Show:
 
 
 @contextmanager
-def bars(console: "Console") -> Iterator[Show]:
+def bars(console: "Console") -> Iterator[Stage]:
     """Show stages as rich's progress bars on a console, with their times and what they told last."""
     from rich import progress
 
@@ -80,7 +73,7 @@ def bars(console: "Console") -> Iterator[Show]:
 
 
 @contextmanager
-def shown(*, quiet: bool, verbose: bool, console: "Console | None" = None) -> Iterator[Show]:
+def shown(*, quiet: bool, verbose: bool, console: "Console | None" = None) -> Iterator[Stage]:
     """Show stages on a console (default: standard error) as the switches of the command line ask.
 
     A terminal shows a bar for each stage; a file or a pipe gets a line for each when it has ended.
@@ -132,7 +125,7 @@ def process_start() -> float:
 class Stopwatch:
     """Seconds of every stage, shown as they pass, and of all since `start` on the clock."""
 
-    show: Show = unseen
+    show: Stage = unseen
     seconds: dict[str, float] = field(default_factory=dict)
     start: float = field(default_factory=perf_counter)
 

@@ -1,6 +1,6 @@
 """The mesh at one angle or at many, deflected as a plan says."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from time import perf_counter
@@ -215,26 +215,6 @@ def deflect(plan: Plan, angle: float, progress: Progress = silent, earlier: Defl
     pairs = zip(plan.boxes, known, strict=True)
     found = (deflect_box(box, plan.angle_of(box, angle), progress, one) for box, one in pairs)
     return Deflection(plan, tuple(found))
-
-
-def sweep(plan: Plan, angles: Sequence[float], progress: Progress = silent) -> Iterator[tuple[int, Deflection]]:
-    """Bring the mesh to several angles, the largest first: its centres and factors serve for all of them.
-
-    Each angle is checked at every data site; centres are added where one is off by more than the tolerance.
-
-    Yields
-    ------
-    The place of the angle in `angles`, and the deflection.
-    """
-    largest = max(range(len(angles)), key=lambda i: abs(angles[i]))
-    reusable: list[BoxDeflection | None] = [None] * len(plan.boxes)
-    for i in (largest, *(i for i in range(len(angles)) if i != largest)):
-        found = []
-        for k, box in enumerate(plan.boxes):
-            found.append(deflect_box(box, plan.angle_of(box, angles[i]), progress, reusable[k]))
-            if len(found[-1].steps) == 1:
-                reusable[k] = found[-1]
-        yield i, Deflection(plan, tuple(found))
 
 
 def deflect_box(

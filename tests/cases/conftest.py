@@ -14,6 +14,7 @@ from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.aircraft.validation import further_checks, validate
 from sdm_deflect.cases.run.output import output_folder
 from sdm_deflect.cases.run.progress import Stopwatch
+from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.volume.deflection import deflect
 from tests.cases.sdm.deflected_cad import built
 
@@ -109,6 +110,6 @@ def turned(make_mesh):
         found = deflect(plan, plan.angle)
         moved = mesh.with_points(found.points)
         checks = validate(case, mesh, moved, plan, built(case), repair=found.moved_by_repair)
-        return mesh, moved, checks + further_checks(found, checks)
+        return mesh, moved, checks + further_checks(checks_of(found, unit="m"), checks)
 
     return turn

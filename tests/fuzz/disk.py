@@ -42,9 +42,9 @@ HINGE = ("--hinge", "0.7,0.3,0", "0.7,0.7,0", "--angle", "8", "--quiet")
 REFERENCE = "reference"
 """What they are called that give a context: of no use later, when the validation is kept."""
 SLOW = {
-    "deflect": ("run.deflect_file.planned", "run.deflect_file.sweep", "report.page.page"),
+    "deflect": ("run.deflect_file.planned", "run.deflect_file.run", "report.page.page"),
     "run": (
-        "aircraft.pipeline.meshed", "aircraft.pipeline.plan_of", "aircraft.pipeline.deflected",
+        "aircraft.pipeline.meshed", "aircraft.pipeline.plan_of", "aircraft.pipeline.carried_out",
         "aircraft.pipeline.whole_mesh_seconds", f"aircraft.pipeline.{REFERENCE}", "aircraft.validation.validate",
         "report.page.page",
     ),

@@ -118,7 +118,7 @@ def _plan(mesh, random: Random) -> None:
 
     from sdm_deflect.cases.settings.job_settings import settings_of
     from sdm_deflect.deform.checks import checks_of
-    from sdm_deflect.deform.volume.deflection import sweep
+    from sdm_deflect.deform.run import run
     from sdm_deflect.deform.volume.plan import Plan
 
     if not mesh.patches:
@@ -130,7 +130,7 @@ def _plan(mesh, random: Random) -> None:
     job = jobs_of(settings_of([name], hinge, 3.0, {"fixed": "*"} if len(mesh.patches) > 1 else {}))[0]
     plan = Plan.of(mesh, [job], (3.0,))
     if random.random() < 0.3:
-        for _, one in sweep(plan, (3.0,)):
+        for one, _ in run(plan, (3.0,)):
             checks_of(one)
 
 

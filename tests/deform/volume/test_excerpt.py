@@ -10,9 +10,10 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.cells import Cells, Patch
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.pieces import MeshInPieces, Threads
+from sdm_deflect.deform.run import run
 from sdm_deflect.deform.volume import excerpt
 from sdm_deflect.deform.volume.box import Automatic
-from sdm_deflect.deform.volume.deflection import deflect, sweep
+from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.plan import Plan
 from tests.deform.blocks import block_with_body, joined, two_bodies
 from tests.deform.jobs import job
@@ -120,7 +121,7 @@ def test_an_excerpt_holds_what_lies_in_any_of_several_boxes():
     ]
     part = excerpt.excerpt(in_pieces(mesh), jobs, (4.0,), Elsewhere())
     numbers = part.numbers(np.arange(len(part.points)))
-    (_, whole), (_, found) = (next(sweep(Plan.of(one, jobs, (4.0,)), (4.0,))) for one in (mesh, part))
+    (whole, _), (found, _) = (next(run(Plan.of(one, jobs, (4.0,)), (4.0,))) for one in (mesh, part))
     np.testing.assert_array_equal(found.points, whole.points[numbers])
     assert found.plan.touched.count == whole.plan.touched.count
     assert found.quality == whole.quality

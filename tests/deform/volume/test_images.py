@@ -12,11 +12,12 @@ from sdm_deflect.deform.mesh.images import Images
 from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.deform.mesh.selection import Selection, Within, selected
 from sdm_deflect.deform.repair import goal
+from sdm_deflect.deform.run import run
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.surface.surface import OnPatches
 from sdm_deflect.deform.volume.box import Outline
-from sdm_deflect.deform.volume.deflection import deflect, sweep
+from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.field import Field
 from sdm_deflect.deform.volume.plan import Plan
@@ -173,7 +174,7 @@ def test_a_field_has_the_nodes_of_pairs_to_the_bit(name, turned):
 
 def test_sweeps_and_prepared_angles_keep_pairs(turned):
     plan = turned("sector").plan
-    for _, one in sweep(plan, [4.0, -6.0]):
+    for one, _ in run(plan, [4.0, -6.0]):
         assert apart(plan.mesh, one.points) < 2e-15
     fits = turned("sector").boxes[0].steps[0]
     centers = [

@@ -5,9 +5,10 @@ import pytest
 
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.checks import checks_of
+from sdm_deflect.deform.run import run
 from sdm_deflect.deform.surface.motions import Moving, Rotation
 from sdm_deflect.deform.surface.surface import Surface
-from sdm_deflect.deform.volume.deflection import deflect, sweep
+from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.plan import Plan
 from tests.deform.blocks import two_bodies
@@ -28,7 +29,7 @@ def pair():
 @pytest.fixture(scope="module")
 def both(pair):
     plan = Plan.of(pair, [pair_job(12.0, -6.0)], (12.0, -4.0))
-    return {one.angle: one for _, one in sweep(plan, (12.0, -4.0))}
+    return {one.angle: one for one, _ in run(plan, (12.0, -4.0))}
 
 
 @pytest.mark.parametrize("angle", [12.0, -4.0])

@@ -1,0 +1,238 @@
+"""The largest deflection of each sign that inverts no cell and keeps the quality of the others, and what ends it."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import ceil
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich.table import Table
+
+from sdm_deflect.cases.run.output import report_lacks, write_table
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.progress import Progress
+from sdm_deflect.deform.mesh.cells import Polyhedra
+from sdm_deflect.deform.mesh.polyhedra import nodes_of
+from sdm_deflect.deform.mesh.quality import judged
+from sdm_deflect.deform.rbf.fitting import RepairMode
+from sdm_deflect.deform.run import run
+from sdm_deflect.deform.volume.deflection import Deflection
+from sdm_deflect.deform.volume.plan import Plan
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+DECISIVE = ("inverted_cells", "quality_min")
+"""Checks that a mesh must keep to be acceptable."""
+STEPS = 3
+"""Amounts of the curve are so many times the resolution apart."""
+COLOURS = ("#0072b2", "#d55e00")
+"""Of the curves: without repair, and with it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One amount of the first surface that was tried.
+
+    Attributes
+    ----------
+    angle : the amount: degrees, or the share of a table.
+    quality_min : least quality of the touched cells; 0 where one is inverted or there is no mesh.
+    steps : of the deflection.
+    where : at which patches the worst cell is.
+    reason : why there is no mesh: a surface leaves its box, or a tail's root leaves the fuselage.
+    fault : why the mesh is not acceptable; empty if it is.
+    failed : names of all checks that fail.
+    """
+
+    angle: float
+    quality_min: float
+    steps: int
+    where: str = ""
+    reason: str = ""
+    fault: str = ""
+    failed: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """The largest acceptable amount of one sign, from zero outwards.
+
+    Attributes
+    ----------
+    repair : how cells were repaired.
+    angle : the limit; every amount tried below is acceptable.
+    end : what is next beyond it: a cell that is too bad, or why there is no mesh; empty if nothing ends it.
+    trials : every amount tried, ascending by magnitude.
+    """
+
+    repair: RepairMode
+    angle: float
+    end: str
+    trials: tuple[Trial, ...]
+
+    @property
+    def at(self) -> Trial:
+        """The trial at the limit."""
+        return next(trial for trial in self.trials if trial.angle == self.angle)
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """What is tried, and what is asked of it.
+
+    Attributes
+    ----------
+    title : what is deflected.
+    unit : of the amounts.
+    plan : plans one amount of the first surface, with a mode of repair; InputError if it is not possible.
+    largest : amount that is never exceeded.
+    resolution : to which the limits, and the ends of what can be meshed, are found.
+    threshold : the least quality that is acceptable; None: what the job asks for by the check ``quality_min``.
+    """
+
+    title: str
+    unit: str
+    plan: Callable[[float, RepairMode], Plan]
+    largest: float
+    resolution: float
+    threshold: float | None = None
+
+    def limits(self, repair: RepairMode, progress: Progress) -> tuple[Limit, ...]:
+        """Go to both signs: without repair and, unless that is off, with it; InputError if nothing moves at all."""
+        if reason := self.tried(0.0, "off").reason:
+            raise InputError(reason)
+        modes: tuple[RepairMode, ...] = ("off",) if repair == "off" else ("off", repair)
+        return tuple(self._limit(mode, sign, progress) for mode in modes for sign in (-1.0, 1.0))
+
+    def tried(self, angle: float, repair: RepairMode) -> Trial:
+        """Deflect by an amount, and judge the mesh; without one the trial says why."""
+        try:
+            plan = self.plan(angle, repair)
+            if not plan.touched.count:
+                raise InputError(f"{plan.mesh.name} has no cells that move: there is no quality to keep")
+            (one,) = run(plan, (plan.angle,))
+        except InputError as error:
+            return Trial(angle, 0.0, 0, reason=str(error), fault=str(error))
+        worst = min(one.deflection.parts, key=lambda part: min(quality.min for quality in part.quality))
+        least = min(quality.min for quality in worst.quality)
+        steps = max(len(box.steps) for box in one.deflection.boxes)
+        where, failed = where_worst(worst), [check for check in one.checks if not check.passed]
+        faults = [
+            f"{check.name} {check.value:.3g}, limit {check.limit:.3g}, {where}"
+            for check in failed
+            if check.name.partition(":")[0] in DECISIVE
+        ]
+        if self.threshold is not None:
+            faults = [f"mean ratio {least:.3f} {where}"] * (least < self.threshold)
+        return Trial(angle, least, steps, where, "", "; ".join(faults), tuple(check.name for check in failed))
+
+    def _limit(self, repair: RepairMode, sign: float, progress: Progress) -> Limit:
+        """Go on in steps until cells invert or there is no mesh; then bisect between good amounts and bad ones."""
+        trials: dict[float, Trial] = {}
+
+        def at(size: float) -> Trial:
+            if size not in trials:
+                progress(f"repair {repair}: {sign * size:+.4g} {self.unit}", float("nan"))
+                trials[size] = self.tried(sign * size if size else 0.0, repair)
+            return trials[size]
+
+        def last(holds: Callable[[Trial], bool]) -> float:
+            """Return the size before the first at which something does not hold, to the resolution."""
+            known = sorted(trials)
+            bad = next((k for k, size in enumerate(known) if not holds(trials[size])), len(known))
+            if bad in (0, len(known)):
+                return known[bad - 1] if bad else 0.0
+            low, high = known[bad - 1], known[bad]
+            while high - low > self.resolution:
+                middle = 0.5 * (low + high)
+                low, high = (middle, high) if holds(at(middle)) else (low, middle)
+            return low
+
+        step = STEPS * self.resolution
+        for k in range(ceil(self.largest / step) + 1):
+            trial = at(min(k * step, self.largest))
+            if trial.reason or "inverted_cells" in trial.failed:
+                break
+        last(lambda trial: not trial.reason)
+        limit = last(lambda trial: not trial.fault)
+        ordered = tuple(trials[size] for size in sorted(trials))
+        end = next((trials[size].fault for size in sorted(trials) if size > limit), "")
+        return Limit(repair, trials[limit].angle, end, ordered)
+
+
+def where_worst(one: Deflection) -> str:
+    """Say at which patches the worst cell of a single box is."""
+    mesh, touched = one.plan.mesh, one.plan.touched
+    found = []
+    for block, rows, orientation in zip(mesh.cells, touched.rows, touched.orientation, strict=True):
+        if len(rows):
+            quality, _ = judged(one.points, block, rows, orientation)
+            row = int(rows[np.argmin(quality)])
+            nodes = nodes_of(block, row) if isinstance(block, Polyhedra) else block.nodes[row]
+            found.append((float(quality.min()), nodes))
+    _, nodes = min(found, key=lambda pair: pair[0])
+    names = [patch.name for patch in mesh.patches if np.isin(nodes, patch.nodes).any()]
+    if not names:
+        return "of a cell within the flow"
+    all_on = np.isin(nodes, mesh.on(*mesh.names)).all()
+    return ("of a cell with every node on " if all_on else "of a cell at ") + ", ".join(names)
+
+
+def write_limits(limits: tuple[Limit, ...], search: Search, folder: Path) -> Table:
+    """Write limit.csv and, where Matplotlib is installed, limit.png; return the limits as a table."""
+    rows: list[Sequence[object]] = [("repair", "angle_deg", "quality_min", "steps", "where", "reason")]
+    for mode, trials in _curves(limits).items():
+        rows += [(mode, f"{t.angle:g}", f"{t.quality_min:.4f}", t.steps, t.where, t.reason) for t in trials]
+    write_table(folder / "limit.csv", rows)
+    if not report_lacks():
+        _draw(limits, search).savefig(folder / "limit.png", dpi=110, metadata={"Software": None})
+    asked = "the quality that was asked for" if search.threshold is None else f"quality >= {search.threshold:g}"
+    table = Table(title=f"{search.title}: largest deflections with {asked}", title_justify="left")
+    for heading in ("repair", f"largest, {search.unit}", "smallest quality there", "steps", "amounts tried"):
+        table.add_column(heading, justify="right")
+    table.add_column("what ends it")
+    table.add_column("checks that fail there")
+    for one in limits:
+        least, tried = f"{one.at.quality_min:.3f}", str(len(one.trials))
+        end = one.end or "nothing: no surface turns farther"
+        table.add_row(one.repair, f"{one.angle:+.4g}", least, str(one.at.steps), tried, end, ", ".join(one.at.failed))
+    return table
+
+
+def _curves(limits: tuple[Limit, ...]) -> dict[RepairMode, list[Trial]]:
+    """Return the trials of both signs by the mode of repair, ascending by angle; zero is in there once."""
+    curves: dict[RepairMode, dict[float, Trial]] = {}
+    for one in limits:
+        curves.setdefault(one.repair, {}).update({trial.angle: trial for trial in one.trials})
+    return {mode: [trials[angle] for angle in sorted(trials)] for mode, trials in curves.items()}
+
+
+def _ends(limits: tuple[Limit, ...]) -> list[float]:
+    """Return the least angles on either side that the geometry refuses."""
+    refused = [trial.angle for trials in _curves(limits).values() for trial in trials if trial.reason]
+    sides = ([angle for angle in refused if angle < 0.0], [angle for angle in refused if angle > 0.0])
+    return [min(side, key=abs) for side in sides if side]
+
+
+def _draw(limits: tuple[Limit, ...], search: Search) -> "Figure":
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.0, 4.2), layout="constrained")
+    axes = figure.add_subplot()
+    curves = _curves(limits)
+    for (mode, trials), colour in zip(curves.items(), COLOURS, strict=False):
+        seen = [t for t in trials if not t.reason]
+        label = "without repair" if mode == "off" else f"with repair ({mode})"
+        axes.plot([t.angle for t in seen], [t.quality_min for t in seen], "o-", ms=4, color=colour, label=label)
+    for end in _ends(limits):
+        axes.axvline(end, color="0.4", lw=1, ls=":", label="no mesh beyond: geometry")
+    if search.threshold is not None:
+        axes.axhline(search.threshold, color="0.4", lw=1, label=f"threshold {search.threshold:g}")
+    axes.set(xlabel=f"deflection, {search.unit}", ylabel="smallest quality (0: inverted cells)", title=search.title)
+    axes.grid(alpha=0.3)
+    handles, labels = axes.get_legend_handles_labels()
+    once = dict(zip(labels, handles, strict=True))
+    axes.legend(once.values(), once.keys(), fontsize="small", loc="lower center")
+    return figure
