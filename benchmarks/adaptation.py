@@ -10,9 +10,8 @@ from benchmarks.lapack import best_solve
 from benchmarks.measure import Times, exponent, side_by_side, warm
 from benchmarks.results import Result
 from benchmarks.workloads import Workload, aileron, chimera, tail
-from sdm_deflect.deform.rbf.greedy import Adaptation, adapt
+from sdm_deflect.deform.rbf.greedy import Adaptation, GreedyOptions, Rule, Separated, Worst, adapt
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
-from sdm_deflect.deform.rbf.selection import GreedyOptions, Rule, Separated, Worst
 from studies.solves import DirectBasis, krylov
 
 UNREACHABLE = 1e-12  # m: the adaptation ends at its limit of centres

@@ -59,11 +59,10 @@ def ours(sites: FloatArray, values: FloatArray) -> Evaluated:
 
 def greedy(sites: FloatArray, values: FloatArray) -> Evaluated:
     """Choose centres greedily, common ones for all directions, to the paper's tolerance."""
-    from sdm_deflect.deform.base.points import farthest
-    from sdm_deflect.deform.rbf.greedy import adapt
+    from sdm_deflect.deform.base.arrays import farthest
+    from sdm_deflect.deform.rbf.greedy import GreedyOptions, adapt
     from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
-    from sdm_deflect.deform.rbf.selection import GreedyOptions
-    from sdm_deflect.deform.rbf.sites import DataSites
+    from sdm_deflect.deform.rbf.problem import DataSites
 
     options = GreedyOptions(n_add=1, tol_add=TOLERANCE, tol_stop=TOLERANCE)
     return adapt(DataSites(sites, values), ThinPlateSpline(), farthest(sites, 10), options).interpolant

@@ -7,7 +7,7 @@ import numpy as np
 from benchmarks.measure import side_by_side, warm
 from benchmarks.results import Result
 from benchmarks.workloads import points_around, tail
-from sdm_deflect.deform.base.points import first_coincident
+from sdm_deflect.deform.base.arrays import first_coincident
 from sdm_deflect.deform.mesh.quality import mean_ratio
 
 MILLION = 1_000_000

@@ -26,7 +26,7 @@ from sdm_deflect.cases.aircraft.pipeline import meshed
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.cache_folder import FOLDER_VARIABLE
+from sdm_deflect.deform.base.compiled import FOLDER_VARIABLE
 from sdm_deflect.deform.mesh.cells import Cells
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.volume.deflection import BoxDeflection, deflect

@@ -26,7 +26,7 @@ from sdm_deflect.deform.base.errors import InputError, shortened
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.base.schema import described
 from sdm_deflect.deform.checks import Check, checks_of
-from sdm_deflect.deform.mesh.pieces import Threads
+from sdm_deflect.deform.mesh.mesh import Threads
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.run import run

@@ -9,8 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.base import limits
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.base.sets import distinct, union
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, distinct, union
 from sdm_deflect.deform.mesh import polyhedra
 from sdm_deflect.deform.mesh.cells import Polyhedra
 from sdm_deflect.deform.mesh.crossing import Crossings

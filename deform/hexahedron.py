@@ -6,10 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.arrays import FloatArray, first_coincident
 from sdm_deflect.deform.base.compiled import compiled
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.points import first_coincident
 from sdm_deflect.deform.base.threads import in_chunks
 from sdm_deflect.deform.mesh.cells import bounded
 from sdm_deflect.deform.rbf.sums import check_points

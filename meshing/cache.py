@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.deform.base.cache_folder import code_files, default_folder
+from sdm_deflect.deform.base.compiled import code_files, default_folder
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.files import replacing
 from sdm_deflect.meshing.formats.format import MeshFileError, about, written

@@ -12,17 +12,15 @@ from sdm_deflect.cases.aircraft.pipeline import meshed
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.output import write_table
 from sdm_deflect.cases.run.progress import Stopwatch
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray
-from sdm_deflect.deform.base.points import IndexArray
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IndexArray
 from sdm_deflect.deform.base.progress import Progress
 from sdm_deflect.deform.mesh.edges import edges_of, polygons_of
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.rbf.fitting import Polynomial
-from sdm_deflect.deform.rbf.greedy import adapt
+from sdm_deflect.deform.rbf.greedy import GreedyOptions, Worst, adapt
 from sdm_deflect.deform.rbf.interpolant import direct
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
-from sdm_deflect.deform.rbf.selection import GreedyOptions, Worst
-from sdm_deflect.deform.rbf.sites import DataSites
+from sdm_deflect.deform.rbf.problem import DataSites
 from sdm_deflect.deform.volume.step import initial_centers
 from sdm_deflect.geometry import datum
 from sdm_deflect.geometry.parameters import Fighter

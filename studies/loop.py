@@ -8,14 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.points import IndexArray
+from sdm_deflect.deform.base.arrays import FloatArray, IndexArray
 from sdm_deflect.deform.base.threads import single_threaded_blas
-from sdm_deflect.deform.rbf.greedy import Stop
+from sdm_deflect.deform.rbf.greedy import GreedyOptions, Stop
 from sdm_deflect.deform.rbf.interpolant import Solve, coefficient_matrix
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
-from sdm_deflect.deform.rbf.selection import GreedyOptions
-from sdm_deflect.deform.rbf.sites import DataSites
+from sdm_deflect.deform.rbf.problem import DataSites
 from sdm_deflect.deform.rbf.sums import kernel_sum
 
 RESTART, MOST = 300, 900

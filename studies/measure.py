@@ -14,15 +14,23 @@ from sdm_deflect.cases.aircraft.job import job_of
 from sdm_deflect.cases.aircraft.pipeline import meshed
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.progress import Stopwatch
-from sdm_deflect.deform.base.points import IndexArray
+from sdm_deflect.deform.base.arrays import IndexArray
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
-from sdm_deflect.deform.rbf.greedy import Adaptation, Basis, Iteration, Stop, adapt
+from sdm_deflect.deform.rbf.greedy import (
+    Adaptation,
+    Basis,
+    GreedyOptions,
+    Iteration,
+    Rule,
+    Separated,
+    Stop,
+    Worst,
+    adapt,
+)
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
-from sdm_deflect.deform.rbf.problem import Problem
-from sdm_deflect.deform.rbf.selection import GreedyOptions, Rule, Separated, Worst
-from sdm_deflect.deform.rbf.sites import DataSites
+from sdm_deflect.deform.rbf.problem import DataSites, Problem
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 from sdm_deflect.deform.volume.step import DIRECTIONS, GROUPINGS, initial_centers
 from sdm_deflect.meshing.mesh import tets_of

@@ -5,8 +5,7 @@ from typing import Self
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.points import IndexArray
+from sdm_deflect.deform.base.arrays import FloatArray, IndexArray
 from sdm_deflect.deform.rbf.interpolant import Solve, SolveError, coefficient_matrix, direct
 from sdm_deflect.deform.rbf.problem import Coefficients, Problem
 

@@ -8,8 +8,7 @@ from scipy.spatial import cKDTree
 
 from sdm_deflect.cases.aircraft.case import Case
 from sdm_deflect.cases.aircraft.job import BLOCK, block_stations
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.base.sets import distinct
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, distinct
 from sdm_deflect.deform.checks import Check, worst
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.geometry.confinement import gap_faces

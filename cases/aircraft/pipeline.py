@@ -16,7 +16,7 @@ from sdm_deflect.cases.aircraft.reference import reference
 from sdm_deflect.cases.aircraft.run_folder import write_deformation, write_metrics
 from sdm_deflect.cases.run.limit import Search
 from sdm_deflect.cases.run.progress import Stopwatch
-from sdm_deflect.deform.base.cache_folder import default_folder
+from sdm_deflect.deform.base.compiled import default_folder
 from sdm_deflect.deform.base.progress import Progress
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import Quality

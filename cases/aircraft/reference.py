@@ -17,7 +17,7 @@ import numpy as np
 
 from sdm_deflect import geometry
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.cache_folder import default_folder
+from sdm_deflect.deform.base.compiled import default_folder
 from sdm_deflect.geometry.datum import hinged
 from sdm_deflect.geometry.deflected import CadTurn
 from sdm_deflect.geometry.errors import CadError

@@ -15,8 +15,7 @@ from scipy.interpolate import RBFInterpolator
 from sdm_deflect.cases.aircraft.case import Case
 from sdm_deflect.cases.aircraft.job import Wedge, apex_of, axis_of, fuselage_cylinder, panel_of
 from sdm_deflect.cases.aircraft.reference import Faces, ReferenceFace
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.base.points import farthest
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, farthest
 from sdm_deflect.deform.checks import Check, worst
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.closest import Triangles

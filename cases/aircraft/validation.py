@@ -12,8 +12,7 @@ from sdm_deflect.cases.aircraft.job import BLOCK, Wedge, fuselage_cylinder, pane
 from sdm_deflect.cases.aircraft.overset import overset_checks
 from sdm_deflect.cases.aircraft.reference import Faces, Reference
 from sdm_deflect.cases.aircraft.rigid import Shape, closest, corners_of, distance, plane_normal, predicted, rigid_checks
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.sets import distinct
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray, distinct
 from sdm_deflect.deform.checks import Check, named, surfaces_crossed, worst
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio, signed_volumes

@@ -43,7 +43,7 @@ def cli() -> None:
 @options.json_option
 def cache(clear: bool, as_json: bool) -> None:
     """Show or clear the cached meshes and compiled code."""
-    from sdm_deflect.deform.base.cache_folder import default_folder
+    from sdm_deflect.deform.base.compiled import default_folder
     from sdm_deflect.meshing.cache import MeshCache, clear_code, code_bytes
 
     store = MeshCache(default_folder())

@@ -22,8 +22,8 @@ from sdm_deflect.cases.run.metrics import (
     travels,
     warnings_of,
 )
+from sdm_deflect.deform.base.arrays import union
 from sdm_deflect.deform.base.errors import printable
-from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.checks import Check, Verdict
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan

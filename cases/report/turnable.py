@@ -13,8 +13,7 @@ from matplotlib.colors import to_hex
 from sdm_deflect.cases.report import scene3d
 from sdm_deflect.cases.report.data import Box, ReportData, drawn_measure, drawn_quality
 from sdm_deflect.cases.run.metrics import Json
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.sets import distinct, union
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray, distinct, union
 from sdm_deflect.deform.mesh.cells import Cells, Patch, Polyhedra
 from sdm_deflect.deform.mesh.edges import area_vectors, edges_of, polygons_of, sharp_edges
 from sdm_deflect.deform.mesh.faces import FACES

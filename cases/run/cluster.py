@@ -22,7 +22,7 @@ from typing import Any
 
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.errors import InputError, LostError
-from sdm_deflect.deform.mesh.pieces import HERE, Runner
+from sdm_deflect.deform.mesh.mesh import HERE, Runner
 from sdm_deflect.meshing.files import hidden_folder
 
 AHEAD = 3

@@ -23,11 +23,10 @@ from sdm_deflect.deform.base import limits
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.progress import Progress
 from sdm_deflect.deform.checks import Check, layers_of
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.pieces import HERE, Runner
+from sdm_deflect.deform.mesh.mesh import HERE, Mesh, Runner
+from sdm_deflect.deform.mesh.precision import check_unchanged, held
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.mesh.touched import Layers
-from sdm_deflect.deform.mesh.unchanged import check_unchanged, held
 from sdm_deflect.deform.run import run
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.excerpt import excerpt

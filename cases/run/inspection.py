@@ -11,9 +11,8 @@ from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, printable
 from sdm_deflect.deform.mesh.cells import Polyhedra
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.parts import MARK, Part
 from sdm_deflect.deform.mesh.quality import POLYHEDRON, by_shape, check_most, oriented
-from sdm_deflect.deform.mesh.selection import selected
+from sdm_deflect.deform.mesh.selection import MARK, Part, selected
 from sdm_deflect.meshing.formats.registry import read
 
 Json = dict[str, Any]

@@ -12,10 +12,8 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, printable
 from sdm_deflect.deform.base.progress import Progress, silent
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.pieces import HERE, Runner
-from sdm_deflect.deform.mesh.precision import DOUBLE, EVERY_BIT, Precision
-from sdm_deflect.deform.mesh.unchanged import check_unchanged
+from sdm_deflect.deform.mesh.mesh import HERE, Mesh, Runner
+from sdm_deflect.deform.mesh.precision import DOUBLE, EVERY_BIT, Precision, check_unchanged
 from sdm_deflect.meshing.formats.format import only_rewritten
 from sdm_deflect.meshing.formats.registry import ending, format_of
 

@@ -13,7 +13,7 @@ from sdm_deflect.deform.mesh.mesh import Warned
 from sdm_deflect.deform.mesh.orthogonality import SEVERE, SKEW
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.rbf.fitting import KERNELS, ORDERS
-from sdm_deflect.deform.surface.reached import Reached
+from sdm_deflect.deform.surface.placement import Reached
 from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 from sdm_deflect.deform.volume.step import DIRECTIONS

@@ -17,7 +17,7 @@ from sdm_deflect.cases.settings.selections import selection
 from sdm_deflect.deform.base.errors import InputError, shortened
 from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.pairing import PeriodicPatches
+from sdm_deflect.deform.mesh.images import PeriodicPatches
 from sdm_deflect.deform.rbf.fitting import JobOptions
 from sdm_deflect.deform.surface.blended import Blended, Rib
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table

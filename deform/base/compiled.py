@@ -1,17 +1,64 @@
-"""How this package compiles its loops."""
+"""How this package compiles its loops.
+
+The user's cache folder, and in it the one of compiled code.
+
+Vectors of three numbers in compiled loops.
+"""
 
 import hashlib
+import os
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any, TypeVar, cast
 
+import numpy as np
+import platformdirs
 from numba import config, njit, types
 from numba.core.caching import FunctionCache
 from numba.extending import intrinsic
 
-from sdm_deflect.deform.base.cache_folder import code_complaint, code_folder
+from sdm_deflect.deform.base.arrays import FloatArray
+
+FOLDER_VARIABLE, CODE_VARIABLE = "SDM_DEFLECT_CACHE", "NUMBA_CACHE_DIR"
+WRITABLE_BY_OTHERS = 0o022
+
+
+def default_folder() -> Path:
+    """The folder named by the environment variable SDM_DEFLECT_CACHE, or the user's cache folder."""
+    named = os.environ.get(FOLDER_VARIABLE)
+    return Path(named) if named else Path(platformdirs.user_cache_dir("sdm-deflect", appauthor=False))
+
+
+def code_folder() -> Path:
+    """The folder of compiled code: NUMBA_CACHE_DIR, Numba's own variable, or `numba` in the cache folder."""
+    named = os.environ.get(CODE_VARIABLE)
+    return Path(named) if named else default_folder() / "numba"
+
+
+def code_complaint() -> str:
+    """Make the folder of compiled code; return why none can be kept there, empty if it can.
+
+    Whoever can write there can have us run code, so a folder that the user did not name must be the user's alone.
+    """
+    folder = code_folder()
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with TemporaryFile(dir=folder):
+            pass
+        status = folder.stat()
+    except OSError as error:
+        return error.strerror or str(error)
+    private = status.st_uid == os.geteuid() and not status.st_mode & WRITABLE_BY_OTHERS
+    return "" if private or os.environ.get(CODE_VARIABLE) else "other users can write there"
+
+
+def code_files() -> list[Path]:
+    """The files of compiled code in the cache folder; none of those where NUMBA_CACHE_DIR is, which others share."""
+    return sorted((default_folder() / "numba").glob("*/*/*.nb[ci]"))
+
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -104,3 +151,42 @@ def _prefer_wide_vectors(context: Any) -> tuple[Any, Callable[..., Any]]:  # pra
 
 
 prefer_wide_vectors: Callable[[], None] = intrinsic(_prefer_wide_vectors)
+
+
+Vector = tuple[float, float, float]
+
+
+@compiled_exactly
+def row_of(values: FloatArray, i: int, first: int) -> Vector:  # pragma: no cover - machine code
+    """Return three values of row `i` from column `first` on."""
+    return values[i, first], values[i, first + 1], values[i, first + 2]
+
+
+@compiled_exactly
+def minus(a: Vector, b: Vector) -> Vector:  # pragma: no cover - machine code
+    """Return a - b."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@compiled_exactly
+def plus(a: Vector, factor: float, b: Vector) -> Vector:  # pragma: no cover - machine code
+    """Return a + factor * b."""
+    return a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2]
+
+
+@compiled_exactly
+def dot(a: Vector, b: Vector) -> float:  # pragma: no cover - machine code
+    """Return the scalar product of a and b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@compiled_exactly
+def cross(a: Vector, b: Vector) -> Vector:  # pragma: no cover - machine code
+    """Return the vector product of a and b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@compiled_exactly
+def norm(a: Vector) -> float:  # pragma: no cover - machine code
+    """Return the length of a."""
+    return float(np.sqrt(dot(a, a)))

@@ -4,9 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, along_curve
 from sdm_deflect.deform.base.compiled import compiled
-from sdm_deflect.deform.base.points import along_curve
 from sdm_deflect.deform.base.threads import in_chunks
 
 LEAF = 4  # triangles in a box that is not divided further

@@ -3,8 +3,7 @@
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.compiled import compiled_exactly
-from sdm_deflect.deform.base.vectors import Vector, cross, dot, minus, norm, plus, row_of
+from sdm_deflect.deform.base.compiled import Vector, compiled_exactly, cross, dot, minus, norm, plus, row_of
 
 TINY = 1e-150
 """OpenFOAM adds this to divisors that may be 0, and takes a face of a smaller area for one of no area."""

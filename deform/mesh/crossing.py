@@ -15,10 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, distinct, first_coincident
 from sdm_deflect.deform.base.compiled import compiled_exactly
-from sdm_deflect.deform.base.points import first_coincident
-from sdm_deflect.deform.base.sets import distinct
 from sdm_deflect.deform.base.threads import in_chunks
 from sdm_deflect.deform.mesh.cells import Polygons
 from sdm_deflect.deform.mesh.closest import DEPTH, LEAF, Triangles

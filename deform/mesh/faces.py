@@ -6,8 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.base.arrays import IntArray
-from sdm_deflect.deform.base.sets import counted, distinct, union
+from sdm_deflect.deform.base.arrays import IntArray, counted, distinct, union
 from sdm_deflect.deform.mesh.cells import Cells, Patch, Polygons, Polyhedra, Volume
 from sdm_deflect.deform.mesh.edges import rows_of
 from sdm_deflect.deform.mesh.touched import TouchedCells

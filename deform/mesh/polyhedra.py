@@ -9,8 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.base.sets import union
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, union
 from sdm_deflect.deform.base.threads import in_chunks
 from sdm_deflect.deform.mesh.cells import Polygons, Polyhedra, taken
 from sdm_deflect.deform.mesh.compiled_faces import measure_cells, measure_faces, smallest_pyramids

@@ -1,6 +1,9 @@
-"""How many bits of a coordinate the file keeps that is to be written: what is judged must be what the file holds."""
+"""How a file keeps coordinates, and that files which were read stay what they were."""
 
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -55,3 +58,42 @@ class Precision:
 
 EVERY_BIT = Precision()
 """That of a file in double precision."""
+
+
+State = tuple[int, int, int, int]
+"""Bytes, time of the last change in nanoseconds, number of the file, device."""
+States = Mapping[str, State | None]
+"""By path; None: there was no such file."""
+HELD = 64
+"""Files that are held open, at most: a process may have no more than some hundreds."""
+
+
+def states_of(paths: Iterable[Path]) -> dict[str, State | None]:
+    """Return how files are now."""
+    return {str(path.absolute()): _state(str(path)) for path in paths}
+
+
+def check_unchanged(files: States, elsewhere: bool = False) -> None:
+    """Raise InputError if a file is no longer what it was; `elsewhere`: seen from another machine, maybe."""
+    for path, state in files.items():
+        now = _state(path)
+        if now != state and not (elsewhere and now and state and now[:2] == state[:2]):
+            raise InputError(f"{path}: was changed or replaced while it was in use; run the command again")
+
+
+@contextmanager
+def held(paths: Iterable[Path]) -> Iterator[None]:
+    """Hold files open for the block, so that no new file can get the number of one of them."""
+    with ExitStack() as stack:
+        for path in list(paths)[:HELD]:
+            with suppress(OSError):  # reading it says what is wrong
+                stack.enter_context(path.open("rb"))
+        yield
+
+
+def _state(path: str) -> State | None:
+    try:
+        found = Path(path).stat()
+    except OSError:
+        return None
+    return found.st_size, found.st_mtime_ns, found.st_ino, found.st_dev

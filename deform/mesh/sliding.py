@@ -6,9 +6,8 @@ from typing import Protocol
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray, distinct
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.sets import distinct
 from sdm_deflect.deform.mesh.axis import Axis, Cylinder
 from sdm_deflect.deform.mesh.edges import polygons_of
 from sdm_deflect.deform.mesh.mesh import Mesh

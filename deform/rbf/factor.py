@@ -13,8 +13,7 @@ import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri
 from scipy.sparse.linalg import LinearOperator, onenormest
 
-from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.points import IndexArray
+from sdm_deflect.deform.base.arrays import FloatArray, IndexArray
 from sdm_deflect.deform.rbf.interpolant import SolveError
 from sdm_deflect.deform.rbf.problem import Coefficients, Problem, ReducedKernel
 

@@ -1,24 +1,180 @@
-"""Greedy centre adaptation (paper section 4): the loop, its course, and why it ended."""
+"""Greedy centre adaptation (paper section 4): the loop, its course, and why it ended.
+
+Which sites become centres next: step (5) of the algorithm (paper section 4), as a value that 'adapt' is given.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from itertools import zip_longest
 from time import perf_counter
-from typing import NamedTuple, Protocol, Self
+from typing import ClassVar, NamedTuple, Protocol, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.points import IndexArray, first_coincident
+from sdm_deflect.deform.base.arrays import FloatArray, IndexArray, first_coincident
+from sdm_deflect.deform.base.compiled import compiled
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.base.threads import single_threaded_blas
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
+from sdm_deflect.deform.rbf.fitting import Polynomial
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.rbf.kernels import Kernel
-from sdm_deflect.deform.rbf.problem import Coefficients, Problem
-from sdm_deflect.deform.rbf.selection import GreedyOptions, Rule, Separated
-from sdm_deflect.deform.rbf.sites import DataSites
+from sdm_deflect.deform.rbf.problem import Coefficients, DataSites, Problem
+
+TIE = 1e-6  # residuals that differ by less than this share of tol_stop are equal: rounding does not choose
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GreedyOptions:
+    """Steps (5) and (6) of the algorithm.
+
+    Parameters
+    ----------
+    n_add : Number of sites added in an iteration, at most (`Worst`), or least size of a block (`Separated`).
+    tol_add, tol_stop : Residuals in metres: sites above the first may be added, the second ends the adaptation.
+    max_centers, max_iterations : Limits; reaching one is a result, not an error.
+    polynomial : Added to the kernels (eq. 2): at least what the kernel needs.
+    """
+
+    n_add: int
+    tol_add: float
+    tol_stop: float
+    max_centers: int = 10_000
+    max_iterations: int = 100_000
+    polynomial: Polynomial = "linear"
+
+    def __post_init__(self) -> None:
+        for name in ("n_add", "max_centers"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} = {getattr(self, name)} must be at least 1")
+        if self.max_iterations < 0:
+            raise ValueError(f"max_iterations = {self.max_iterations} must not be negative")
+        for name in ("tol_add", "tol_stop"):
+            if not 0.0 < getattr(self, name) < np.inf:
+                raise ValueError(f"{name} = {getattr(self, name)} m must be a positive length")
+
+
+class Rule(Protocol):
+    """Chooses the sites of the next block."""
+
+    @property
+    def look_ahead(self) -> int:
+        """Number of iterations tried on the worst sites before all sites are looked at again."""
+        ...
+
+    def choose(
+        self, points: FloatArray, residual: FloatArray, chosen: IndexArray, options: GreedyOptions
+    ) -> IndexArray:
+        """Return rows of points (N, 3) to add, none of them in `chosen`; residual (N,) is -1 where unknown."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Worst:
+    """The paper's rule: the `n_add` sites of largest residual, whether they are neighbours or not.
+
+    Parameters
+    ----------
+    look_ahead : Iterations tried on the worst sites alone, and then checked on all sites in one pass. What does not
+        stand the check is taken back, so the centres are those of look_ahead = 1; only the time differs.
+    """
+
+    look_ahead: int = 8
+
+    def __post_init__(self) -> None:
+        if self.look_ahead < 1:
+            raise ValueError(f"look_ahead = {self.look_ahead} must be at least 1")
+
+    def choose(
+        self, points: FloatArray, residual: FloatArray, chosen: IndexArray, options: GreedyOptions
+    ) -> IndexArray:
+        """Return the worst sites, worst first; equal ones by row."""
+        del points
+        return _ranked(residual, chosen, options.tol_add, options, _room(chosen, options.n_add, options))
+
+
+@dataclass(frozen=True, slots=True)
+class Separated:
+    """Large blocks of bad sites that are no neighbours: fewer centres and far fewer iterations than `Worst`.
+
+    The residual is large in the whole gap between centres; one further centre mends most of a gap. So a site is
+    left out when a worse one was taken nearer to it than the wider of their two gaps.
+
+    Parameters
+    ----------
+    share : Sites above this share of the largest residual are looked at.
+    spacing : Least distance within a block, as a multiple of the distance to the nearest centre.
+    growth : Largest block, as a share of the centres; at least `n_add`.
+    """
+
+    share: float = 0.1
+    spacing: float = 1.0
+    growth: float = 0.5
+    look_ahead: ClassVar[int] = 1
+
+    def __post_init__(self) -> None:
+        if not (0.0 <= self.share < 1.0 and self.spacing >= 0.0 and self.growth >= 0.0):
+            raise ValueError(f"{self} needs 0 <= share < 1, spacing >= 0 and growth >= 0")
+
+    def choose(
+        self, points: FloatArray, residual: FloatArray, chosen: IndexArray, options: GreedyOptions
+    ) -> IndexArray:
+        """Return separated bad sites, worst first."""
+        level = max(options.tol_add, self.share * float(residual.max()))
+        order = _ranked(residual, chosen, level, options, len(residual))
+        room = _room(chosen, max(options.n_add, int(self.growth * len(chosen))), options)
+        x = np.ascontiguousarray(points[order].T)
+        gap2 = np.full(len(order), np.inf)
+        _nearest(x, points[chosen], gap2)
+        taken = np.zeros(len(order), dtype=np.bool_)
+        _thin(x, self.spacing**2 * gap2, room, taken, np.zeros(len(order), dtype=np.bool_))
+        return order[taken]
+
+
+def _room(chosen: IndexArray, block: int, options: GreedyOptions) -> int:
+    return max(0, min(block, options.max_centers - len(chosen)))
+
+
+def _ranked(residual: FloatArray, chosen: IndexArray, level: float, options: GreedyOptions, count: int) -> IndexArray:
+    """Return the `count` rows of largest residual above `level` that are not chosen yet, worst first."""
+    free = residual > level
+    free[chosen] = False
+    above = np.flatnonzero(free)
+    rank = np.rint(residual[above] / (TIE * options.tol_stop))
+    if len(above) > count > 0:
+        keep = rank >= np.partition(rank, -count)[-count]
+        above, rank = above[keep], rank[keep]
+    return np.asarray(above[np.argsort(-rank, kind="stable")][:count])
+
+
+@compiled
+def _nearest(x: FloatArray, centers: FloatArray, gap2: FloatArray) -> None:  # pragma: no cover - machine code
+    """Lower gap2 (M,) to the squared distance of x (3, M) from the nearest of centers (C, 3)."""
+    for j in range(len(centers)):
+        c0, c1, c2 = centers[j, 0], centers[j, 1], centers[j, 2]
+        for i in range(len(gap2)):
+            d0, d1, d2 = x[0, i] - c0, x[1, i] - c1, x[2, i] - c2
+            gap2[i] = min(gap2[i], d0 * d0 + d1 * d1 + d2 * d2)
+
+
+@compiled
+def _thin(
+    x: FloatArray, reach2: FloatArray, room: int, taken: NDArray[np.bool_], near: NDArray[np.bool_]
+) -> None:  # pragma: no cover - machine code
+    """Take x (3, M) one by one, each unless it is nearer to a taken one than the wider reach of the two."""
+    count = 0
+    for i in range(len(reach2)):
+        if count == room:
+            break
+        if not near[i]:
+            taken[i] = True
+            count += 1
+            x0, x1, x2, reach = x[0, i], x[1, i], x[2, i], reach2[i]
+            for j in range(len(reach2)):
+                d0, d1, d2 = x[0, j] - x0, x[1, j] - x1, x[2, j] - x2
+                near[j] |= d0 * d0 + d1 * d1 + d2 * d2 < max(reach, reach2[j])
 
 
 class Stop(Enum):
@@ -150,7 +306,7 @@ def adapt(
     initial: IndexArray,
     options: GreedyOptions,
     *,
-    rule: Rule = Separated(),  # noqa: B008 - a frozen value
+    rule: Rule = Separated(),
     basis: Callable[[Problem, IndexArray], Basis] = CholeskyBasis.of,
     progress: Progress = silent,
 ) -> Adaptation:

@@ -7,8 +7,7 @@ from typing import Self
 import numpy as np
 from scipy.linalg.lapack import dsysv
 
-from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.points import first_coincident
+from sdm_deflect.deform.base.arrays import FloatArray, first_coincident
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.base.threads import single_threaded_blas
 from sdm_deflect.deform.rbf.fitting import Polynomial

@@ -12,8 +12,7 @@ from itertools import combinations
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.base.points import along_curve
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, along_curve
 from sdm_deflect.deform.mesh.cells import Cells, Polyhedra, Volume
 from sdm_deflect.deform.mesh.compiled_quality import CORNERS
 from sdm_deflect.deform.mesh.polyhedra import corner_edges

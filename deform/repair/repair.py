@@ -16,8 +16,7 @@ from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.mesh.touched import CellScores, TouchedCells
 from sdm_deflect.deform.repair.elements import Tetrahedra
 from sdm_deflect.deform.repair.freedom import FreeNodes
-from sdm_deflect.deform.repair.goal import QualityGoal, RepairResult
-from sdm_deflect.deform.repair.patch import RepairPatch, mended
+from sdm_deflect.deform.repair.patch import QualityGoal, RepairPatch, RepairResult, mended
 
 RINGS = (3, 6, 12, 24)
 """Rings of cells around spoiled ones whose nodes move; then all that may."""

@@ -6,12 +6,11 @@ All functions take and return displacements of nodes in metres; none knows a mes
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.points import farthest, first_coincident
+from sdm_deflect.deform.base.arrays import FloatArray, farthest, first_coincident
 from sdm_deflect.deform.mesh.axis import Cylinder
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import Kernel, Multiquadric, ThinPlateSpline
-from sdm_deflect.deform.rbf.sites import DataSites, joined, pinned
+from sdm_deflect.deform.rbf.problem import DataSites, joined, pinned
 
 LINEAR = Multiquadric(1e4)  # the paper's: linear in r down to 0.1 mm
 DEFAULT_PANEL = ThinPlateSpline()

@@ -5,9 +5,8 @@ from numbers import Real
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, farthest
 from sdm_deflect.deform.base.errors import InputError, shortened
-from sdm_deflect.deform.base.points import farthest
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.rbf.kernels import Multiquadric
 from sdm_deflect.deform.surface.appendix_a import blend, blend_strip

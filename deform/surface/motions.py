@@ -12,9 +12,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, farthest, first_coincident
 from sdm_deflect.deform.base.errors import InputError, shortened
-from sdm_deflect.deform.base.points import farthest, first_coincident
 from sdm_deflect.deform.base.reading import damaged, read_arrays
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.cells import bounded

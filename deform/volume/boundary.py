@@ -5,19 +5,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, union
 from sdm_deflect.deform.base.errors import InputError, nearest
-from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.mesh.edges import median_edge
 from sdm_deflect.deform.mesh.faces import node_keys, patch_keys
 from sdm_deflect.deform.mesh.images import THIN, Images, is_thin, plane_of
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.sliding import Plane, SlidingPatch, fitted
-from sdm_deflect.deform.rbf.sites import XYZ
+from sdm_deflect.deform.rbf.problem import XYZ
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import MotionLaw
-from sdm_deflect.deform.surface.placement import Placement
-from sdm_deflect.deform.surface.reached import Reached
+from sdm_deflect.deform.surface.placement import Placement, Reached
 from sdm_deflect.deform.surface.surface import Surface
 from sdm_deflect.deform.volume.job import Job
 

@@ -6,8 +6,8 @@ from operator import is_
 
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.mesh.images import PeriodicPatches, paired
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.pairing import PeriodicPatches, paired
 from sdm_deflect.deform.mesh.quality import one_hand
 from sdm_deflect.deform.mesh.selection import Selection, selected
 from sdm_deflect.deform.mesh.sliding import NAMES, SHAPES

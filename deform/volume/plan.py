@@ -7,20 +7,17 @@ from math import nan
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray, union
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.progress import Progress, silent
-from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.mesh.faces import BoundaryGaps
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.mesh import HERE, Mesh, Runner
 from sdm_deflect.deform.mesh.orthogonality import TouchedFaces
-from sdm_deflect.deform.mesh.pieces import HERE, Runner
 from sdm_deflect.deform.mesh.precision import EVERY_BIT, Precision
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.mesh.sliding import SlidingSurface
 from sdm_deflect.deform.mesh.touched import TouchedCells
-from sdm_deflect.deform.repair.columns import Columns
-from sdm_deflect.deform.repair.freedom import FreeNodes
+from sdm_deflect.deform.repair.freedom import Columns, FreeNodes
 from sdm_deflect.deform.surface.motions import Moving
 from sdm_deflect.deform.surface.surface import Surface
 from sdm_deflect.deform.volume.boundary import Amounts, PrescribedNodes

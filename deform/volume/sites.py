@@ -5,19 +5,17 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, first_coincident, union
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.points import first_coincident
-from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.hexahedron import FACES, border_sites, polygon_sites
 from sdm_deflect.deform.mesh.edges import edges_of, median_edge, polygons_of
 from sdm_deflect.deform.mesh.images import FLAT, is_thin
 from sdm_deflect.deform.mesh.sliding import Plane
 from sdm_deflect.deform.rbf.fitting import KERNELS, Fitting
 from sdm_deflect.deform.rbf.kernels import OF_RADIUS, Kernel
-from sdm_deflect.deform.rbf.sites import DataSites, pinned
-from sdm_deflect.deform.surface.local_rotation import LocalRotation
+from sdm_deflect.deform.rbf.problem import DataSites, pinned
 from sdm_deflect.deform.volume.boundary import SAME, PrescribedNodes
+from sdm_deflect.deform.volume.near_wall import LocalRotation
 from sdm_deflect.deform.volume.region import BoxNodes
 
 NEIGHBOURS = 7

@@ -8,24 +8,28 @@ from time import perf_counter
 import numpy as np
 
 from sdm_deflect.deform.base import limits
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray, farthest
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.points import farthest
 from sdm_deflect.deform.base.progress import Progress
 from sdm_deflect.deform.base.threads import single_threaded_blas
 from sdm_deflect.deform.mesh.images import Images
-from sdm_deflect.deform.mesh.pieces import HERE, Runner
+from sdm_deflect.deform.mesh.mesh import HERE, Runner
 from sdm_deflect.deform.mesh.sliding import SlidingSurface
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.fitting import Fitting, RuleName, Strategy
-from sdm_deflect.deform.rbf.greedy import Adaptation, Basis, Stop, adapt, fused
+from sdm_deflect.deform.rbf.greedy import Adaptation, Basis, GreedyOptions, Rule, Separated, Stop, Worst, adapt, fused
 from sdm_deflect.deform.rbf.interpolant import Interpolant, SolveError
-from sdm_deflect.deform.rbf.problem import Problem
-from sdm_deflect.deform.rbf.selection import GreedyOptions, Rule, Separated, Worst
-from sdm_deflect.deform.rbf.sites import DataSites, multivariate, univariate
-from sdm_deflect.deform.surface.local_rotation import LocalRotation
+from sdm_deflect.deform.rbf.problem import DataSites, Problem, multivariate, univariate
 from sdm_deflect.deform.volume.boundary import PrescribedNodes
-from sdm_deflect.deform.volume.near_wall import Nearby, NearWall, Reach, RigidFollow, first_height, layer_sites
+from sdm_deflect.deform.volume.near_wall import (
+    LocalRotation,
+    Nearby,
+    NearWall,
+    Reach,
+    RigidFollow,
+    first_height,
+    layer_sites,
+)
 from sdm_deflect.deform.volume.region import BoxNodes
 from sdm_deflect.deform.volume.sites import Sites
 

@@ -4,11 +4,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from point_cloud import HINGE, REGION, flap
 
-from sdm_deflect.deform.base.points import farthest
-from sdm_deflect.deform.rbf.greedy import Adaptation, GreedyOptions, adapt
+from sdm_deflect.deform.base.arrays import farthest
+from sdm_deflect.deform.rbf.greedy import Adaptation, GreedyOptions, Rule, Separated, Worst, adapt
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
-from sdm_deflect.deform.rbf.selection import Rule, Separated, Worst
-from sdm_deflect.deform.rbf.sites import DataSites, joined, pinned
+from sdm_deflect.deform.rbf.problem import DataSites, joined, pinned
 
 RED = "#D55E00"
 TOLERANCE = 1e-4

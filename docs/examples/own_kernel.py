@@ -11,11 +11,10 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.points import farthest
+from sdm_deflect.deform.base.arrays import FloatArray, farthest
 from sdm_deflect.deform.rbf.greedy import Adaptation, GreedyOptions, adapt
 from sdm_deflect.deform.rbf.kernels import FORMULAS, Kernel, Rescaling, ThinPlateSpline
-from sdm_deflect.deform.rbf.sites import DataSites
+from sdm_deflect.deform.rbf.problem import DataSites
 
 
 class InverseMultiquadricCode(NamedTuple):

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.mesh.cells import Cells
-from sdm_deflect.deform.mesh.pairing import RigidMotion
+from sdm_deflect.deform.mesh.images import RigidMotion
 from sdm_deflect.meshing.formats.cgns_blocks import Size, bounds, check_face, donors_of, faces_at, points_in, strides
 from sdm_deflect.meshing.formats.cgns_boundary import Fault, NumberedFaces, location
 from sdm_deflect.meshing.formats.cgns_nodes import check_taken, child, children, has, integers, label_of, text

@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.mesh.cells import LARGEST, Periodic
+from sdm_deflect.deform.mesh.images import TOLERANCE, RigidMotion
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.pairing import TOLERANCE, RigidMotion
 from sdm_deflect.meshing.formats.cgns_nodes import Integer, child, children, create, has, reals
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.periodic import written_pairs

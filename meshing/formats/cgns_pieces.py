@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 
 from sdm_deflect.deform.mesh.cells import MIRRORED, VOLUMES, Zone
-from sdm_deflect.deform.mesh.pieces import MeshInPieces
+from sdm_deflect.deform.mesh.mesh import MeshInPieces
 from sdm_deflect.meshing.formats.cgns_boundary import NumberedFaces, notes_of, without, zone_border
 from sdm_deflect.meshing.formats.cgns_elements import (
     MIXED,

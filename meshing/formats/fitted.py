@@ -6,8 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import BoolArray, IntArray
-from sdm_deflect.deform.base.sets import distinct
+from sdm_deflect.deform.base.arrays import BoolArray, IntArray, distinct
 from sdm_deflect.deform.mesh.cells import Cells, Constraint, Faces, Patch, Polygons, Polyhedra, Volume, Zone
 from sdm_deflect.deform.mesh.faces import cell_face_keys, face_keys, node_keys
 from sdm_deflect.deform.mesh.mesh import Mesh

@@ -16,8 +16,8 @@ from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.mesh.cells import Cells, Patch, Periodic, Polygons, Polyhedra, taken
+from sdm_deflect.deform.mesh.images import PeriodicPatches, pair_of
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.pairing import PeriodicPatches, pair_of
 from sdm_deflect.deform.mesh.polyhedra import face_centres_and_areas
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fewest_bits
 from sdm_deflect.meshing.formats.hdf5 import Replaced, dataset, integers, member, number, opened, spans

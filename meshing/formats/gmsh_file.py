@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.base.arrays import IntArray
-from sdm_deflect.deform.base.sets import distinct
+from sdm_deflect.deform.base.arrays import IntArray, distinct
 from sdm_deflect.meshing.formats.format import FLUENT, MeshFileError
 from sdm_deflect.meshing.formats.numbers import NumberLines, Placed, numbers
 from sdm_deflect.meshing.formats.shapes import places

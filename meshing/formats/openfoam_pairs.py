@@ -11,13 +11,12 @@ from contextlib import suppress
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray, union
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.cells import Constraint, Patch, Periodic, Polygons
 from sdm_deflect.deform.mesh.edges import polygons_of
-from sdm_deflect.deform.mesh.pairing import (
+from sdm_deflect.deform.mesh.images import (
     RigidMotion,
     nearest_rotation,
     rotation_between,

@@ -5,13 +5,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray, union
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.mesh.cells import Patch, Periodic
-from sdm_deflect.deform.mesh.images import is_thin
+from sdm_deflect.deform.mesh.images import fitted, is_thin, tolerance
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.pairing import fitted, tolerance
 
 Listed = tuple[str, IntArray]
 """What messages call a pair, and its nodes (K, 2): a node, and its image."""

@@ -8,9 +8,8 @@ from importlib import import_module
 from pathlib import Path
 
 from sdm_deflect.deform.base.progress import Progress, silent
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.pieces import MeshInPieces
-from sdm_deflect.deform.mesh.unchanged import states_of
+from sdm_deflect.deform.mesh.mesh import Mesh, MeshInPieces
+from sdm_deflect.deform.mesh.precision import states_of
 from sdm_deflect.meshing.files import hidden_folder
 from sdm_deflect.meshing.formats.format import FLUENT, MeshFileError
 from sdm_deflect.meshing.formats.known import Registration, entries

@@ -7,8 +7,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.base.sets import distinct
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, distinct
 from sdm_deflect.deform.mesh.cells import MIRRORED, PLANE, Cells, Patch, Polygons, taken
 from sdm_deflect.deform.mesh.faces import cell_face_keys, node_keys, patch_keys
 from sdm_deflect.deform.mesh.mesh import Mesh

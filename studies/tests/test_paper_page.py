@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.deform.rbf.greedy import Stop, adapt
+from sdm_deflect.deform.rbf.greedy import GreedyOptions, Stop, Worst, adapt
 from sdm_deflect.deform.rbf.interpolant import direct
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
-from sdm_deflect.deform.rbf.selection import GreedyOptions, Worst
-from sdm_deflect.deform.rbf.sites import DataSites
+from sdm_deflect.deform.rbf.problem import DataSites
 from studies import centres
 from studies.loop import Gmres, adapted
 from studies.paper import Evaluation, Row, Setting, paper

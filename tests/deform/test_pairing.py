@@ -7,8 +7,7 @@ from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.cells import Patch, Periodic
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.pairing import (
+from sdm_deflect.deform.mesh.images import (
     PeriodicPatches,
     RigidMotion,
     about,
@@ -18,6 +17,7 @@ from sdm_deflect.deform.mesh.pairing import (
     rotation_between,
     translation_between,
 )
+from sdm_deflect.deform.mesh.mesh import Mesh
 
 RNG = np.random.default_rng(24)
 AXES = [((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), ((0.3, -2.0, 1.0), (0.2, 1.0, -0.4))]

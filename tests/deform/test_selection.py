@@ -9,8 +9,7 @@ import pytest
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.cells import Cells, Patch, Polygons
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.parts import Part
-from sdm_deflect.deform.mesh.selection import Before, Component, Selection, Within, selected
+from sdm_deflect.deform.mesh.selection import Before, Component, Part, Selection, Within, selected
 from tests.deform.blocks import block_with_body, two_bodies
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.sets import counted, distinct
+from sdm_deflect.deform.base.arrays import counted, distinct
 
 
 @pytest.mark.parametrize("size", [0, 1, 2, 50])

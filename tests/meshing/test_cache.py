@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.cache_folder import FOLDER_VARIABLE, default_folder
+from sdm_deflect.deform.base.compiled import FOLDER_VARIABLE, default_folder
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.cache import MeshCache, cache_key
 from sdm_deflect.meshing.formats.format import MeshFileError

@@ -9,7 +9,7 @@ from sdm_deflect.cases.aircraft import reference as aircraft_reference
 from sdm_deflect.cases.aircraft.case import SurfaceTurn
 from sdm_deflect.cases.aircraft.reference import ReferenceFace, parameters, reference
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.deform.base.cache_folder import FOLDER_VARIABLE
+from sdm_deflect.deform.base.compiled import FOLDER_VARIABLE
 from sdm_deflect.geometry.errors import CadError
 from sdm_deflect.meshing.cache import cache_key
 from sdm_deflect.meshing.formats.format import MeshFileError

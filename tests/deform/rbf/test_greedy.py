@@ -5,13 +5,12 @@ from functools import partial
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.points import farthest
+from sdm_deflect.deform.base.arrays import farthest
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
-from sdm_deflect.deform.rbf.greedy import Stop, adapt
+from sdm_deflect.deform.rbf.greedy import GreedyOptions, Separated, Stop, Worst, adapt
 from sdm_deflect.deform.rbf.interpolant import SolveError, fit
 from sdm_deflect.deform.rbf.kernels import Multiquadric, ThinPlateSpline
-from sdm_deflect.deform.rbf.selection import GreedyOptions, Separated, Worst
-from sdm_deflect.deform.rbf.sites import DataSites
+from sdm_deflect.deform.rbf.problem import DataSites
 from studies.solves import DirectBasis, krylov
 
 KERNELS = [ThinPlateSpline(), Multiquadric(50.0)]

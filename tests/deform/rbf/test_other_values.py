@@ -3,11 +3,9 @@
 import numpy as np
 
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
-from sdm_deflect.deform.rbf.greedy import adapt
+from sdm_deflect.deform.rbf.greedy import GreedyOptions, adapt
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
-from sdm_deflect.deform.rbf.problem import Problem
-from sdm_deflect.deform.rbf.selection import GreedyOptions
-from sdm_deflect.deform.rbf.sites import DataSites
+from sdm_deflect.deform.rbf.problem import DataSites, Problem
 
 rng = np.random.default_rng(8)
 POINTS = rng.random((400, 3))

@@ -7,8 +7,7 @@ from sdm_deflect.deform.mesh.cells import Cells
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.sliding import CylinderWall, Plane
 from sdm_deflect.deform.mesh.touched import TouchedCells
-from sdm_deflect.deform.repair.columns import Columns, Heights
-from sdm_deflect.deform.repair.freedom import FreeNodes, Slide
+from sdm_deflect.deform.repair.freedom import Columns, FreeNodes, Heights, Slide
 from tests.deform.blocks import grid
 
 

@@ -6,7 +6,7 @@ import pytest
 from sdm_deflect.deform.mesh.cells import Cells
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.touched import TouchedCells
-from sdm_deflect.deform.repair import goal
+from sdm_deflect.deform.repair import patch as goal
 from sdm_deflect.deform.repair.freedom import FreeNodes
 from sdm_deflect.deform.repair.repair import repaired
 from tests.deform.repair.meshes import all_of, inner, lattice

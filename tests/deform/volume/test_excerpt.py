@@ -8,8 +8,7 @@ import pytest
 
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.pieces import MeshInPieces, Threads
+from sdm_deflect.deform.mesh.mesh import Mesh, MeshInPieces, Threads
 from sdm_deflect.deform.run import run
 from sdm_deflect.deform.volume import excerpt
 from sdm_deflect.deform.volume.box import Automatic
