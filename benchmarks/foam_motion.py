@@ -9,8 +9,8 @@ import numpy as np
 from benchmarks.measure import FloatArray, processor_seconds
 from sdm_deflect.deform.base.arrays import IntArray
 from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.meshing.formats.openfoam import header, kind_of
 from sdm_deflect.meshing.formats.openfoam_files import open_foam, vectors
-from sdm_deflect.meshing.formats.openfoam_write import header, kind_of
 from tests.cases import foam
 
 LAPLACIAN, SBR = "displacementLaplacian", "displacementSBRStress"

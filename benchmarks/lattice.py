@@ -15,8 +15,7 @@ import aerosandbox as asb
 import numpy as np
 
 from sdm_deflect.geometry.datum import hinge_line
-from sdm_deflect.geometry.parameters import Fighter
-from sdm_deflect.geometry.reference_values import reference_values
+from sdm_deflect.geometry.parameters import Fighter, reference_values
 from studies.flow.reference import surface_reference
 
 STRIP = 0.02

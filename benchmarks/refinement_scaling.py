@@ -29,9 +29,8 @@ from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.volume.deflection import BoxDeflection, deflect
 from sdm_deflect.geometry.aircraft import build
 from sdm_deflect.meshing.child import peak_bytes
-from sdm_deflect.meshing.generate.generation import generate
+from sdm_deflect.meshing.generate.generation import generate, refined
 from sdm_deflect.meshing.generate.parameters import SCALES, MeshParameters
-from sdm_deflect.meshing.generate.refine import refined
 from sdm_deflect.meshing.mesh import tets_of, touching
 
 T = TypeVar("T")

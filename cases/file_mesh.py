@@ -59,9 +59,8 @@ class FileMesh(Mesh):
 
 def saved(mesh: Mesh, points: FloatArray, path: str | PathLike[str]) -> Path:
     """Write a mesh with new points (N, 3) and return its path; see `Result.save`. It must read back as it is."""
-    from sdm_deflect.cases.run.mesh_files import Targets, write_mesh
+    from sdm_deflect.cases.run.mesh_files import Targets, check_written, write_mesh
     from sdm_deflect.cases.run.output import OutputError, output_files
-    from sdm_deflect.cases.run.read_back import check_written
     from sdm_deflect.meshing.files import permitted_as
 
     out, source = path_of(path), Path(mesh.source) if mesh.source else None

@@ -13,8 +13,19 @@ from sdm_deflect.geometry.confinement import BlockParameters, block_corners
 from sdm_deflect.geometry.datum import SURFACES, ends, hinge_line, hinged, ribs
 from sdm_deflect.geometry.deflected import CadTurn, deflected_wedge, turned, wedge
 from sdm_deflect.geometry.errors import CadError
-from sdm_deflect.geometry.fuse import NamedSolid, both_sides, general_fuse, one_side, partitions, skin, solid, walls
-from sdm_deflect.geometry.fuselage import canopy_parts, fuselage_parts, inlet_parts
+from sdm_deflect.geometry.fuse import (
+    NamedSolid,
+    both_sides,
+    canopy_parts,
+    fuselage_parts,
+    general_fuse,
+    inlet_parts,
+    one_side,
+    partitions,
+    skin,
+    solid,
+    walls,
+)
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.geometry.parameters import MIN_FEATURE, Fighter, FloatArray
 from sdm_deflect.geometry.polyhedra import (

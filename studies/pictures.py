@@ -9,14 +9,14 @@ from matplotlib.figure import Figure
 
 from sdm_deflect.cases.aircraft.job import BLOCK, panel_of
 from sdm_deflect.cases.aircraft.metrics import Run
-from sdm_deflect.cases.report import scene3d
 from sdm_deflect.cases.report.figures import bars
+from sdm_deflect.cases.report.slices import BLUE, COMPONENTS, DARK, GREY, MAGENTA, ORANGE, components_of, quality_rgb
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.geometry.confinement import block_corners, gap_faces
 from sdm_deflect.geometry.datum import ends, ribs
-from sdm_deflect.meshing.generate.topology import cell_faces, edges_of
+from sdm_deflect.meshing.generate.attachment import cell_faces, edges_of
 from sdm_deflect.meshing.mesh import tets_of, touching, triangles_of
 from studies import rendering
 from studies.rendering import Layer, Picture, View
@@ -37,10 +37,10 @@ def blocks(aircraft: Run, chimera: Run) -> Picture:
     """
     if chimera.background is None:
         raise ValueError(f"case {chimera.case.name} has no Chimera block")
-    mesh, names = aircraft.mesh, scene3d.components_of(walls(aircraft.mesh))
+    mesh, names = aircraft.mesh, components_of(walls(aircraft.mesh))
     surface = rendering.patches(mesh, walls(mesh), edge=(70, 70, 70), width=0.6)
     whole = rendering.framed(surface, mesh.points[mesh.on(*walls(mesh))], (-1.0, -1.1, 0.9), WHOLE)
-    legend = {name: scene3d.COMPONENTS[name] for name in [*names, BLOCK]}
+    legend = {name: COMPONENTS[name] for name in [*names, BLOCK]}
     return Picture(
         (whole, overlapping(chimera, chimera.background)),
         ("full model, one block", "Chimera block of the aileron in the aircraft's block"),
@@ -66,7 +66,7 @@ def cells_by_quality(mesh: Mesh, chosen: BoolArray, **looks: Any) -> Layer:
     """Return the outside of the chosen (M,) cells, coloured by their mean ratio."""
     tets = tets_of(mesh)[chosen]
     triangles, cell = shell(tets)
-    rgb = scene3d.quality_rgb(mean_ratio(mesh.points, tets)[cell])
+    rgb = quality_rgb(mean_ratio(mesh.points, tets)[cell])
     return Layer(mesh.points, triangles, rgb, **{"edge": (40, 40, 40), "ambient": 0.85, **looks})
 
 
@@ -75,7 +75,7 @@ def overlapping(run: Run, background: Mesh) -> View:
     corners = block_corners(run.case.fighter, run.case.block, run.deflection.boxes[0].plan.surface)
     around = rendering.patches(background, walls(background), edge=(120, 120, 120), width=0.4)
     own = rendering.patches(run.mesh, walls(run.mesh), edge=(60, 60, 60), width=0.6)
-    outside = rendering.plain(run.mesh.points, triangles_of(run.mesh, BLOCK), scene3d.MAGENTA, opacity=0.12)
+    outside = rendering.plain(run.mesh.points, triangles_of(run.mesh, BLOCK), MAGENTA, opacity=0.12)
     return rendering.framed((*around, *own, outside, rendering.box(corners)), corners, (0.9, -1.0, 0.9), WHOLE)
 
 
@@ -97,7 +97,7 @@ def gap(run: Run) -> View:
     plan, mesh = run.deflection.boxes[0].plan, run.deflected
     own, face, end = stations(run)
     width = abs(face - own)
-    grey = rendering.patches(mesh, walls(mesh), scene3d.DARK)
+    grey = rendering.patches(mesh, walls(mesh), DARK)
     cells = cells_by_quality(mesh, in_gap(run), width=1.2)
     focus = np.array([end[1, 0], own - np.sign(face - own) * width, 2.0 * width])
     return View(
@@ -130,8 +130,8 @@ def confinement(run: Run) -> Picture:
     surface = plan.surface
     shown = rendering.patches(mesh, (surface, panel_of(surface)), edge=(60, 60, 60), width=0.7)
     others = [name for name in walls(mesh) if name not in run.deflection.boxes[0].plan.patches]
-    rest = rendering.patches(mesh, others, scene3d.GREY, opacity=0.25)
-    zero = tuple(rendering.dots(part.points, scene3d.BLUE, 10.0) for part in plan.sites.zero)
+    rest = rendering.patches(mesh, others, GREY, opacity=0.25)
+    zero = tuple(rendering.dots(part.points, BLUE, 10.0) for part in plan.sites.zero)
     corners = plan.region.hexahedron.corners
     view = rendering.framed((*rest, *shown, *zero, rendering.box(corners)), corners, (0.7, -1.0, 0.6), TAIL)
     return Picture(
@@ -159,7 +159,7 @@ def section(run: Run, mesh: Mesh) -> View:
     """Look from the tip at the cells inboard of a cut across the tail."""
     span, region = ends(run.case.fighter, run.deflection.boxes[0].plan.surface), run.deflection.boxes[0].plan.region
     middle = (1.0 - CUT) * span[0].mean(axis=0) + CUT * span[1].mean(axis=0)
-    grey = rendering.patches(mesh, (run.deflection.boxes[0].plan.surface,), scene3d.GREY)
+    grey = rendering.patches(mesh, (run.deflection.boxes[0].plan.surface,), GREY)
     y = run.mesh.points[tets_of(run.mesh), 1].mean(axis=1)
     chosen = touching(run.mesh, region.inside) & (np.abs(y) < abs(middle[1]))
     cells = cells_by_quality(mesh, chosen, width=0.8)  # chosen by where they were before the deflection
@@ -172,9 +172,9 @@ def panel(run: Run, mesh: Mesh) -> View:
     meshed = [name for name in walls(mesh) if name.startswith("fuselage_")]
     shaded = [name for name in walls(mesh) if name not in meshed and not name.startswith("wing")]
     layers = (
-        *rendering.patches(mesh, shaded, scene3d.GREY),
+        *rendering.patches(mesh, shaded, GREY),
         *rendering.patches(mesh, meshed, (225, 225, 225), edge=(60, 60, 60), width=0.8),
-        rendering.plain(run.mesh.points, border(run.mesh, surface), scene3d.ORANGE, width=5.0),
+        rendering.plain(run.mesh.points, border(run.mesh, surface), ORANGE, width=5.0),
     )
     focus = mesh.points[mesh.on(panel_of(surface))].mean(axis=0)
     return View(layers, focus, (0.55, -1.0, 0.5), 0.2, TAIL)

@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from sdm_deflect.cases.report.data import METRES, Length, round_length
-from sdm_deflect.cases.report.scene3d import (
+from sdm_deflect.cases.report.slices import (
     BOX_EDGES,
     MAGENTA,
     QUALITY_MAP,

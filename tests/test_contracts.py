@@ -44,7 +44,7 @@ PLANTED = [
     (GENERAL, "cases/report/page.py", "sdm_deflect.geometry.datum"),
     (GENERAL, "meshing/formats/su2.py", "sdm_deflect.meshing.generate.parameters"),
     (CADQUERY, "cases/aircraft/cad.py", "cadquery"),
-    (CADQUERY, "meshing/generate/surface.py", "OCP.gp"),
+    (CADQUERY, "meshing/generate/volume.py", "OCP.gp"),
 ]
 """Contract, a file, and what it may not import."""
 

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.refinement_scaling import Size, fastest, measured, table
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.generate.refine import split
+from sdm_deflect.meshing.generate.generation import split
 from sdm_deflect.meshing.mesh import Skin, tetrahedral
 
 

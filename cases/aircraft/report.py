@@ -16,7 +16,7 @@ from sdm_deflect.cases.aircraft.case import Case
 from sdm_deflect.cases.aircraft.job import BLOCK
 from sdm_deflect.cases.report.data import METRES, Box, FitRows, MovedSurface, ReportData, Rows, shown, unrepaired
 from sdm_deflect.cases.report.pictures import Exhibit, saved
-from sdm_deflect.cases.report.scene3d import triangles_of
+from sdm_deflect.cases.report.slices import triangles_of
 from sdm_deflect.cases.settings.conversion import to_toml
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.volume.deflection import Deflection

@@ -18,8 +18,8 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio, signed_volumes
 from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.geometry.datum import hinged
+from sdm_deflect.meshing.generate.attachment import boundary_failures
 from sdm_deflect.meshing.generate.parameters import FAR_FIELD, MeshParameters
-from sdm_deflect.meshing.generate.topology import boundary_failures
 from sdm_deflect.meshing.generate.verify import verify
 from sdm_deflect.meshing.mesh import FREE_FORM, nodes_by_face, skin, tets_of, triangles_of
 

@@ -109,7 +109,7 @@ def carry_out(commands: click.Command = cli, name: str = "sdm") -> NoReturn:
     except click.ClickException as error:
         code = _complain(error.format_message())
     except ModuleNotFoundError as error:
-        from sdm_deflect.cases.run.surroundings import missing
+        from sdm_deflect.cases.run.output import missing
 
         if not (sentence := missing(error)):
             raise

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from tempfile import TemporaryFile
 
-from sdm_deflect.cases.run.surroundings import EXTRAS, LIBRARIES, usable_cores, versions
+from sdm_deflect.cases.run.output import EXTRAS, LIBRARIES, usable_cores, versions
 from sdm_deflect.deform.base.compiled import CODE_VARIABLE, FOLDER_VARIABLE, code_complaint, code_folder, default_folder
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.meshing.cache import MeshCache

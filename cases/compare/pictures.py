@@ -14,8 +14,7 @@ from sdm_deflect.cases.compare.runs import ComparedRun, alike
 from sdm_deflect.cases.report.data import Box, MovedSurface, ReportData, drawn_measure, shape_of
 from sdm_deflect.cases.report.figures import panels
 from sdm_deflect.cases.report.pictures import Exhibit, saved
-from sdm_deflect.cases.report.scene3d import QUALITY_MAP, QUALITY_RANGE
-from sdm_deflect.cases.report.slices import AXES, CutPlane, draw_slice, planes
+from sdm_deflect.cases.report.slices import AXES, QUALITY_MAP, QUALITY_RANGE, CutPlane, draw_slice, planes
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.mesh.quality import MEASURES, POLYHEDRON, quality_of
 

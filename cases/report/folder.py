@@ -28,7 +28,7 @@ from sdm_deflect.cases.report.data import (
 )
 from sdm_deflect.cases.report.finished import Display, FinishedRun
 from sdm_deflect.cases.report.near import some_cells
-from sdm_deflect.cases.run.mesh_files import SETTINGS, precision_of
+from sdm_deflect.cases.run.mesh_files import SETTINGS, difference, precision_of
 from sdm_deflect.cases.run.metrics import (
     Json,
     deflection_figures,
@@ -42,7 +42,6 @@ from sdm_deflect.cases.run.metrics import (
     warnings_of,
 )
 from sdm_deflect.cases.run.output import moved_by_repair, report_lacks, write_convergence, write_interpolants
-from sdm_deflect.cases.run.read_back import difference
 from sdm_deflect.cases.settings.conversion import table_of
 from sdm_deflect.cases.settings.job_settings import job_settings, read_job
 from sdm_deflect.cases.settings.jobs import jobs_of

@@ -10,8 +10,21 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
-from sdm_deflect.cases.report import scene3d
 from sdm_deflect.cases.report.data import Box, ReportData, drawn_measure, drawn_quality
+from sdm_deflect.cases.report.slices import (
+    BLUE,
+    BOX_EDGES,
+    CHANGE_MAP,
+    CHANGE_RANGE,
+    MOVED_MAP,
+    ORANGE,
+    QUALITY_MAP,
+    QUALITY_RANGE,
+    Colour,
+    hexadecimal,
+    patch_colour,
+    triangles_of,
+)
 from sdm_deflect.cases.run.metrics import Json
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray, distinct, union
 from sdm_deflect.deform.mesh.cells import Cells, Patch, Polyhedra
@@ -50,7 +63,7 @@ KEPT = frozenset(("nodes", "rows"))
 
 def turnable(data: ReportData, most_cells: int = MOST_CELLS, most_triangles: int = MOST_TRIANGLES) -> Json:
     """Return patches, hexahedra, sites, centres and cells of a run, before and after."""
-    edges = scene3d.BOX_EDGES
+    edges = BOX_EDGES
     return {
         "patches": list(patches(data, most_triangles)),
         "boxes": [{"name": one.name, "segments": single(_corners_shown(data, one)[edges])} for one in data.boxes],
@@ -58,11 +71,11 @@ def turnable(data: ReportData, most_cells: int = MOST_CELLS, most_triangles: int
         "cells": cells(data, most_cells),
         "views": list(views(data)),
         "colours": {
-            "range": [scene3d.QUALITY_RANGE.vmin, scene3d.QUALITY_RANGE.vmax],
-            "shades": shades(scene3d.QUALITY_MAP),
-            "displacement": shades(scene3d.MOVED_MAP),
-            "change": shades(scene3d.CHANGE_MAP),
-            "changes": [scene3d.CHANGE_RANGE.vmin, scene3d.CHANGE_RANGE.vmax],
+            "range": [QUALITY_RANGE.vmin, QUALITY_RANGE.vmax],
+            "shades": shades(QUALITY_MAP),
+            "displacement": shades(MOVED_MAP),
+            "change": shades(CHANGE_MAP),
+            "changes": [CHANGE_RANGE.vmin, CHANGE_RANGE.vmax],
         },
         "measure": drawn_measure(data.mesh),
         "plane": data.mesh.plane,
@@ -79,13 +92,13 @@ def patches(data: ReportData, most: int) -> Iterator[Json]:
     for patch in data.mesh.patches:
         if patch.name not in (*data.drawn, *data.hidden) or not patch.faces:
             continue
-        whole = scene3d.triangles_of(patch.faces)
+        whole = triangles_of(patch.faces)
         shown = thinned(data.mesh, patch, inside, most) if len(whole) > most else whole
         thin = len(shown) < len(whole)
         yield {
             "name": f"{patch.name} (thinned)" if thin else patch.name,
             "own": patch.name,
-            "colour": scene3d.hexadecimal(scene3d.patch_colour(patch.name, patch.name in moving)),
+            "colour": hexadecimal(patch_colour(patch.name, patch.name in moving)),
             "hidden": patch.name in data.hidden,
             "surface": patch.name in moving,
             **_both(data, shown[:, ::-1], None if thin else _edges(patch)),
@@ -104,7 +117,7 @@ def thinned(mesh: Mesh, patch: Patch, keep: IntArray, most: int = MOST_TRIANGLES
 
     The nodes `keep` (K,) stay, and all on creases and on what the patch shares with others.
     """
-    triangles, faces = scene3d.triangles_of(patch.faces), polygons_of(patch.faces)
+    triangles, faces = triangles_of(patch.faces), polygons_of(patch.faces)
     a, b, c = mesh.points[triangles].transpose(1, 0, 2)
     size = np.sqrt(1.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / most)
     nodes = distinct(triangles)
@@ -139,9 +152,9 @@ def dots(data: ReportData) -> Iterator[Json]:
     if not data.boxes:
         return
     sites = [data.mesh.points[one.sites] for one in data.boxes]
-    yield _dots("sites", "sites on the surface", sites, scene3d.ORANGE)
-    yield _dots("sites", "sites of zero displacement", [one.zero for one in data.boxes], scene3d.BLUE)
-    for direction, colour in zip("xyz", (scene3d.BLUE, scene3d.ORANGE, (30, 30, 30)), strict=True):
+    yield _dots("sites", "sites on the surface", sites, ORANGE)
+    yield _dots("sites", "sites of zero displacement", [one.zero for one in data.boxes], BLUE)
+    for direction, colour in zip("xyz", (BLUE, ORANGE, (30, 30, 30)), strict=True):
         own = [one.fits.centres[direction] for one in data.boxes if direction in one.fits.centres]
         if own:
             yield _dots("centres", f"centres for {direction}", own, colour)
@@ -279,12 +292,12 @@ def _both(data: ReportData, faces: IntArray, edges: IntArray | None = None) -> J
     }
 
 
-def _dots(group: str, name: str, points: list[FloatArray], colour: scene3d.Colour) -> Json:
+def _dots(group: str, name: str, points: list[FloatArray], colour: Colour) -> Json:
     every = np.vstack(points)
     step = -(-len(every) // MOST_DOTS)
     label = name if step <= 1 else f"{name}, 1 in {step} drawn"
     return {"group": group, "name": label, "points": single(every[:: max(step, 1)]), "count": len(every),
-            "colour": scene3d.hexadecimal(colour)}  # fmt: skip
+            "colour": hexadecimal(colour)}  # fmt: skip
 
 
 def _view(data: ReportData, name: str, points: FloatArray, margin: float) -> Json:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from sdm_deflect.cases.run.mesh_files import Targets, write_mesh, write_sensitivity
+from sdm_deflect.cases.run.mesh_files import Targets, check_written, write_mesh, write_sensitivity
 from sdm_deflect.cases.run.metrics import (
     Json,
     deflection_figures,
@@ -18,7 +18,6 @@ from sdm_deflect.cases.run.metrics import (
 )
 from sdm_deflect.cases.run.output import output_files, report_lacks
 from sdm_deflect.cases.run.progress import Stopwatch
-from sdm_deflect.cases.run.read_back import check_written
 from sdm_deflect.deform.base import limits
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.progress import Progress

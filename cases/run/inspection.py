@@ -6,7 +6,7 @@ from itertools import repeat
 from pathlib import Path
 from typing import Any
 
-from sdm_deflect.cases.settings.selections import selection
+from sdm_deflect.cases.settings.jobs import selection
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, printable
 from sdm_deflect.deform.mesh.cells import Polyhedra

@@ -1,29 +1,96 @@
-"""What users set becomes a job of the engine: files are read, and words become motions, nodes and boxes."""
+"""What users set becomes a job of the engine: files are read, and words become motions, nodes and boxes.
 
+What is chosen of patches, as users write it: ``flap=wall#2 box:0.6,-1,-1,1,1,1``.
+"""
+
+import re
+import shlex
 from dataclasses import dataclass, fields, replace
+from math import isnan
 from pathlib import Path
 
 import numpy as np
 
 from sdm_deflect.cases.settings.conversion import read_toml, structured
 from sdm_deflect.cases.settings.job_settings import (
+    SELECTION,
     Corner,
     JobSettings,
     PeriodicSettings,
     SectionSettings,
     SurfaceSettings,
 )
-from sdm_deflect.cases.settings.selections import selection
+from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, shortened
 from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.images import PeriodicPatches
+from sdm_deflect.deform.mesh.selection import Before, Component, Condition, Selection, Within
 from sdm_deflect.deform.rbf.fitting import JobOptions
 from sdm_deflect.deform.surface.blended import Blended, Rib
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, TrailingEdge
 from sdm_deflect.deform.volume.box import Automatic, BoxRule, Given, Outline
 from sdm_deflect.deform.volume.job import Job, Section, Sliding
+
+Point = tuple[float, float, float]
+SHARP = "sharp"
+NUMBERS = {"box": "two opposite corners, box:x,y,z,x,y,z", "side": "a point and a normal, side:x,y,z,nx,ny,nz"}
+
+
+def selection(name: str, text: str) -> Selection:
+    """Return the selection that a name and an expression describe; InputError if it is of another form."""
+    if not re.fullmatch(r"[\w.+-]+", name):
+        raise InputError(f"select = {shortened(name)}: a new patch is named by letters, digits and . _ + - alone")
+    try:
+        words = [word for word in shlex.split(text) if word != "and"]
+    except ValueError:
+        raise InputError(f"select.{name} = {text}: a quotation mark is not closed") from None
+    if not words:
+        raise InputError(f"select.{name} is empty; it must be {SELECTION}")
+    sharp = _degrees(name, words.pop()) if words[-1].startswith(f"{SHARP}:") and len(words) > 1 else None
+    return Selection(name, words[0], tuple(_condition(name, word) for word in words[1:]), sharp, text)
+
+
+def _condition(name: str, word: str) -> Condition:
+    kind, _, rest = word.partition(":")
+    if word[0] == "#" and word[1:].isascii() and word[1:].isdigit():
+        return Component(int(word[1:]))
+    if kind not in NUMBERS:
+        last = f"; {SHARP}: must come last" if kind == SHARP else ""
+        raise InputError(f"select.{name}: {shortened(word)} is unknown{last}; it must be {SELECTION}")
+    numbers = _numbers(rest)
+    if len(numbers) not in (4, 6):
+        raise InputError(f"select.{name}: {word} must be {NUMBERS[kind]}; of a plane mesh without z")
+    one, other = np.array(numbers).reshape(2, -1)
+    if kind == "box":
+        return Within(_point(np.minimum(one, other), -np.inf), _point(np.maximum(one, other), np.inf))
+    if not other.any() or not np.isfinite(numbers).all():
+        raise InputError(f"select.{name}: {word}: point and normal must be finite, and the normal not zero")
+    return Before(_point(one, 0.0), _point(other, 0.0))
+
+
+def _point(of: FloatArray, z: float) -> Point:
+    """Return a point; of two numbers with that z."""
+    x, y, *rest = of.tolist()
+    return x, y, rest[0] if rest else z
+
+
+def _degrees(name: str, word: str) -> float:
+    numbers = _numbers(word.partition(":")[2])
+    if len(numbers) != 1 or not 0.0 < numbers[0] < 180.0:
+        raise InputError(f"select.{name}: {word} must be degrees between 0 and 180, such as {SHARP}:40")
+    return numbers[0]
+
+
+def _numbers(text: str) -> list[float]:
+    """Return numbers with commas between them; none if one is no number."""
+    try:
+        found = [float(part) for part in text.split(",")]
+    except ValueError:
+        return []
+    return [] if any(map(isnan, found)) else found
+
 
 SAME = 1e-6  # two hinges nearer to one another, over a length of one, are one
 

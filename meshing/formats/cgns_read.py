@@ -18,12 +18,11 @@ from sdm_deflect.meshing.formats.cgns_boundary import PART, Fault, NumberedFaces
 from sdm_deflect.meshing.formats.cgns_elements import NFACE, NGON, ElementSection, blocks, read_polyhedra, sections
 from sdm_deflect.meshing.formats.cgns_interfaces import Interface, interfaces, meeting, pairs, periodic_pairs
 from sdm_deflect.meshing.formats.cgns_nodes import AXES, child, children, data, has, integers, text
-from sdm_deflect.meshing.formats.collapsed import simple
-from sdm_deflect.meshing.formats.fitted import Fitted, ZoneMesh, fitted
+from sdm_deflect.meshing.formats.fitted import Fitted, ZoneMesh, fitted, simple
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.hdf5 import is_real
-from sdm_deflect.meshing.formats.periodic import Listed, with_pairs
 from sdm_deflect.meshing.formats.shapes import all_of, check_faces, chosen, oriented
+from sdm_deflect.meshing.formats.zones import Listed, with_pairs
 
 DIMENSIONS = (3, 3), (2, 2), (2, 3)
 """Dimensions of the cells and of the points; those of points in a plane mesh may be three, with one z."""

@@ -1,19 +1,25 @@
-"""OpenFOAM cases: the mesh in the folder ``constant/polyMesh``."""
+"""OpenFOAM cases: the mesh in the folder ``constant/polyMesh``.
+
+OpenFOAM meshes written anew, with settings with which checkMesh runs.
+"""
 
 import gzip
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.mesh.cells import Polyhedra, Zone
+from sdm_deflect.deform.mesh.images import THIN, is_thin
 from sdm_deflect.deform.mesh.mesh import Mesh, MeshInPieces
 from sdm_deflect.deform.mesh.precision import DOUBLE
 from sdm_deflect.meshing.files import fresh_folder
-from sdm_deflect.meshing.formats.format import about, fewest_bits
+from sdm_deflect.meshing.formats.format import about, fewest_bits, fitting_names
 from sdm_deflect.meshing.formats.known import registered
 from sdm_deflect.meshing.formats.layout import Format
 from sdm_deflect.meshing.formats.openfoam_case import (
@@ -22,16 +28,161 @@ from sdm_deflect.meshing.formats.openfoam_case import (
     mesh_folder,
     meshes_beside,
     move_points,
+    pairs_of,
     patches_of,
     points_folder,
     stored,
 )
-from sdm_deflect.meshing.formats.openfoam_files import HEAD, MESH, faces, headed, labels, parse, vectors
-from sdm_deflect.meshing.formats.openfoam_pairs import pairs_of
+from sdm_deflect.meshing.formats.openfoam_files import HEAD, MESH, FoamPatch, faces, headed, labels, parse, vectors
 from sdm_deflect.meshing.formats.openfoam_pieces import in_pieces
-from sdm_deflect.meshing.formats.openfoam_write import BARE, write_files, write_mesh
-from sdm_deflect.meshing.formats.polyhedra import check_cells
+from sdm_deflect.meshing.formats.polyhedra import Bounded, bounded, check_cells
 from sdm_deflect.meshing.formats.shapes import refuse_plane
+from sdm_deflect.meshing.formats.zones import unwritten
+
+LABEL, SCALAR = np.dtype("<i4"), np.dtype("<f8")
+FLAT = 1e-9
+"""Fraction of a patch's extent by which its nodes may leave a plane that is called planar."""
+UNFIT = r"[\s\"'/;{}()\[\]$#\\]|^(?=[\d+.-])"
+"""What OpenFOAM cannot read in a word; one that begins like a number is none."""
+BANNER = "// Written by sdm-deflect.\n"
+SYMMETRY = ("symmetry", "sym")
+OPEN = ("far", "inlet", "outlet", "inflow", "outflow", "freestream", "chimera", "overset", "interface", "volume")
+CONTROL = {
+    "application": "simpleFoam", "startFrom": "startTime", "startTime": 0, "stopAt": "endTime", "endTime": 500,
+    "deltaT": 1, "writeControl": "timeStep", "writeInterval": 500, "purgeWrite": 1, "writeFormat": "binary",
+}  # fmt: skip
+"""What a ``controlDict`` says, unless a solver needs something else."""
+CLASSES = {
+    "U": "volVectorField", "p": "volScalarField", "T": "volScalarField", "zoneID": "volScalarField",
+    "pointDisplacement": "pointVectorField",
+}  # fmt: skip
+"""Classes of files by their names; all others are dictionaries."""
+SCHEMES = ("ddt", "grad", "div", "laplacian", "interpolation", "snGrad")
+
+
+def header(kind: str, name: str, folder: str = MESH.as_posix(), form: str = "ascii", note: str = "") -> str:
+    """Return the header of an OpenFOAM file."""
+    lines = ["version 2.0", f"format {form}", f"class {kind}", f'location "{folder}"', f"object {name}"]
+    if form == "binary":
+        lines.insert(2, f'arch "LSB;label={8 * LABEL.itemsize};scalar={8 * SCALAR.itemsize}"')
+    if note:
+        lines.append(f'note "{note}"')
+    return "FoamFile\n{\n" + "".join(f"    {line};\n" for line in lines) + "}\n" + BANNER + "\n"
+
+
+def write_mesh(mesh: Mesh, folder: Path, types: Mapping[str, str] | None = None) -> tuple[str, ...]:
+    """Write points, faces, owner, neighbour (binary), boundary (text); return what is lost; errors as of `bounded`.
+
+    The sides of a case one cell thick are what they were; other patches have the `types` given by their names, or that
+    of `kind_of`.
+    """
+    whole = bounded(mesh)
+    cells = whole.cells
+    note = (
+        f"nPoints:{len(mesh.points)}  nCells:{len(cells)}  nFaces:{len(cells.faces)}  "
+        f"nInternalFaces:{len(cells.neighbour)}"
+    )
+    folder.mkdir(parents=True)
+    write_list(folder / "points", "vectorField", [mesh.points.astype(SCALAR)])
+    lists = [cells.faces.offsets.astype(LABEL), cells.faces.nodes.astype(LABEL)]
+    write_list(folder / "faces", "faceCompactList", lists)
+    write_list(folder / "owner", "labelList", [cells.owner.astype(LABEL)], note)
+    write_list(folder / "neighbour", "labelList", [cells.neighbour.astype(LABEL)], note)
+    patches, renamed = _patches(mesh, whole, types or {})
+    content = header("polyBoundaryMesh", "boundary") + written(patches)
+    (folder / "boundary").write_text(content, encoding="utf-8")
+    return (*whole.lost, *renamed, *unwritten(pair for pair in mesh.periodic if not is_thin(mesh, pair)))
+
+
+def _patches(mesh: Mesh, whole: Bounded, types: Mapping[str, str]) -> tuple[list[FoamPatch], list[str]]:
+    names = fitting_names([name for name, _, _ in whole.patches], UNFIT)
+    thin = {patch.name: str(patch.constraint) for patch in mesh.patches if patch.constraint in THIN}
+    patches = []
+    for name, start, count in whole.patches:
+        own = whole.cells.faces.rows(start, start + count).nodes
+        kind = kind_of(name, is_planar(mesh.points[own]), sides_reached(mesh.points, own) > 0)
+        patches.append(FoamPatch(names[name], thin.get(name, types.get(name, kind)), count, start))
+    return patches, [f"patch {old} is called {new}" for old, new in names.items() if old != new]
+
+
+def is_planar(points: FloatArray) -> bool:
+    """Whether points (K, 3) lie in a plane."""
+    if not len(points):
+        return True
+    centred = points - points.mean(axis=0)
+    _, axes = np.linalg.eigh(centred.T @ centred)
+    return bool(np.abs(centred @ axes[:, 0]).max() <= FLAT * np.abs(centred).max())
+
+
+def write_list(
+    path: Path, kind: str, lists: Sequence[NDArray[np.generic]], note: str = "", location: str = MESH.as_posix()
+) -> None:
+    """Write a binary file of lists, one after another."""
+    with path.open("wb") as file:
+        file.write(header(kind, path.name, location, "binary", note).encode())
+        for values in lists:
+            file.write(b"%d\n" % len(values))
+            if len(values):
+                file.writelines((b"(", np.ascontiguousarray(values).data, b")\n"))
+
+
+def written(patches: Sequence[FoamPatch]) -> str:
+    """Return the content of a `boundary` file."""
+    lines = [f"{len(patches)}", "("]
+    for patch in patches:
+        group = "    inGroups 1(wall);\n" if patch.type == "wall" else ""
+        lines.append(
+            f"{patch.name}\n{{\n    type {patch.type};\n{group}    nFaces {patch.count};\n"
+            f"    startFace {patch.start};\n}}"
+        )
+    return "\n".join([*lines, ")", ""])
+
+
+def sides_reached(points: FloatArray, nodes: IntArray) -> int:
+    """Return how many sides of the box around all points (N, 3) some nodes (K,) lie on; of a plane mesh's, four."""
+    return int(reached(points, nodes).sum()) if len(nodes) else 0
+
+
+def reached(points: FloatArray, nodes: IntArray) -> BoolArray:
+    """Return whether some nodes reach the low and the high side (2, 3) along each axis along which there is room."""
+    low, high, own = points.min(axis=0), points.max(axis=0), points[nodes]
+    near = FLAT * (high - low).max()
+    reached = np.array([own.min(axis=0) <= low + near, own.max(axis=0) >= high - near])
+    return np.asarray(reached & (high - low > near), dtype=np.bool_)
+
+
+def kind_of(name: str, planar: bool, outside: bool = True) -> str:
+    """Return the type of a patch that has but a name: what it says, a wall if nothing.
+
+    A plane of symmetry that is curved is a ``symmetry``: OpenFOAM takes ``symmetryPlane`` for planes alone. What is
+    called an inlet, and does not reach the outside of the mesh, is a wall: the closed inlet of an aircraft.
+    """
+    low = name.lower()
+    if any(low.startswith(word) for word in SYMMETRY):
+        return "symmetryPlane" if planar else "symmetry"
+    return "patch" if outside and any(word in low for word in OPEN) else "wall"
+
+
+def control(**changed: object) -> str:
+    """Return the content of a ``controlDict``: `CONTROL` with other values, and further ones; without those of None."""
+    return "".join(f"{name:<15} {value};\n" for name, value in {**CONTROL, **changed}.items() if value is not None)
+
+
+def write_files(case: Path, files: Mapping[str, str]) -> None:
+    """Write text files of a case, given by their paths in it, each with its header."""
+    for name, content in files.items():
+        path = case / name
+        path.parent.mkdir(exist_ok=True)
+        kind = CLASSES.get(path.name, "dictionary")
+        path.write_text(header(kind, path.name, path.parent.name) + content, encoding="utf-8")
+
+
+BARE = {
+    "system/controlDict": control(runTimeModifiable="false"),
+    "system/fvSchemes": "".join(f"{what}Schemes {{ }}\n" for what in SCHEMES),
+    "system/fvSolution": "solvers { }\n",
+}
+"""Settings with which checkMesh and decomposePar run: a solver needs its own."""
 
 
 @registered("openfoam", ".foam")

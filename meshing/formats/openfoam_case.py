@@ -1,22 +1,227 @@
-"""The folders of an OpenFOAM case: where its mesh is, copies, and the parts of a decomposed one."""
+"""The folders of an OpenFOAM case: where its mesh is, copies, and the parts of a decomposed one.
+
+What the types of OpenFOAM's patches say of their nodes: cyclic pairs, and both sides of a case one cell thick.
+
+Nodes are matched by where they are. The transformation of a pair is what brings all nodes of one side to those of the
+other: a translation or rotation of faces in their order; else one about the axis that the case names; else a
+translation.
+"""
 
 import gzip
 import os
 import re
 import shutil
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TypeVar
 
-from sdm_deflect.deform.base.arrays import FloatArray
+import numpy as np
+from scipy.spatial import cKDTree
+
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray, union
+from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.progress import Progress
-from sdm_deflect.deform.mesh.cells import Patch, Polygons
+from sdm_deflect.deform.mesh.axis import Axis
+from sdm_deflect.deform.mesh.cells import Constraint, Patch, Periodic, Polygons
+from sdm_deflect.deform.mesh.edges import polygons_of
+from sdm_deflect.deform.mesh.images import (
+    RigidMotion,
+    nearest_rotation,
+    rotation_between,
+    rotation_of,
+    translation_between,
+)
 from sdm_deflect.deform.mesh.mesh import Warned
+from sdm_deflect.deform.mesh.sliding import Plane
 from sdm_deflect.meshing.files import fresh_folder
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
 from sdm_deflect.meshing.formats.openfoam_files import MESH, FoamFile, FoamPatch, open_foam, vectors
-from sdm_deflect.meshing.formats.openfoam_pairs import constraint_of
+
+CONSTRAINTS: dict[str, Constraint] = {
+    "symmetry": "symmetry",
+    "symmetryPlane": "symmetry",
+    "empty": "empty",
+    "wedge": "wedge",
+}
+MATCHED = ("cyclic", "cyclicSlip")
+"""Types of patches whose faces match those of another, one by one, in their order."""
+COUPLED = (*MATCHED, "cyclicAMI", "cyclicACMI", "cyclicPeriodicAMI")
+NEAR = 1e-5
+"""Of a side's extent: how far nodes may be from one another's images, in text of six digits."""
+EXACT = 1e-12
+"""Of the largest coordinate: lengths below are zero."""
+Places = Callable[[IntArray], FloatArray]
+Sides = tuple[IntArray, FloatArray, FloatArray]
+"""Pairs of nodes (K, 2), and the motion from one to the other."""
+
+
+def pairs_of(foam: Sequence[FoamPatch], patches: Sequence[Patch], places: Places) -> tuple[Periodic, ...]:
+    """Return the pairs among the patches of a case.
+
+    Parameters
+    ----------
+    foam : The patches as the case describes them.
+    patches : Their faces, by name.
+    places : Coordinates (K, 3) of nodes (K,).
+    """
+    faces = {patch.name: polygons_of(patch.faces) for patch in patches}
+    found = []
+    for one in foam:
+        other = one.entries.get("neighbourPatch", "")
+        if one.type in COUPLED and other in faces and (one.name < other or not _names(foam, other, one.name)):
+            found.append(_pair(one, (one.name, other), faces[one.name], faces[other], places))
+        elif one.type in MATCHED and not other:  # of old: one patch with both sides
+            own, half = faces[one.name], len(faces[one.name]) // 2
+            sides = own.rows(0, half), own.rows(half, len(own))
+            found.append(_pair(one, (one.name, one.name), *sides, places))
+    return (*found, *_sides(patches, "empty", places), *_sides(patches, "wedge", places))
+
+
+def constraint_of(patch: FoamPatch) -> Constraint:
+    """Return what a patch says of its nodes.
+
+    Where a cyclic one does not say how it is transformed, OpenFOAM looks at the normals of its faces, one by one: so
+    plane sides of a rotation have to stay plane.
+    """
+    guessed = patch.type in MATCHED and patch.entries.get("transform", "unknown") == "unknown"
+    return "symmetry" if guessed else CONSTRAINTS.get(patch.type, "")
+
+
+def _names(foam: Sequence[FoamPatch], one: str, other: str) -> bool:
+    """Whether a patch names another as its neighbour."""
+    return any(patch.name == one and patch.entries.get("neighbourPatch") == other for patch in foam)
+
+
+def _pair(patch: FoamPatch, names: tuple[str, str], one: Polygons, other: Polygons, places: Places) -> Periodic:
+    """Return a pair, with the first motion that brings all nodes of one side to those of the other; else without."""
+    nodes = union(one.nodes), union(other.nodes)
+    points = places(nodes[0]), places(nodes[1])
+    if len(nodes[0]) == len(nodes[1]) and len(nodes[0]) and np.isfinite(points).all():
+        for rotation, shift in _motions(patch, one, other, points, places):
+            rows = _matched(points[0] @ rotation.T + shift, points[1])
+            if rows is not None:
+                here, there = points[0], points[1][rows]
+                if not np.array_equal(rotation, np.eye(3)):
+                    rotation = rotation_of(here - here.mean(axis=0), there - there.mean(axis=0))
+                shift = _shift(here @ rotation.T, there)
+                return Periodic(patch.name, names, np.column_stack([nodes[0], nodes[1][rows]]), rotation, shift)
+    return Periodic(patch.name, names, np.empty((0, 2), dtype=np.intp))
+
+
+def _motions(
+    patch: FoamPatch, one: Polygons, other: Polygons, points: tuple[FloatArray, FloatArray], places: Places
+) -> Iterator[RigidMotion]:
+    """Yield what may bring one side to the other, the likeliest first; `points` are the nodes of both."""
+    if patch.type in MATCHED and len(one) == len(other):
+        yield from _in_order(one, other, places)
+    axis, centre = (_vector(patch.entries.get(key, "")) for key in ("rotationAxis", "rotationCentre"))
+    if axis is not None and axis.any():
+        with suppress(InputError):  # a side whose centre is on the axis
+            yield rotation_between(*points, Axis(np.zeros(3) if centre is None else centre, axis))
+    yield translation_between(*points)
+
+
+def _in_order(one: Polygons, other: Polygons, places: Places) -> Iterator[RigidMotion]:
+    """Yield the motions that bring each face to the one at its place: a translation, else the best rotation."""
+    centres, near = [_centres(side, places) for side in (one, other)], NEAR * np.ptp(places(other.nodes), axis=0).max()
+    found = [translation_between(*centres)]
+    if np.array_equal(one.offsets, other.offsets):
+        first, size = (np.repeat(values, np.diff(one.offsets)) for values in (one.offsets[:-1], np.diff(one.offsets)))
+        back = first - (np.arange(len(one.nodes)) - first)  # in opposite sense from the same corner on
+        back[back < first] += size[back < first]
+        found.append(_rigid(places(one.nodes), places(other.nodes[back])))
+    for rotation, shift in (*found, _rigid(*centres)):
+        off = centres[0] @ rotation.T + shift - centres[1]
+        if np.abs(off).max(initial=0.0) <= near:
+            yield rotation, shift
+
+
+def _vector(text: str) -> FloatArray | None:
+    """Return three numbers in parentheses; None if there are none."""
+    try:
+        found = np.array(text.strip("() ").split(), dtype=np.float64)
+    except ValueError:
+        return None
+    return found if found.shape == (3,) and np.isfinite(found).all() else None
+
+
+def _shift(points: FloatArray, others: FloatArray) -> FloatArray:
+    """Return the usual translation (3,) from points (K, 3) to others, one by one, along axes where that is so."""
+    shift = np.median(others - points, axis=0)
+    return np.asarray(np.where(np.abs(shift) <= EXACT * np.abs(others).max(), 0.0, shift))
+
+
+def _rigid(points: FloatArray, others: FloatArray) -> RigidMotion:
+    """Return the rotation and shift that bring points (K, 3) nearest to others, one by one."""
+    start, end = points.mean(axis=0), others.mean(axis=0)
+    rotation = nearest_rotation(points - start, others - end)
+    return rotation, end - rotation @ start
+
+
+def _centres(faces: Polygons, places: Places) -> FloatArray:
+    sums = np.add.reduceat(places(faces.nodes), faces.offsets[:-1], axis=0)
+    return np.asarray(sums / np.diff(faces.offsets)[:, None])
+
+
+def _matched(points: FloatArray, others: FloatArray) -> IntArray | None:
+    """Return which of others (K, 3) each of points (K, 3) is; None if they are not the same places."""
+    distance, rows = cKDTree(others).query(points)
+    near = NEAR * float(np.ptp(others, axis=0).max())
+    same = distance.max() <= near and len(np.unique(rows)) == len(rows)
+    return np.asarray(rows, dtype=np.intp) if same else None
+
+
+def _sides(patches: Sequence[Patch], kind: Constraint, places: Places) -> Iterator[Periodic]:
+    """Yield the two sides of a case one cell thick as a pair, without nodes where they are not found."""
+    own = [patch for patch in patches if patch.constraint == kind and len(patch)]
+    if not own:
+        return
+    names = own[0].name, own[-1].name
+    nodes = union(*(patch.nodes for patch in own))
+    found: Sides | None = None
+    if kind == "empty" and np.isfinite(points := places(nodes)).all():
+        found = _flat_sides(nodes, points)
+    elif kind == "wedge" and len(own) == 2:
+        found = _wedge_sides(own[0].nodes, own[1].nodes, places)
+    name = "_".join(dict.fromkeys(names))
+    yield Periodic(name, names, *(found or (np.empty((0, 2), dtype=np.intp),)))
+
+
+def _flat_sides(nodes: IntArray, points: FloatArray) -> Sides | None:
+    """Return the nodes of both sides and the motion between them; None if they are not in two planes across an axis."""
+    near = NEAR * float(np.ptp(points, axis=0).max())
+    for axis in np.argsort(np.ptp(points, axis=0)).tolist():
+        low = points[:, axis] < 0.5 * (points[:, axis].min() + points[:, axis].max())
+        sides = points[low], points[~low]
+        if len(sides[0]) == len(sides[1]) and max(np.ptp(side[:, axis]) for side in sides) <= near:
+            shift = np.zeros(3)
+            shift[axis] = np.median(sides[1][:, axis]) - np.median(sides[0][:, axis])
+            rows = _matched(sides[0] + shift, sides[1])
+            if rows is not None:
+                return np.column_stack([nodes[low], nodes[~low][rows]]), np.eye(3), shift
+    return None
+
+
+def _wedge_sides(one: IntArray, other: IntArray, places: Places) -> Sides | None:
+    """Return the same for the two sides of a wedge, which meet on its axis."""
+    points = places(one), places(other)
+    if len(one) != len(other) or len(one) < 3 or not np.isfinite(points).all():
+        return None
+    front, back = (Plane.fitted(side) for side in points)
+    n, m = front.normal, back.normal
+    axis = np.cross(n, m)
+    if not axis.any():
+        return None
+    axis /= np.linalg.norm(axis)
+    axis = np.where(np.abs(axis - np.round(axis)) < NEAR, np.round(axis), axis)
+    centre = np.linalg.solve(np.vstack([n, m, axis]), np.array([n @ front.point, m @ back.point, 0.0]))
+    size = np.abs(np.vstack(points)).max()
+    hinge = Axis(np.where(np.abs(centre) < EXACT * size, 0.0, centre), axis)
+    rotation, shift = rotation_between(*points, hinge)
+    rows = _matched(points[0] @ rotation.T + shift, points[1])
+    return None if rows is None else (np.column_stack([one, other[rows]]), rotation, shift)
+
 
 Read = TypeVar("Read")
 PART = re.compile(r"processor(0|[1-9]\d{0,8})")

@@ -24,11 +24,11 @@ from sdm_deflect.meshing.formats.openfoam_case import (
     case_folder,
     mesh_folder,
     meshes_beside,
+    pairs_of,
     patches_of,
     stored,
 )
 from sdm_deflect.meshing.formats.openfoam_files import COMPACT, FoamFile, headed, located, parse
-from sdm_deflect.meshing.formats.openfoam_pairs import pairs_of
 from sdm_deflect.meshing.formats.polyhedra import FEWEST, check_labels, check_sides
 from sdm_deflect.meshing.formats.rewriting import copy_range, items_of
 from sdm_deflect.meshing.formats.table_pieces import PointRange, TablePieces

@@ -18,7 +18,6 @@ from sdm_deflect.meshing.formats.format import MeshFileError, about, check_point
 from sdm_deflect.meshing.formats.known import registered
 from sdm_deflect.meshing.formats.layout import Format, whole
 from sdm_deflect.meshing.formats.numbers import CHUNK, copy_text, table
-from sdm_deflect.meshing.formats.periodic import unwritten
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.shapes import simple_faces
 from sdm_deflect.meshing.formats.su2_read import (
@@ -34,7 +33,7 @@ from sdm_deflect.meshing.formats.su2_read import (
     zones_of,
 )
 from sdm_deflect.meshing.formats.table_pieces import TablePieces
-from sdm_deflect.meshing.formats.zones import joined, part
+from sdm_deflect.meshing.formats.zones import joined, part, unwritten
 
 NUMBERS = {shape: number for number, shape in (SOLIDS | FACES | {3: "line"}).items()}
 UNFIT = r"[\s(),%=]"

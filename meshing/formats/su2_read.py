@@ -133,7 +133,7 @@ class Su2File:
 
         found: Iterator[tuple[bytes, int, Rows]] = map(work, texts)
         if section.end - section.begin > LARGE:
-            from sdm_deflect.meshing.formats.plain_numbers import ahead, many_numbers  # loads the compiler
+            from sdm_deflect.meshing.formats.numbers import ahead, many_numbers  # loads the compiler
 
             found = ahead(partial(work, read=many_numbers), texts)
         total, at = 0, section.begin

@@ -21,11 +21,11 @@ from sdm_deflect.meshing.formats.format import MeshFileError, about, check_point
 from sdm_deflect.meshing.formats.hdf5 import DAMAGE, Replaced, Span, damage, dataset, spans
 from sdm_deflect.meshing.formats.known import registered
 from sdm_deflect.meshing.formats.layout import Format
-from sdm_deflect.meshing.formats.periodic import unwritten
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.shapes import mirrored, refuse_plane, simple_faces
 from sdm_deflect.meshing.formats.table_pieces import CellTable, PointRange, TablePieces
 from sdm_deflect.meshing.formats.tables import FileTable, Held
+from sdm_deflect.meshing.formats.zones import unwritten
 
 AXES = ("points_xc", "points_yc", "points_zc")
 MARKERS = "boundarymarker_of_surfaces"

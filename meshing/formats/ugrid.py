@@ -20,7 +20,6 @@ from sdm_deflect.meshing.formats.format import MeshFileError, about, check_point
 from sdm_deflect.meshing.formats.known import registered
 from sdm_deflect.meshing.formats.layout import Format
 from sdm_deflect.meshing.formats.numbers import copy_text
-from sdm_deflect.meshing.formats.periodic import unwritten
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.shapes import refuse_plane, simple_faces
 from sdm_deflect.meshing.formats.table_pieces import CellTable, PointRange, TablePieces
@@ -37,6 +36,7 @@ from sdm_deflect.meshing.formats.ugrid_file import (
     ending,
     written,
 )
+from sdm_deflect.meshing.formats.zones import unwritten
 
 FACES, SOLIDS = ("triangle", "quad"), ("tetra", "pyramid", "wedge", "hexahedron")
 TO_VTK = {"pyramid": (1, 0, 3, 4, 2), "wedge": MIRRORED["wedge"]}

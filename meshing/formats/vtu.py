@@ -26,9 +26,9 @@ from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
 from sdm_deflect.meshing.formats.known import registered
 from sdm_deflect.meshing.formats.layout import Format
-from sdm_deflect.meshing.formats.periodic import unwritten
 from sdm_deflect.meshing.formats.polyhedra import faces_by_cell, polyhedra
 from sdm_deflect.meshing.formats.shapes import check_faces, polygons
+from sdm_deflect.meshing.formats.zones import unwritten
 from sdm_deflect.meshing.mesh import CAD_FACE, VOLUME, Skin, skin, tetrahedral
 
 Array = NDArray[Any]

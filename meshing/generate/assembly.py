@@ -14,11 +14,9 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import signed_volumes
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.errors import MeshingError
-from sdm_deflect.meshing.generate.attachment import attach, snapped
+from sdm_deflect.meshing.generate.attachment import TRIANGLE_EDGES, CellFaces, attach, cell_faces, snapped
 from sdm_deflect.meshing.generate.parameters import FAR_FIELD
-from sdm_deflect.meshing.generate.surface import InputSurface
-from sdm_deflect.meshing.generate.topology import TRIANGLE_EDGES, CellFaces, cell_faces
-from sdm_deflect.meshing.generate.volume import Filling
+from sdm_deflect.meshing.generate.volume import Filling, InputSurface
 from sdm_deflect.meshing.mesh import Skin, tetrahedral
 
 # The mesher keeps its surface within one envelope of the input; faces within this many may be surface.

@@ -9,10 +9,9 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import Quality, mean_ratio, summarise
-from sdm_deflect.meshing.generate.attachment import Attachment, attach
+from sdm_deflect.meshing.generate.attachment import Attachment, attach, boundary_failures
 from sdm_deflect.meshing.generate.meshlab import meshlab_failures
 from sdm_deflect.meshing.generate.parameters import MeshParameters
-from sdm_deflect.meshing.generate.topology import boundary_failures
 from sdm_deflect.meshing.mesh import FREE_FORM, skin, tets_of
 
 if TYPE_CHECKING:

@@ -6,8 +6,7 @@ from pathlib import Path
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.geometry.datum import SURFACES, hinge_line
-from sdm_deflect.geometry.parameters import Fighter
-from sdm_deflect.geometry.reference_values import reference_values
+from sdm_deflect.geometry.parameters import Fighter, reference_values
 from sdm_deflect.meshing.formats.format import fitting_names
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of
 from sdm_deflect.meshing.formats.su2 import UNFIT

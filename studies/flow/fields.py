@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.meshing.formats.openfoam_write import CLASSES, header
+from sdm_deflect.meshing.formats.openfoam import CLASSES, header
 
 STARTED = ("U", "p", "T")
 """What a compressible flow starts from."""

@@ -8,8 +8,8 @@ from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.files import fresh_folder
 from sdm_deflect.meshing.formats.format import about, fitting_names
+from sdm_deflect.meshing.formats.openfoam import UNFIT, control, is_planar, write_files, write_mesh
 from sdm_deflect.meshing.formats.openfoam_files import MESH, open_foam, parse
-from sdm_deflect.meshing.formats.openfoam_write import UNFIT, control, is_planar, write_files, write_mesh
 from sdm_deflect.meshing.formats.shapes import refuse_plane
 from studies.flow.setup import GAMMA, GAS, FreeStream, Kind, Setup
 

@@ -17,8 +17,8 @@ from sdm_deflect.geometry.datum import hinge_line
 from sdm_deflect.geometry.parameters import Fighter
 from sdm_deflect.meshing.files import fresh_folder
 from sdm_deflect.meshing.formats.format import about, fitting_names
+from sdm_deflect.meshing.formats.openfoam import UNFIT, write_files, write_mesh
 from sdm_deflect.meshing.formats.openfoam_files import MESH
-from sdm_deflect.meshing.formats.openfoam_write import UNFIT, write_files, write_mesh
 from sdm_deflect.meshing.formats.vtu import read_vtu
 from sdm_deflect.meshing.formats.zones import joined
 from studies.flow.openfoam import DIMENSIONS, FAR, GAS_FILES, WALL, field_file, forces, initial_values, patch_types

@@ -11,7 +11,7 @@ import numpy as np
 
 from sdm_deflect.cases.report.pictures import write_png
 from sdm_deflect.cases.run.output import output_files
-from sdm_deflect.geometry.reference_values import reference_values
+from sdm_deflect.geometry.parameters import reference_values
 from studies.flow.fields import iterations_done
 from studies.flow.members import DEFLECTED, FRESH, REPAIRED, FlowStudy, Member
 from studies.flow.pictures import LABELS, curves, pressures, settling

@@ -3,8 +3,7 @@
 import numpy as np
 
 from sdm_deflect.geometry.datum import ends, hinge_line, hinged, trailing_edge
-from sdm_deflect.geometry.parameters import LE, MIRROR, TE, Fighter, FloatArray, tail_section
-from sdm_deflect.geometry.reference_values import ReferenceValues
+from sdm_deflect.geometry.parameters import LE, MIRROR, TE, Fighter, FloatArray, ReferenceValues, tail_section
 
 
 def surface_reference(fighter: Fighter, surface: str) -> ReferenceValues:

@@ -10,7 +10,7 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.formats.openfoam_write import FLAT, kind_of, reached, sides_reached
+from sdm_deflect.meshing.formats.openfoam import FLAT, kind_of, reached, sides_reached
 
 GAMMA, GAS = 1.4, 287.058
 """Ratio of specific heats, and the gas constant (J/kg/K), of air."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases.report.pictures import write_png
-from sdm_deflect.cases.report.scene3d import BLUE, MAGENTA, ORANGE, QUALITY_RANGE, patch_colour, quality_rgb
+from sdm_deflect.cases.report.slices import BLUE, MAGENTA, ORANGE, QUALITY_RANGE, patch_colour, quality_rgb
 from sdm_deflect.deform.mesh.quality import signed_volumes
 from sdm_deflect.meshing.mesh import tets_of
 from studies import pictures as aircraft

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases.report.pictures import write_png
-from sdm_deflect.cases.report.scene3d import BLUE, MAGENTA, patch_colour
+from sdm_deflect.cases.report.slices import BLUE, MAGENTA, patch_colour
 from studies.pictures import walls
 from studies.rendering import MARGIN, Layer, Picture, View, dots, figure_of, framed, legible, plain, rendered
 from tests.pictures import pixels, shades, share

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from sdm_deflect.cases.cli import examination as doctor
 from sdm_deflect.cases.cli.console import findings
-from sdm_deflect.cases.run.surroundings import EXTRAS, missing
+from sdm_deflect.cases.run.output import EXTRAS, missing
 
 
 def test_readme_and_doctor_ask_for_the_same_packages():

@@ -16,8 +16,7 @@ from sdm_deflect.cases.report.data import MESH_UNITS, METRES, in_view, name_of, 
 from sdm_deflect.cases.report.folder import FinishedJob, part_of, write_deflected, write_run_folder
 from sdm_deflect.cases.report.page import page
 from sdm_deflect.cases.report.pictures import Gallery
-from sdm_deflect.cases.report.scene3d import by_size, triangles_of
-from sdm_deflect.cases.report.slices import CutPlane, cut_cells, cut_walls, planes
+from sdm_deflect.cases.report.slices import CutPlane, by_size, cut_cells, cut_walls, planes, triangles_of
 from sdm_deflect.cases.report.turnable import TABLES, turnable
 from sdm_deflect.cases.run.output import RUN, check_report
 from sdm_deflect.cases.settings.jobs import jobs_of

@@ -16,7 +16,7 @@ from sdm_deflect.cases.aircraft.report import report_data_of
 from sdm_deflect.cases.aircraft.run_folder import FinishedCase
 from sdm_deflect.cases.report.page import LARGEST, page
 from sdm_deflect.cases.report.pictures import Gallery, drawn
-from sdm_deflect.cases.report.scene3d import triangles_of
+from sdm_deflect.cases.report.slices import triangles_of
 from sdm_deflect.cases.report.turnable import thinned, turnable
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.meshing.mesh import tets_of

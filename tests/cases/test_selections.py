@@ -10,8 +10,7 @@ import sdm_deflect
 from sdm_deflect.cases.report.folder import FinishedJob
 from sdm_deflect.cases.run.inspection import inspect, inspected
 from sdm_deflect.cases.settings.job_settings import job_settings, selections_of
-from sdm_deflect.cases.settings.jobs import jobs_of
-from sdm_deflect.cases.settings.selections import selection
+from sdm_deflect.cases.settings.jobs import jobs_of, selection
 from sdm_deflect.cases.view.run import InteractiveRun
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.cells import Cells, Patch

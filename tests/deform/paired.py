@@ -7,8 +7,8 @@ from scipy.spatial import KDTree
 
 from sdm_deflect.deform.mesh.cells import Cells, Patch, Periodic
 from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.meshing.formats.openfoam import BARE, write_files, write_mesh
 from sdm_deflect.meshing.formats.openfoam_files import MESH
-from sdm_deflect.meshing.formats.openfoam_write import BARE, write_files, write_mesh
 from tests.deform.blocks import FACES, grid
 
 

@@ -12,7 +12,7 @@ from sdm_deflect.geometry.confinement import BlockParameters, block_corners, gap
 from sdm_deflect.geometry.datum import ends
 from sdm_deflect.geometry.deflected import CadTurn
 from sdm_deflect.geometry.errors import CadError
-from sdm_deflect.geometry.fuselage import fuselage_parts
+from sdm_deflect.geometry.fuse import fuselage_parts
 from sdm_deflect.geometry.parameters import (
     HINGE_LOWER,
     HINGE_UPPER,

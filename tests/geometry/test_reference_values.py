@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.geometry.datum import SURFACES, hinge_line, trailing_edge
-from sdm_deflect.geometry.parameters import Fighter
-from sdm_deflect.geometry.reference_values import reference_values
+from sdm_deflect.geometry.parameters import Fighter, reference_values
 from studies.flow.reference import surface_reference
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from sdm_deflect.deform.mesh.cells import Cells
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.formats.collapsed import CORNERS, TURNS, expanded
+from sdm_deflect.meshing.formats.fitted import CORNERS, TURNS, expanded
 from tests.meshing.formats.examples import grid
 
 ONE = {

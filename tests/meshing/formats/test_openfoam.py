@@ -8,9 +8,8 @@ import pytest
 
 from sdm_deflect.deform.mesh.cells import Polygons
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.openfoam import MESH, OpenFoam
+from sdm_deflect.meshing.formats.openfoam import MESH, OpenFoam, kind_of
 from sdm_deflect.meshing.formats.openfoam_files import open_foam, parse
-from sdm_deflect.meshing.formats.openfoam_write import kind_of
 from sdm_deflect.meshing.formats.registry import format_of
 from tests.meshing.formats.examples import hybrid
 from tests.meshing.formats.wing import wing

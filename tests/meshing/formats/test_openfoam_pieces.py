@@ -8,7 +8,7 @@ import pytest
 
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.formats import openfoam_pieces, openfoam_write, rewriting, tables
+from sdm_deflect.meshing.formats import openfoam, openfoam_pieces, rewriting, tables
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import MESH, OpenFoam
 from sdm_deflect.meshing.formats.openfoam_files import open_foam
@@ -31,8 +31,8 @@ def few_at_a_time(monkeypatch):
 @pytest.fixture(params=KINDS)
 def case(request, monkeypatch, tmp_path):
     label, scalar = map(np.dtype, KINDS[request.param])
-    monkeypatch.setattr(openfoam_write, "LABEL", label)
-    monkeypatch.setattr(openfoam_write, "SCALAR", scalar)
+    monkeypatch.setattr(openfoam, "LABEL", label)
+    monkeypatch.setattr(openfoam, "SCALAR", scalar)
     OpenFoam().write(wing(cells=2).mesh, tmp_path / "case")
     return tmp_path / "case"
 

@@ -9,12 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sdm_deflect.meshing.formats import numbers as module
 from sdm_deflect.meshing.formats import numbers as words
-from sdm_deflect.meshing.formats import plain_numbers as module
 from sdm_deflect.meshing.formats import su2_read
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.numbers import numbers
-from sdm_deflect.meshing.formats.plain_numbers import ahead, many_numbers, plain_numbers
+from sdm_deflect.meshing.formats.numbers import ahead, many_numbers, numbers, plain_numbers
 from sdm_deflect.meshing.formats.su2 import Su2
 from tests.meshing.formats.alike import content
 from tests.meshing.formats.examples import hybrid

@@ -13,8 +13,8 @@ from sdm_deflect.meshing.generate.assembly import (
     unit_normals,
     winding_number,
 )
-from sdm_deflect.meshing.generate.surface import InputSurface
-from sdm_deflect.meshing.generate.topology import cell_faces
+from sdm_deflect.meshing.generate.attachment import cell_faces
+from sdm_deflect.meshing.generate.volume import InputSurface
 from sdm_deflect.meshing.mesh import skin, tets_of
 
 

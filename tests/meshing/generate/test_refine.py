@@ -4,10 +4,9 @@ import pytest
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio, signed_volumes
 from sdm_deflect.geometry.model import CadModel
-from sdm_deflect.meshing.generate.generation import Generated
+from sdm_deflect.meshing.generate.attachment import boundary_failures
+from sdm_deflect.meshing.generate.generation import Generated, refined, split
 from sdm_deflect.meshing.generate.parameters import MeshParameters
-from sdm_deflect.meshing.generate.refine import refined, split
-from sdm_deflect.meshing.generate.topology import boundary_failures
 from sdm_deflect.meshing.generate.verify import verify
 from sdm_deflect.meshing.mesh import skin, tets_of
 

@@ -7,8 +7,7 @@ from sdm_deflect.cases.aircraft.cad import undeflected_cad
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.generate.parameters import MeshParameters
-from sdm_deflect.meshing.generate.sizing import size_field
-from sdm_deflect.meshing.generate.sources import sources
+from sdm_deflect.meshing.generate.sizing import size_field, sources
 
 
 def test_each_patch_is_covered_with_its_own_length(body: CadModel, coarse: MeshParameters) -> None:

@@ -4,10 +4,10 @@ import pytest
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing import child
 from sdm_deflect.meshing.errors import MeshingError
-from sdm_deflect.meshing.generate import surface
+from sdm_deflect.meshing.generate import volume
+from sdm_deflect.meshing.generate.attachment import TRIANGLE_EDGES, encode
 from sdm_deflect.meshing.generate.sizing import background, size_field
-from sdm_deflect.meshing.generate.surface import InputSurface, mesh_surface
-from sdm_deflect.meshing.generate.topology import TRIANGLE_EDGES, encode
+from sdm_deflect.meshing.generate.volume import InputSurface, mesh_surface
 
 
 @pytest.fixture(scope="module")
@@ -54,9 +54,9 @@ def test_mixed_up_faces_are_noticed(body: CadModel, sizes, monkeypatch: pytest.M
         answer = call(module, question, seconds)
         return answer | {"areas": answer["areas"][:-1]}
 
-    monkeypatch.setattr(surface.child, "call", shuffled)
+    monkeypatch.setattr(volume.child, "call", shuffled)
     with pytest.raises(MeshingError, match="m off the CAD face on"):
         mesh_surface(body, sizes)
-    monkeypatch.setattr(surface.child, "call", short)
+    monkeypatch.setattr(volume.child, "call", short)
     with pytest.raises(MeshingError, match="gmsh found 8 faces in a CAD model of 9"):
         mesh_surface(body, sizes)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.generate.topology import TET_FACES, boundary_failures, cell_faces, decode, edges_of, encode
+from sdm_deflect.meshing.generate.attachment import TET_FACES, boundary_failures, cell_faces, decode, edges_of, encode
 from sdm_deflect.meshing.mesh import skin, tets_of
 from tests.labelled import changed
 
