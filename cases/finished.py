@@ -1,10 +1,14 @@
-"""The folder of any finished run, opened."""
+"""The folder of any finished run, opened, and its mesh in the files that flow solvers read."""
 
 from pathlib import Path
 
 from sdm_deflect.cases.report.finished import FinishedRun
 from sdm_deflect.cases.run.mesh_files import is_report
 from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.meshing.files import permitted_as
+from sdm_deflect.meshing.formats.registry import FORMATS
+from sdm_deflect.meshing.formats.zones import joined
 
 
 def finished(folder: Path) -> FinishedRun:
@@ -13,9 +17,7 @@ def finished(folder: Path) -> FinishedRun:
     Raises InputError or MeshFileError if it is none, a file is missing or damaged, or the files do not belong together.
     """
     if is_report(folder):
-        from sdm_deflect.cases.report.folder import FinishedJob
-
-        return FinishedJob.of(folder)
+        return FinishedRun.of(folder)
     if (folder / "case.toml").is_file():
         from sdm_deflect.cases.aircraft.run_folder import FinishedCase
 
@@ -23,3 +25,34 @@ def finished(folder: Path) -> FinishedRun:
     beside = folder.with_name(f"{folder.name.removesuffix(folder.suffix)}-deflected-report")
     hint = f"; try {beside}" if beside.is_dir() else ""
     raise InputError(f"{folder} is not the output folder of a run: it has no case.toml and no settings.toml{hint}")
+
+
+def export_run(
+    run: FinishedRun, form: str, which: str = "deflected", out: Path | None = None, progress: Progress = silent
+) -> tuple[Path, tuple[str, ...]]:
+    """Write a mesh of a finished run in another format, boundary names included.
+
+    Parameters
+    ----------
+    run : nothing in its folder changes.
+    form : a name in `FORMATS`.
+    which : "deflected" or "undeflected".
+    out : file to write (for OpenFOAM a folder); beside the run's folder if None. It appears whole or not at all.
+    progress : called with what is being done.
+
+    Returns
+    -------
+    out : what was written.
+    lost : a sentence for each thing that the format cannot hold.
+
+    Raises InputError if `out` lies in the folder under the name of a file there, MeshFileError if it cannot be written.
+    """
+    known, folder = FORMATS[form], run.folder.resolve()
+    target = out or folder.with_name(f"{folder.name}-{which}{'' if known.folder else known.suffixes[0]}")
+    if target.exists() and any(path.samefile(target) for path in folder.iterdir()):
+        raise InputError(f"--out {target} is a file of the run; export to another name")
+    mesh = run.plan.mesh if which == "undeflected" else run.plan.mesh.with_points(run.points)
+    if run.background is not None and known.zoned:
+        mesh = joined(("block", "background"), (mesh, run.background))
+    with permitted_as(folder):
+        return target, known.write(mesh, target, progress)

@@ -2,21 +2,10 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from importlib.metadata import version
 
 from sdm_deflect.cases.aircraft.case import Case
-from sdm_deflect.cases.run.metrics import (
-    Json,
-    by_shape,
-    deflection_figures,
-    fit_text,
-    kernel_text,
-    mesh_figures,
-    peak_rss_bytes,
-    repair_text,
-    verdict_figures,
-    warnings_of,
-)
+from sdm_deflect.cases.report.folder import metrics_of
+from sdm_deflect.cases.run.metrics import Json, by_shape, deflection_figures, fit_text, kernel_text, repair_text
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.mesh.mesh import Mesh
@@ -86,27 +75,24 @@ def metrics(run: Run) -> Json:
     surface = surfaces[first.plan.surface]
     if run.pinned:
         surface["quality_inside"]["after_pinned"] = by_shape([run.pinned])
+    figures = metrics_of(run.deflection, run.checks, None, run.watch.seconds)
     return {
         "case": case.name,
         "scale": case.scale,
+        **figures,
         "angle_deg": case.angle,
         "strategy": case.strategy,
-        "version": version("sdm-deflect"),
         "mesh": {
-            **mesh_figures(run.deflection.plan),
+            **figures["mesh"],
             "quality_min": before.min,
             "boundary_to_cad_max": run.origin.boundary_to_cad_max,
             "seconds": run.origin.seconds,
         },
         **{name: value for name, value in surface.items() if name != "angle_deg"},
-        "evaluation": _evaluation(run),
+        "evaluation": {**figures["evaluation"], **_evaluation(run)},
         "quality": {"before": quality[0], "after": quality[1], "inverted": after.inverted},
-        "validation": verdict_figures(run.checks),
-        "warnings": list(warnings_of(run.deflection.plan)),
         "deflections": surfaces,
-        "timings": run.watch.seconds,
         "total_seconds": run.watch.total,
-        "peak_rss_bytes": peak_rss_bytes(),
     }
 
 
@@ -148,8 +134,4 @@ def _evaluation(run: Run) -> Json:
         for step in d.steps
         for fit in step.fits.adaptations
     )
-    return {
-        "seconds": seconds,
-        "whole_mesh_seconds": run.whole_mesh_seconds,
-        "pairs_per_second": pairs / seconds if seconds else 0.0,
-    }
+    return {"whole_mesh_seconds": run.whole_mesh_seconds, "pairs_per_second": pairs / seconds if seconds else 0.0}

@@ -53,7 +53,7 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, rep
         if report:
             shown, gallery = drawn_report(case, found, folder, watch)
         with watch.stage("files") as progress:
-            write_deformation(folder, case, moved, found, background)
+            write_deformation(folder, case, found, background)
             progress(f"{sum(path.stat().st_size for path in folder.glob('*.*')) / 1e6:.1f} MB", 1.0)
         with watch.stage("validation") as progress:
             progress("waiting for the deflected CAD", nan)

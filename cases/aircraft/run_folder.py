@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,13 +16,13 @@ from sdm_deflect.cases.aircraft.reference import Reference, reference
 from sdm_deflect.cases.aircraft.registry import resolve
 from sdm_deflect.cases.report.data import METRES, RUN, ReportData, measured, read_figures
 from sdm_deflect.cases.report.finished import Display, FinishedRun
-from sdm_deflect.cases.run.output import moved_by_repair, write_convergence, write_interpolants
+from sdm_deflect.cases.report.folder import write_arrays
+from sdm_deflect.cases.run.output import moved_by_repair
 from sdm_deflect.cases.settings.conversion import to_toml
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.reading import damaged
 from sdm_deflect.deform.checks import Check, checks_of
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.geometry.parameters import LARGEST_TURN
 from sdm_deflect.meshing.formats.vtu import read_vtu, write_vtu
@@ -33,23 +34,13 @@ if TYPE_CHECKING:
     from sdm_deflect.geometry.model import CadModel
 
 
-def write_deformation(folder: Path, case: Case, deflected: Mesh, found: Deflection, background: Mesh | None) -> None:
+def write_deformation(folder: Path, case: Case, found: Deflection, background: Mesh | None) -> None:
     """Write every file of the contract that needs no validation into `folder`."""
     (folder / "case.toml").write_text(to_toml(case), encoding="utf-8")
     write_vtu(folder / "undeflected.vtu", found.plan.mesh)
-    arrays = {"displacement": deflected.points - found.plan.mesh.points}
-    if (repair := found.moved_by_repair) is not None:
-        arrays["repair"] = repair
-    write_vtu(
-        folder / "deflected.vtu",
-        deflected,
-        point_data=arrays,
-        cell_data={"quality": mean_ratio(deflected.points, tets_of(deflected))},
-    )
+    write_arrays(folder, found, whole=True)
     if background is not None:
         write_vtu(folder / "background.vtu", background)
-    write_interpolants(folder / "interpolant.npz", found.boxes)
-    write_convergence(folder / "convergence.csv", found.boxes)
 
 
 def write_metrics(run: Run, folder: Path) -> None:
@@ -88,7 +79,7 @@ class FinishedCase(FinishedRun):
             raise InputError(f"{folder}: undeflected.vtu and deflected.vtu differ in their number of points")
         plan = plan_of(case, replace(mesh, name=case.name))
         repair = moved_by_repair(folder / "deflected.vtu", len(mesh.points))
-        return cls(folder, plan, deflected.points, repair, case, deflected)
+        return cls(folder, plan, deflected.points, repair, to_toml(case), case, deflected)
 
     @property
     def angle(self) -> float:
@@ -113,7 +104,7 @@ class FinishedCase(FinishedRun):
         """Return what its report shows, with the checks of the meshes made again; those of the fits are stored ones."""
         data = self.report_data()
         with reference(self.case) as deflected_cad:
-            checks = self.judged(self.background(), deflected_cad())
+            checks = self.judged(self.background, deflected_cad())
         names = {check.name for check in checks}
         return replace(data, checks=(*checks, *(check for check in data.checks if check.name not in names)))
 
@@ -123,8 +114,15 @@ class FinishedCase(FinishedRun):
 
         return compared(data, folder)
 
+    @property
+    def command(self) -> str:
+        """The command that repeats it at ANGLE."""
+        folder = self.folder.resolve()
+        return f"sdm run --config {quote(str(folder / 'case.toml'))} --set angle=ANGLE --out {quote(f'{folder}-ANGLE')}"
+
+    @property
     def background(self) -> Mesh | None:
-        """Return the mesh around a Chimera block; None without one."""
+        """The mesh around a Chimera block; None without one."""
         return read_vtu(self.folder / "background.vtu") if self.case.domain == "block" else None
 
     def judged(self, background: Mesh | None, cad: Reference) -> tuple[Check, ...]:
@@ -147,7 +145,7 @@ class FinishedCase(FinishedRun):
         """
         from sdm_deflect.cases.aircraft.validation import further_checks, mesh_check
 
-        case, mesh, background = self.case, self.plan.mesh, self.background()
+        case, mesh, background = self.case, self.plan.mesh, self.background
         _, stored, _ = read_figures(self.folder)
         meshes, grids = (mesh, *([background] if background else ())), (case.mesh, case.background)
         parts = zip(("undeflected_mesh", "background_mesh"), meshes, models(case), grids, strict=False)

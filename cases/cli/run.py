@@ -204,10 +204,10 @@ def view(place: Path, port: int, show: bool, quiet: bool, verbose: bool) -> None
 @options.progress_options
 def export(folder: Path, form: str, which: str, out: Path | None, quiet: bool, verbose: bool) -> None:
     """Write the mesh of a finished run in another format."""
-    from sdm_deflect.cases.run.export import export_run
+    from sdm_deflect.cases.finished import export_run, finished
 
     with options.watched(quiet, verbose) as watch, watch.stage("export") as progress:
-        target, lost = export_run(folder, form, which, out, progress)
+        target, lost = export_run(finished(folder), form, which, out, progress)
     for sentence in lost:
         click.echo(f"{target}: {sentence}", err=True)
     click.echo(f"{target}")

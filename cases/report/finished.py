@@ -1,17 +1,38 @@
 """A finished run, read from its folder: what is asked of it, whether it is of a case or of any mesh."""
 
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from shlex import quote
+from tomllib import loads
 from typing import TYPE_CHECKING
 
-from sdm_deflect.cases.report.data import Length, ReportData
-from sdm_deflect.cases.run.output import PAGE, output_files
+import numpy as np
+
+from sdm_deflect.cases.report.data import (
+    MESH_UNITS,
+    RUN,
+    Length,
+    ReportData,
+    in_view,
+    measured,
+    read_figures,
+    read_json,
+)
+from sdm_deflect.cases.report.folder import job_data, part_of
+from sdm_deflect.cases.run.mesh_files import SETTINGS, difference, precision_of
+from sdm_deflect.cases.run.output import PAGE, moved_by_repair, output_files
+from sdm_deflect.cases.settings.job_settings import job_settings, read_job
+from sdm_deflect.cases.settings.jobs import jobs_of
 from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.checks import Check
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.reading import damaged
+from sdm_deflect.deform.checks import Check, checks_of
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE
+from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.plan import Plan
+from sdm_deflect.meshing.formats.registry import format_of
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.report.pictures import Exhibit
@@ -40,8 +61,8 @@ class Display:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FinishedRun(ABC):
-    """A finished run.
+class FinishedRun:
+    """A finished run, as its folder holds it: of a mesh that was deflected, or of a case.
 
     Attributes
     ----------
@@ -49,12 +70,30 @@ class FinishedRun(ABC):
     plan : what was decided before the fit, from its settings and its undeflected mesh.
     points : (N, 3) where it brought the mesh.
     repair : (N, 3) how far its repair moved each node; None without one.
+    settings : content of settings.toml, or of case.toml.
     """
 
     folder: Path
     plan: Plan = field(repr=False)
     points: FloatArray = field(repr=False)
     repair: FloatArray | None = field(repr=False)
+    settings: str = field(repr=False)
+
+    @classmethod
+    def of(cls, folder: Path) -> "FinishedRun":
+        """Read the folder beside a mesh; InputError if a file is missing or damaged, or the mesh is another."""
+        with damaged(folder, RUN):
+            settings = (folder / SETTINGS).read_text(encoding="utf-8")
+            path, count = loads(settings).get("mesh", ""), read_json(folder)["mesh"]["points"]
+        if not path or not isinstance(path, str):
+            raise InputError(f"{folder / SETTINGS} names no mesh: this deflection was of no file")
+        source = (folder / path).resolve()
+        mesh = replace(format_of(source).read(source), name=source.name, source=str(source))
+        if len(mesh.points) != count:
+            raise InputError(f"{source} has {len(mesh.points)} points, but {count} when it was deflected")
+        plan = Plan.of(mesh, jobs_of(job_settings(read_job(folder / SETTINGS))))
+        points = _read_points(folder / "deflected.vtu", plan)
+        return cls(folder, plan, points, moved_by_repair(folder / "deflected.vtu", len(points)), settings)
 
     @property
     def angle(self) -> float:
@@ -62,20 +101,47 @@ class FinishedRun(ABC):
         return self.plan.angle
 
     @property
-    @abstractmethod
     def display(self) -> Display:
-        """How it is shown."""
+        """How it is shown: with the patches that pictures show."""
+        mesh, plan = self.plan.mesh, self.plan
+        drawn = in_view(mesh, (*plan.patches, *plan.stays))
+        positive = "right-handed about the hinge" if plan.unit == "deg" else "as in the table"
+        return Display(mesh.name, positive, MESH_UNITS, tuple(name for name in mesh.names if name not in drawn))
 
-    @abstractmethod
+    @property
+    def command(self) -> str:
+        """The command that repeats it at ANGLE, with centres of its own."""
+        source = Path(self.plan.mesh.source)
+        out = source.with_name(f"{source.stem}-ANGLE-deflected{source.suffix}")
+        config = quote(str(self.folder.resolve() / SETTINGS))
+        return f"sdm deflect {quote(str(source))} --config {config} --angle ANGLE --out {quote(str(out))}"
+
+    @property
+    def background(self) -> Mesh | None:
+        """The mesh around a Chimera block; None without one."""
+        return None
+
     def report_data(self) -> ReportData:
         """Return what its report shows, with the checks that it made itself; InputError if a file is damaged."""
+        figures, checks, fits = read_figures(self.folder)
+        data = job_data(self.plan, self.plan.angle, self.points, self.settings, fits, self.repair)
+        return data.judged(checks, figures)
 
-    @abstractmethod
     def validated(self) -> tuple[Check, ...]:
         """Return its checks, made again from its files, and those of the files.
 
         Raises InputError or MeshFileError if a file is missing or damaged, or the files do not belong together.
         """
+        figures, stored, _ = read_figures(self.folder)
+        with damaged(self.folder, RUN):
+            names = [Path(name).name for name in figures["files"]]
+        if not names:
+            return (*checks_of(Deflection.at(self.plan, self.points, self.repair)), *measured(stored))
+        out = self.folder.resolve().with_name(names[0])
+        plan = self.plan.keeping(precision_of(Path(self.plan.mesh.source), out, self.plan.mesh))
+        text = difference(self.plan.mesh, self.points, out) if out.exists() else "it is not there"
+        whole = Check("mesh_file", float(bool(text)), 0.0, "faults", f"{out.name}: {text}" if text else out.name)
+        return (*checks_of(Deflection.at(plan, self.points, self.repair)), *measured(stored), whole)
 
     def judged_again(self) -> ReportData:
         """Return what a report made anew shows."""
@@ -98,3 +164,15 @@ class FinishedRun(ABC):
             for exhibit in gallery.exhibits if form else ():
                 exhibit.write(form)
         return data
+
+
+def _read_points(path: Path, plan: Plan) -> FloatArray:
+    """Read the deflected coordinates (N, 3) from a file that may hold only what moves; InputError if sizes differ."""
+    points, out = format_of(path).read(path).points, plan.mesh.points.copy()
+    node = np.arange(len(out))
+    if len(points) != len(out):
+        node = part_of(plan.mesh, plan.touched.rows, plan.changed)[1]
+    if len(points) != len(node):
+        raise InputError(f"{path} does not belong to the mesh {plan.mesh.name}")
+    out[node] = points
+    return out

@@ -1,8 +1,8 @@
-"""The folder beside a deflected mesh: settings, figures, arrays, pictures and the page, from which it is made anew."""
+"""The folder of a run: settings, figures, arrays, pictures and the page."""
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from importlib.metadata import version
 from os.path import relpath
 from pathlib import Path
@@ -12,23 +12,9 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from sdm_deflect.cases.report.data import (
-    MESH_UNITS,
-    RUN,
-    Box,
-    FitRows,
-    ReportData,
-    in_view,
-    measured,
-    name_of,
-    read_figures,
-    read_json,
-    rows_of,
-    unrepaired,
-)
-from sdm_deflect.cases.report.finished import Display, FinishedRun
+from sdm_deflect.cases.report.data import MESH_UNITS, Box, FitRows, ReportData, in_view, name_of, rows_of, unrepaired
 from sdm_deflect.cases.report.near import some_cells
-from sdm_deflect.cases.run.mesh_files import SETTINGS, difference, precision_of
+from sdm_deflect.cases.run.mesh_files import SETTINGS
 from sdm_deflect.cases.run.metrics import (
     Json,
     deflection_figures,
@@ -41,15 +27,11 @@ from sdm_deflect.cases.run.metrics import (
     verdict_figures,
     warnings_of,
 )
-from sdm_deflect.cases.run.output import moved_by_repair, report_lacks, write_convergence, write_interpolants
+from sdm_deflect.cases.run.output import report_lacks, write_convergence, write_interpolants
 from sdm_deflect.cases.settings.conversion import table_of
-from sdm_deflect.cases.settings.job_settings import job_settings, read_job
-from sdm_deflect.cases.settings.jobs import jobs_of
 from sdm_deflect.deform.base import limits
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray, union
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.reading import damaged
-from sdm_deflect.deform.checks import Check, checks_of
+from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.cells import Cells, Faces, Patch, Polyhedra, taken
 from sdm_deflect.deform.mesh.mesh import Mesh
@@ -61,7 +43,7 @@ from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, Surfa
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.job import Sliding
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
-from sdm_deflect.meshing.formats.registry import ending, format_of
+from sdm_deflect.meshing.formats.registry import ending
 from sdm_deflect.meshing.formats.vtu import write_vtu
 
 PART = "deflected.vtu holds only the {cells:,} cells with a node that may move; its array node numbers their nodes"
@@ -94,12 +76,10 @@ def write_run_folder(
     home : Where `folder` will be; it follows from `out` if that is given, else it is `folder` if None.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    write_convergence(folder / "convergence.csv", one.boxes)
-    write_interpolants(folder / "interpolant.npz", one.boxes)
     place = folder_of(out) if out else home or folder
     settings = tomli_w.dumps(settings_of(one, place, folder))
     (folder / SETTINGS).write_text(settings, encoding="utf-8")
-    write_deflected(folder / "deflected.vtu", one)
+    write_arrays(folder, one, is_small(one.plan.mesh))
     figures = metrics_of(one, checks, out, timings)
     (folder / "metrics.json").write_text(json.dumps(figures, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     data = data_of(one, settings).judged(checks, figures)
@@ -111,73 +91,16 @@ def write_run_folder(
     return data
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FinishedJob(FinishedRun):
-    """A deflected mesh, by the folder beside it.
-
-    Attributes
-    ----------
-    settings : content of settings.toml.
-    """
-
-    settings: str = field(repr=False)
-
-    @classmethod
-    def of(cls, folder: Path) -> "FinishedJob":
-        """Read a folder; InputError if a file is missing or damaged, or the mesh is another."""
-        with damaged(folder, RUN):
-            settings = (folder / SETTINGS).read_text(encoding="utf-8")
-            path, count = loads(settings).get("mesh", ""), read_json(folder)["mesh"]["points"]
-        if not path or not isinstance(path, str):
-            raise InputError(f"{folder / SETTINGS} names no mesh: this deflection was of no file")
-        source = (folder / path).resolve()
-        mesh = replace(format_of(source).read(source), name=source.name, source=str(source))
-        if len(mesh.points) != count:
-            raise InputError(f"{source} has {len(mesh.points)} points, but {count} when it was deflected")
-        plan = Plan.of(mesh, jobs_of(job_settings(read_job(folder / SETTINGS))))
-        points = _read_points(folder / "deflected.vtu", plan)
-        repair = moved_by_repair(folder / "deflected.vtu", len(points))
-        return cls(folder, plan, points, repair, settings)
-
-    @property
-    def display(self) -> Display:
-        """How it is shown: with the patches that pictures show."""
-        mesh, plan = self.plan.mesh, self.plan
-        drawn = in_view(mesh, (*plan.patches, *plan.stays))
-        positive = "right-handed about the hinge" if plan.unit == "deg" else "as in the table"
-        return Display(mesh.name, positive, MESH_UNITS, tuple(name for name in mesh.names if name not in drawn))
-
-    def report_data(self) -> ReportData:
-        """Return what its report shows."""
-        figures, checks, fits = read_figures(self.folder)
-        data = _data(self.plan, self.plan.angle, self.points, self.settings, fits, self.repair)
-        return data.judged(checks, figures)
-
-    def validated(self) -> tuple[Check, ...]:
-        """Return the checks of the mesh on the disk, made again, and those of the files."""
-        figures, stored, _ = read_figures(self.folder)
-        with damaged(self.folder, RUN):
-            names = [Path(name).name for name in figures["files"]]
-        out = self.folder.resolve().with_name(names[0]) if names else None
-        plan = self.plan.keeping(precision_of(Path(self.plan.mesh.source), out, self.plan.mesh)) if out else self.plan
-        checks = *checks_of(Deflection.at(plan, self.points, self.repair)), *measured(stored)
-        return (*checks, self._mesh_file(out)) if out else checks
-
-    def _mesh_file(self, out: Path) -> Check:
-        """Check that the file of the deflected mesh holds the points that were judged."""
-        text = difference(self.plan.mesh, self.points, out) if out.exists() else "it is not there"
-        return Check("mesh_file", float(bool(text)), 0.0, "faults", f"{out.name}: {text}" if text else out.name)
-
-
 def data_of(one: Deflection, settings: str = "") -> ReportData:
     """Return what pictures of a deflection show, before it is judged; `settings` is the content of settings.toml."""
     fits = [FitRows.of(box) for box in one.boxes]
-    return _data(one.plan, one.angle, one.points, settings, fits, one.moved_by_repair)
+    return job_data(one.plan, one.angle, one.points, settings, fits, one.moved_by_repair)
 
 
-def _data(
+def job_data(
     plan: Plan, angle: float, points: FloatArray, settings: str, fits: Sequence[FitRows], repair: FloatArray | None
 ) -> ReportData:
+    """Return what a report shows of points (N, 3), of which a repair (N, 3) is a part."""
     mesh = plan.mesh
     boxes = tuple(
         Box.of(box, plan.angle_of(box, angle), name_of(plan.patches) if len(plan.boxes) == 1 else box.surface, own)
@@ -311,15 +234,20 @@ def is_small(mesh: Mesh) -> bool:
     return mesh.whole is None and sum(mesh.cell_counts) <= limits.LIMITS.shown
 
 
-def write_deflected(path: Path, one: Deflection) -> None:
-    """Write cells and faces with displacement and quality: of the whole mesh, or those that may change."""
+def write_arrays(folder: Path, one: Deflection, whole: bool) -> None:
+    """Write convergence.csv, interpolant.npz, and deflected.vtu: of the `whole` mesh, or of what may change.
+
+    The latter holds cells and faces with displacement and quality.
+    """
     plan = one.plan
-    moved, node, quality = _shown(plan, one.points, is_small(plan.mesh))
-    numbers = {} if is_small(plan.mesh) else {"node": plan.mesh.numbers(node)}
+    write_convergence(folder / "convergence.csv", one.boxes)
+    write_interpolants(folder / "interpolant.npz", one.boxes)
+    moved, node, quality = _shown(plan, one.points, whole)
+    numbers = {} if whole else {"node": plan.mesh.numbers(node)}
     arrays = {"displacement": moved.points - plan.mesh.points[node], **numbers}
     if (repair := one.moved_by_repair) is not None:
         arrays["repair"] = repair[node]
-    write_vtu(path, moved, arrays, {"quality": quality})
+    write_vtu(folder / "deflected.vtu", moved, arrays, {"quality": quality})
 
 
 def _shown(plan: Plan, points: FloatArray, whole: bool) -> tuple[Mesh, IntArray, FloatArray]:
@@ -359,15 +287,3 @@ def _numbered(block: Any, place: IntArray) -> Any:
     if isinstance(block, Polyhedra):
         return replace(block, faces=_numbered(block.faces, place))
     return replace(block, nodes=place[block.nodes])
-
-
-def _read_points(path: Path, plan: Plan) -> FloatArray:
-    """Return the points (N, 3), from a file that holds all or those that may change; InputError if it is another's."""
-    points, out = format_of(path).read(path).points, plan.mesh.points.copy()
-    node = np.arange(len(out))
-    if len(points) != len(out):
-        node = part_of(plan.mesh, plan.touched.rows, plan.changed)[1]
-    if len(points) != len(node):
-        raise InputError(f"{path} does not belong to the mesh {plan.mesh.name}")
-    out[node] = points
-    return out

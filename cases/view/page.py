@@ -4,14 +4,12 @@ import json
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from shlex import quote
 
 import numpy as np
 
 from sdm_deflect.cases.file_mesh import saved
 from sdm_deflect.cases.report.data import MESH_UNITS, METRES, ReportData, diagonal
 from sdm_deflect.cases.report.finished import FinishedRun
-from sdm_deflect.cases.report.folder import FinishedJob
 from sdm_deflect.cases.report.page import HERE, picture, templates
 from sdm_deflect.cases.report.turnable import indices_of, turnable
 from sdm_deflect.cases.run.metrics import Json
@@ -166,12 +164,7 @@ class View:
         """Return the command that deflects by ANGLE with centres of its own; empty if there is none."""
         if len(self.run.surfaces) > 1 or self.run.unit[0] == " ":
             return ""
-        folder, source = self.finished.folder.resolve(), Path(self.run.mesh.source)
-        if isinstance(self.finished, FinishedJob):
-            out = source.with_name(f"{source.stem}-ANGLE-deflected{source.suffix}")
-            config = quote(str(folder / "settings.toml"))
-            return f"sdm deflect {quote(str(source))} --config {config} --angle ANGLE --out {quote(str(out))}"
-        return f"sdm run --config {quote(str(folder / 'case.toml'))} --set angle=ANGLE --out {quote(f'{folder}-ANGLE')}"
+        return self.finished.command
 
     def _save(self, frame: DeflectedMesh | None) -> str:
         """Write the mesh at an angle beside that of the run, in its format; InputError if it is not verified."""

@@ -8,7 +8,7 @@ import pytest
 
 import sdm_deflect
 from sdm_deflect.cases.cli.commands import carry_out as main
-from sdm_deflect.cases.report.folder import FinishedJob
+from sdm_deflect.cases.report.finished import FinishedRun
 from sdm_deflect.cases.view.run import InteractiveRun
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.meshing.formats.registry import format_of
@@ -90,7 +90,7 @@ def test_the_folder_makes_report_and_view_again(home, run):
     settings = tomllib.loads((run / "settings.toml").read_text())
     assert settings["box_each"] is True
     assert all(np.shape(one["corners"]) == (8, 3) for one in settings["surface"])
-    finished = FinishedJob.of(run)
+    finished = FinishedRun.of(run)
     plan, points = finished.plan, finished.points
     assert [part.surface for part in plan.boxes] == ["left", "right"]
     np.testing.assert_array_equal(points, format_of(home / "two.su2").read(home / "two-deflected.su2").points)
@@ -103,7 +103,7 @@ def test_the_folder_makes_report_and_view_again(home, run):
 
 
 def test_the_folder_is_validated_by_its_files(run):
-    checks = FinishedJob.of(run).validated()
+    checks = FinishedRun.of(run).validated()
     assert [check.name for check in checks if not check.passed] == []
     assert {"site_error:left", "inverted_cells", "mesh_file"} < {c.name for c in checks}
 

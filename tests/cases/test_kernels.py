@@ -8,7 +8,8 @@ import pytest
 
 from sdm_deflect import Field, InputError, deflect, read
 from sdm_deflect.cases.aircraft.registry import case_named, resolve
-from sdm_deflect.cases.report.folder import FinishedJob, settings_of
+from sdm_deflect.cases.report.finished import FinishedRun
+from sdm_deflect.cases.report.folder import settings_of
 from sdm_deflect.cases.run.mesh_files import write_mesh
 from sdm_deflect.cases.run.metrics import fit_text, kernel_text
 from sdm_deflect.cases.view.run import InteractiveRun
@@ -62,7 +63,7 @@ def test_the_view_turns_with_the_kernel_of_the_run(name, hybrid_wing, tmp_path):
     write_mesh(None, hybrid_wing.mesh, hybrid_wing.mesh.points, tmp_path / "wing.su2")
     options = {"motion": "blended", "fixed": "wing_*", "slide": "symmetry:plane", "repair": "off", "kernel": name}
     one = deflect(read(tmp_path / "wing.su2"), "flap_*", hybrid_wing.hinge, 5.0, **options)
-    run = InteractiveRun.of(FinishedJob.of(written(tmp_path / "report", one.deflection)))
+    run = InteractiveRun.of(FinishedRun.of(written(tmp_path / "report", one.deflection)))
     assert np.abs(run.at(5.0).points - one.points).max() < 1e-9
 
 

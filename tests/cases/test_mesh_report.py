@@ -13,7 +13,8 @@ import pyvista as pv
 
 from sdm_deflect.cases.report import folder as folders
 from sdm_deflect.cases.report.data import MESH_UNITS, METRES, in_view, name_of, round_length
-from sdm_deflect.cases.report.folder import FinishedJob, part_of, write_deflected, write_run_folder
+from sdm_deflect.cases.report.finished import FinishedRun
+from sdm_deflect.cases.report.folder import part_of, write_arrays, write_run_folder
 from sdm_deflect.cases.report.page import page
 from sdm_deflect.cases.report.pictures import Gallery
 from sdm_deflect.cases.report.slices import CutPlane, by_size, cut_cells, cut_walls, planes, triangles_of
@@ -140,15 +141,15 @@ def test_folder_holds_all_and_makes_the_page_anew(coarse_wing, tmp_path, monkeyp
     }
     before = {path.name: path.read_bytes() for path in folder.iterdir() if path.suffix in (".json", ".toml", ".vtu")}
     (folder / "report.html").unlink()
-    again = FinishedJob.of(folder).report()
+    again = FinishedRun.of(folder).report()
     np.testing.assert_array_equal(again.points, one.points)
     assert again.checks == checks
     assert turnable(again) == turnable(data)
     assert before == {name: (folder / name).read_bytes() for name in before}
-    drawn = [FinishedJob.of(folder).report("svg") and (folder / "figures" / "quality.svg").read_bytes() for _ in (1, 2)]
+    drawn = [FinishedRun.of(folder).report("svg") and (folder / "figures" / "quality.svg").read_bytes() for _ in (1, 2)]
     assert drawn[0] == drawn[1]
     assert b"<svg" in drawn[0]
-    FinishedJob.of(folder).report()
+    FinishedRun.of(folder).report()
     assert {path.suffix for path in (folder / "figures").iterdir()} == {".png"}
     text = (folder / "report.html").read_text()
     assert text.count("<figure>") == 3
@@ -159,20 +160,20 @@ def test_folder_holds_all_and_makes_the_page_anew(coarse_wing, tmp_path, monkeyp
                 with pytest.raises(InputError, match=r"metrics\.json"):
                     page(replace(data, figures=figures), Gallery(()))
     limited(monkeypatch, shown=10)
-    write_deflected(folder / "deflected.vtu", one)
+    write_arrays(folder, one, whole=False)
     assert (folder / "deflected.vtu").stat().st_size < 0.8 * len(before["deflected.vtu"])
-    np.testing.assert_array_equal(FinishedJob.of(folder).report().points, one.points)
+    np.testing.assert_array_equal(FinishedRun.of(folder).report().points, one.points)
     source.write_bytes(source.read_bytes().replace(b"NDIME= 3", b"NDIME= 4"))
     with pytest.raises(MeshFileError, match=r"wing\.su2"):
-        FinishedJob.of(folder).report()
+        FinishedRun.of(folder).report()
     format_of(source).write(hybrid(), source)
     with pytest.raises(InputError, match=rf"has 14 points, but {len(mesh.points)} when it was deflected"):
-        FinishedJob.of(folder).report()
+        FinishedRun.of(folder).report()
     format_of(source).write(coarse_wing.mesh, source)
     for name, text in (("interpolant.npz", "PK"), ("metrics.json", "{}"), ("settings.toml", "= 1")):
         (folder / name).write_text(text)
         with pytest.raises(InputError, match=r"no whole folder of a run|no table of figures|no archive of arrays"):
-            FinishedJob.of(folder).report()
+            FinishedRun.of(folder).report()
 
 
 def blended(hinge):
@@ -184,7 +185,7 @@ def blended(hinge):
 
 def test_arrays_of_the_whole_mesh_are_in_the_vtu_file(coarse_wing, tmp_path):
     one = deflect(Plan.of(coarse_wing.mesh, [blended(coarse_wing.hinge)]), 3.0)
-    write_deflected(tmp_path / "deflected.vtu", one)
+    write_arrays(tmp_path, one, whole=True)
     grid = pv.read(tmp_path / "deflected.vtu")
     np.testing.assert_array_equal(grid.points, one.points)
     np.testing.assert_array_equal(grid.point_data["displacement"], one.points - coarse_wing.mesh.points)
@@ -208,7 +209,7 @@ def test_polyhedra_and_nodes_alone_have_a_report(tmp_path):
         assert ("smallest face pyramid over volume" in text) == bool(mesh.cells)
         assert data.drawn == ("body",)
         with pytest.raises(InputError, match="names no mesh"):
-            FinishedJob.of(tmp_path / name).report()
+            FinishedRun.of(tmp_path / name).report()
 
 
 def test_page_of_a_hybrid_mesh_is_turnable(coarse_wing, opened, tmp_path):

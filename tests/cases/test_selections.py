@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import sdm_deflect
-from sdm_deflect.cases.report.folder import FinishedJob
+from sdm_deflect.cases.report.finished import FinishedRun
 from sdm_deflect.cases.run.inspection import inspect, inspected
 from sdm_deflect.cases.settings.job_settings import job_settings, selections_of
 from sdm_deflect.cases.settings.jobs import jobs_of, selection
@@ -87,7 +87,7 @@ def test_a_report_repeats_the_choice(channel, sdm, tmp_path):
     assert sdm("deflect", channel, *words, *HINGE, "--out", out)[0] == 0
     settings = tmp_path / "turned-report" / "settings.toml"
     assert loads(settings.read_text())["select"] == {"flap": "wall box:0.5,-1,-1,2,1,1"}
-    finished = FinishedJob.of(settings.parent)
+    finished = FinishedRun.of(settings.parent)
     plan, points = finished.plan, finished.points
     assert set(plan.mesh.names) == {"wall", "flap", "wall#3"}
     assert (points == read(out).points).all()

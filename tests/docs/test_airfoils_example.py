@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from sdm_deflect.cases.report.folder import FinishedJob
+from sdm_deflect.cases.report.finished import FinishedRun
 from sdm_deflect.cases.report.turnable import indices_of
 from sdm_deflect.cases.view.page import View
 from sdm_deflect.deform.mesh.quality import inverted_of
@@ -66,7 +66,7 @@ def test_settings_page_and_view_of_a_plane_mesh(folder, deflected, capsys):
     page = (report / "report.html").read_bytes()
     assert sdm("report", str(report), "--quiet") == 0
     assert len((report / "report.html").read_bytes()) == pytest.approx(len(page), rel=0.01)
-    view = View.of(FinishedJob.of(report))
+    view = View.of(FinishedRun.of(report))
     _, frame = view.answer({"angle": -20.0}, None)
     assert frame.verified
     shown = {len(one["table"]): len(indices_of(one["rows"])) for one in view.scene["cells"]["groups"]}

@@ -35,7 +35,7 @@ ELSEWHERE = (
     (r"python -m studies case", "studies/tests/flow/test_case.py", 'run_study("case"'),
     (r"python -m studies flow", "studies/tests/flow/test_study.py", '"flow"'),
     (r"python -m studies", "studies/tests/test_studies.py", "study"),
-    (r"sdm report wing-deflected-report", "tests/cases/test_mesh_report.py", "again = FinishedJob.of(folder).report()"),
+    (r"sdm report wing-deflected-report", "tests/cases/test_mesh_report.py", "again = FinishedRun.of(folder).report()"),
     (r"sdm deflect wing\.cas\.h5", "tests/cases/test_deflect_command.py", 'folder / "wing.cas.h5"'),
     (r"sdm deflect wing\.p3d", "tests/meshing/formats/test_plot3d_map.py", "sdm.deflect(path, "),
     (r"sdm view", "tests/cases/view", ""),

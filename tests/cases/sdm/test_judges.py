@@ -14,10 +14,9 @@ from skfem.models.poisson import laplace
 
 from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.cases.run.export import export_run
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
-from sdm_deflect.meshing.formats.vtu import write_vtu
+from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.mesh import skin, tets_of
 from tests.cases import foam
 
@@ -74,8 +73,6 @@ def bent(make_mesh, tmp_path_factory):
             plan = plan_of(case, mesh)
             after = mesh.with_points(deflect(plan, plan.angle).points)
             folder = tmp_path_factory.mktemp(name)
-            write_vtu(folder / "undeflected.vtu", mesh)
-            write_vtu(folder / "deflected.vtu", after)
             made[name] = folder, mesh, after
         return made[name]
 
@@ -89,8 +86,9 @@ def judged(bent):
 
     def judge(name, which):
         if (name, which) not in made:
-            folder, _, _ = bent(name)
-            case, _ = export_run(folder, "openfoam", which, folder / f"{which}-case")
+            folder, before, after = bent(name)
+            case = folder / f"{which}-case"
+            FORMATS["openfoam"].write(before if which == "undeflected" else after, case)
             made[name, which] = case, foam.run("checkMesh", case, "-constant", "-allGeometry", "-allTopology")
         return made[name, which]
 

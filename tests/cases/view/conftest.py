@@ -10,9 +10,9 @@ from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.aircraft.run_folder import FinishedCase, write_deformation
 from sdm_deflect.cases.api import deflect, read
-from sdm_deflect.cases.report.folder import FinishedJob, settings_of, write_deflected
+from sdm_deflect.cases.report.finished import FinishedRun
+from sdm_deflect.cases.report.folder import is_small, settings_of, write_arrays
 from sdm_deflect.cases.run.mesh_files import SETTINGS, write_mesh
-from sdm_deflect.cases.run.output import write_convergence, write_interpolants
 from sdm_deflect.cases.view.run import InteractiveRun
 from sdm_deflect.deform.base.progress import silent
 from sdm_deflect.deform.volume.deflection import Deflection, adapted_steps
@@ -28,7 +28,7 @@ def bare_run(tmp_path_factory, make_mesh):
         plan = plan_of(case, mesh)
         found = solve(plan, plan.angle)
         folder = tmp_path_factory.mktemp(case.name)
-        write_deformation(folder, case, mesh.with_points(found.points), found, None)
+        write_deformation(folder, case, found, None)
         write_figures(folder, found)
         return folder
 
@@ -67,9 +67,7 @@ def written(folder, one):
     folder.mkdir()
     (folder / SETTINGS).write_text(tomli_w.dumps(settings_of(one, folder, folder)), encoding="utf-8")
     write_figures(folder, one)
-    write_convergence(folder / "convergence.csv", one.boxes)
-    write_deflected(folder / "deflected.vtu", one)
-    write_interpolants(folder / "interpolant.npz", one.boxes)
+    write_arrays(folder, one, is_small(one.plan.mesh))
     return folder
 
 
@@ -103,7 +101,7 @@ def wing_folder(bare_deflection, hybrid_wing, flap_names):
 
 @pytest.fixture(scope="session")
 def hybrid(wing_folder):
-    return InteractiveRun.of(FinishedJob.of(wing_folder))
+    return InteractiveRun.of(FinishedRun.of(wing_folder))
 
 
 @pytest.fixture(scope="session")

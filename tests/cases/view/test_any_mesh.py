@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases.api import read
-from sdm_deflect.cases.report.folder import FinishedJob
+from sdm_deflect.cases.report.finished import FinishedRun
 from sdm_deflect.cases.run.mesh_files import write_mesh
 from sdm_deflect.cases.view.page import View
 from sdm_deflect.cases.view.run import InteractiveRun, Spans
@@ -29,7 +29,7 @@ BODY = ("body", [[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]], 10.0)
 
 
 def test_a_hybrid_mesh_that_slides_is_reproduced(hybrid, wing_folder):
-    points = FinishedJob.of(wing_folder).points
+    points = FinishedRun.of(wing_folder).points
     frame = hybrid.at(10.0)
     assert hybrid.boxes[0].steps[0].first
     assert np.abs(frame.points - points).max() < EQUAL
@@ -50,7 +50,7 @@ def test_the_quality_has_the_measure_of_each_type_of_cell(hybrid):
 def test_a_page_gets_the_points_and_qualities_of_cells_of_any_type(block, bare_deflection, many):
     mesh = polyhedral(block) if many else block
     folder = bare_deflection(mesh, "case/x.foam" if many else "x.su2", *BODY, fixed="?-")
-    view = View.of(FinishedJob.of(folder))
+    view = View.of(FinishedRun.of(folder))
     answer, frame = view.answer({"angle": "-10", "rests": True}, None)
     assert words(answer)["verified"] is frame.verified
     values = np.frombuffer(answer, dtype="<f4", offset=4 + int.from_bytes(answer[:4], "little"))
@@ -66,14 +66,14 @@ def test_a_page_gets_the_points_and_qualities_of_cells_of_any_type(block, bare_d
 
 
 def test_inverted_cells_are_counted_and_nothing_is_saved(block, bare_deflection):
-    view = View.of(FinishedJob.of(bare_deflection(polyhedral(block), "case/x.foam", *BODY, repair="off")))
+    view = View.of(FinishedRun.of(bare_deflection(polyhedral(block), "case/x.foam", *BODY, repair="off")))
     answer, frame = view.answer({"angle": 80.0, "rests": True}, None)
     assert f"Not verified: {len(frame.inverted)} inverted cells" in words(answer)["status"]
     assert "not verified" in view.answer({"save": True}, frame)[0]["said"]
 
 
 def test_the_mesh_at_an_angle_is_saved_and_its_command_printed(wing_folder):
-    view = View.of(FinishedJob.of(wing_folder))
+    view = View.of(FinishedRun.of(wing_folder))
     _, frame = view.answer({"angle": 4}, None)
     out = wing_folder.parent / "wing-4.su2"
     try:
@@ -92,7 +92,7 @@ def test_the_mesh_at_an_angle_is_saved_and_its_command_printed(wing_folder):
     [("12", 12.0), (" -3,5° ", -3.5), ("\u22122.25", -2.25), ("95", None), ("steep", None), ("", None)],
 )
 def test_angles_are_read_or_refused_with_a_sentence(wing_folder, text, angle):
-    view = View.of(FinishedJob.of(wing_folder))
+    view = View.of(FinishedRun.of(wing_folder))
     answer, frame = view.answer({"angle": text}, None)
     if angle is None:
         assert frame is None
@@ -108,7 +108,7 @@ def test_several_surfaces_turn_in_one_box(tmp_path):
         for name, x, angle in (("left", -1.25, 8.0), ("right", 1.25, -4.0))
     )
     result = deflect(Plan.of(read(tmp_path / "two.su2"), [Job(surfaces=surfaces)]), 8.0)
-    run = InteractiveRun.of(FinishedJob.of(written(tmp_path / "report", result)))
+    run = InteractiveRun.of(FinishedRun.of(written(tmp_path / "report", result)))
     assert [(one.name, one.factor) for one in run.surfaces] == [("left", 1.0), ("right", -0.5)]
     assert np.abs(run.at(8.0).points - result.points).max() < EQUAL
     boundary = run.boxes[0].plan.boundary
@@ -120,7 +120,7 @@ def test_a_table_is_shown_by_its_share(block, bare_deflection, tmp_path):
     nodes = block.patch("body").nodes
     table = tmp_path / "table.npz"
     np.savez(table, points=block.points[nodes], vectors=np.tile([0.0, 0.0, 0.2], (len(nodes), 1)))
-    run = InteractiveRun.of(FinishedJob.of(bare_deflection(block, "x.su2", "body", None, 0.5, table=str(table))))
+    run = InteractiveRun.of(FinishedRun.of(bare_deflection(block, "x.su2", "body", None, 0.5, table=str(table))))
     assert np.abs(run.at(1.0).points[nodes] - block.points[nodes] - [0.0, 0.0, 0.2]).max() < EQUAL
     assert run.unit == " of the table"
     spans = Spans.of(run)
@@ -131,7 +131,7 @@ def test_a_table_is_shown_by_its_share(block, bare_deflection, tmp_path):
 
 def test_sums_that_fit_into_no_memory_are_computed_at_every_angle(hybrid, wing_folder, monkeypatch):
     limited(monkeypatch, matrix=0)
-    run = InteractiveRun.of(FinishedJob.of(wing_folder))
+    run = InteractiveRun.of(FinishedRun.of(wing_folder))
     assert run.boxes[0].steps[0].all[0].kernel is None
     assert np.abs(run.at(4.0).points - hybrid.at(4.0).points).max() < EQUAL
 
@@ -143,6 +143,6 @@ def test_another_mesh_under_the_same_name_is_refused(wing_folder, hybrid):
         source.unlink()
         write_mesh(None, hybrid.mesh, hybrid.mesh.points + 1e-4, source)
         with pytest.raises(InputError, match=r"interpolant\.npz does not belong"):
-            InteractiveRun.of(FinishedJob.of(wing_folder))
+            InteractiveRun.of(FinishedRun.of(wing_folder))
     finally:
         source.write_bytes(kept)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases.aircraft.run_folder import FinishedCase
-from sdm_deflect.cases.report.folder import FinishedJob
+from sdm_deflect.cases.report.finished import FinishedRun
 from sdm_deflect.cases.run.output import moved_by_repair
 from sdm_deflect.cases.view.page import View, mending
 from sdm_deflect.cases.view.run import InteractiveRun
@@ -64,7 +64,7 @@ def test_the_page_gets_the_repaired_mesh_at_rest_and_is_told(repaired_folder, ai
 def test_any_mesh_shows_its_repair(bare_deflection, block):
     body = ("body", [[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]], 60.0)
     folder = bare_deflection(block, "x.su2", *body, repair="always", min_quality=0.9)
-    finished = FinishedJob.of(folder)
+    finished = FinishedRun.of(folder)
     run, points = InteractiveRun.of(finished), finished.points
     assert run.moved.any()
     assert np.array_equal(run.repaired(run.at(60.0)).points, points)
