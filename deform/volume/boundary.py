@@ -1,7 +1,7 @@
 """The nodes whose displacement is known: those that move, those that stay, those that slide."""
 
-from collections.abc import Container, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -26,7 +26,6 @@ ALIKE = 0.01  # of the largest displacement: images on a moving surface that mov
 TILT = 0.1  # the same in a wedge, whose sides are turned from the plane in which its hinge turns
 ACROSS = 0.1  # cosine between a hinge and the normal of a plane, below which the surface turns across the plane
 COARSE = 0.1  # of the moving surface's median edge: a tolerance above it is a slip
-KEPT = 32  # displacements of different amounts, each of which may take a fit
 Amounts = tuple[float, ...]
 """Amount of each moving surface: degrees, or the share of a table."""
 
@@ -50,6 +49,7 @@ class PrescribedNodes:
     sides : names of the same of cases one cell thick.
     walls : planes of all these patches, where they are plane.
     covered : patches all of whose faces are on others that are named: nothing need be said of them.
+    known : displacements (K, 3) by the amounts for which they are at hand.
     """
 
     job: Job
@@ -66,7 +66,7 @@ class PrescribedNodes:
     sides: tuple[str, ...] = ()
     walls: tuple[Plane, ...] = ()
     covered: tuple[str, ...] = ()
-    _known: dict[Amounts, FloatArray] = field(default_factory=dict, repr=False)
+    known: Mapping[Amounts, FloatArray] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(cls, mesh: Mesh, job: Job) -> "PrescribedNodes":
@@ -116,25 +116,27 @@ class PrescribedNodes:
         Raises InputError if two surfaces move a shared node differently, a node shared with a fixed patch moves, or one
         shared with a sliding patch leaves its shape.
         """
-        if amounts not in self._known:
-            parts = [law.displacement(amount) for law, amount in zip(self.laws, amounts, strict=True)]
-            out = self._joined(parts, "move differently")
-            self._check_fixed(out)
-            out[self.shared_with_fixed] = 0.0
-            for patch, rows in self._on_sliding():
-                out[rows] = self._projected(patch, rows, out[rows])
-            out = self._alike(out)
-            if self.mesh.plane and out[:, 2].any():
-                raise InputError(
-                    f"{self.mesh.name}: the surface would leave the plane of the mesh by "
-                    f"{float(np.abs(out[:, 2]).max()):.4g}; give the hinge as one point, such as 0.7,0, and "
-                    "displacements without z"
-                )
-            out.flags.writeable = False
-            if len(self._known) >= KEPT:
-                self._known.clear()
-            self._known[amounts] = out
-        return self._known[amounts]
+        if amounts in self.known:
+            return self.known[amounts]
+        parts = [law.displacement(amount) for law, amount in zip(self.laws, amounts, strict=True)]
+        out = self._joined(parts, "move differently")
+        self._check_fixed(out)
+        out[self.shared_with_fixed] = 0.0
+        for patch, rows in self._on_sliding():
+            out[rows] = self._projected(patch, rows, out[rows])
+        out = self._alike(out)
+        if self.mesh.plane and out[:, 2].any():
+            raise InputError(
+                f"{self.mesh.name}: the surface would leave the plane of the mesh by "
+                f"{float(np.abs(out[:, 2]).max()):.4g}; give the hinge as one point, such as 0.7,0, and "
+                "displacements without z"
+            )
+        out.flags.writeable = False
+        return out
+
+    def knowing(self, some: Iterable[Amounts]) -> "PrescribedNodes":
+        """Return the same with the displacements at some amounts at hand: each may take a fit."""
+        return replace(self, known={amounts: self.displacement(amounts) for amounts in some})
 
     def rate(self, amounts: Amounts, ratios: Sequence[float]) -> FloatArray:
         """Return the derivative (K, 3) of the displacement when each amount changes at its ratio."""

@@ -3,7 +3,7 @@
 How far the interpolant is from the moving surface between its sites: at midpoints of edges and centres of faces.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from time import perf_counter
@@ -24,7 +24,7 @@ from sdm_deflect.deform.repair.patch import RepairResult
 from sdm_deflect.deform.repair.repair import repaired
 from sdm_deflect.deform.volume.boundary import Amounts, PrescribedNodes
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
-from sdm_deflect.deform.volume.step import Step, adapted, rate, solve
+from sdm_deflect.deform.volume.step import Adapting, Step, Way, rate, solve
 
 MOST = 20_000
 """Points that are measured; of more, every n-th."""
@@ -323,37 +323,25 @@ def least_of(touched: TouchedCells, points: FloatArray, quality: Sequence[Qualit
     return tuple(zip(before, touched.least(points, quality), strict=True))
 
 
-def stepped(
-    plan: BoxPlan, angle: float, count: int, take: Callable[[int, FloatArray, FloatArray], Step]
-) -> BoxDeflection:
-    """Go to an angle in `count` equal steps, each from where the last one ended.
-
-    `take` carries out a step, given its number from 1, the points (N, 3) at its start, and how far (K, 3) the moving
-    nodes go.
-    """
+def stepped(plan: BoxPlan, angle: float, ways: Sequence[Way]) -> BoxDeflection:
+    """Go to an angle in equal steps, each from where the last one ended, and each with its way to find centres."""
     begin, nodes = perf_counter(), plan.sites.moving
     points, steps, reached = plan.mesh.points, [], np.zeros((len(nodes), 3))
-    for k in range(1, count + 1):
-        target = plan.boundary.displacement(plan.share(angle, k, count))
-        steps.append(take(k, points, target - reached))
+    for k, way in enumerate(ways, 1):
+        target = plan.boundary.displacement(plan.share(angle, k, len(ways)))
+        steps.append(solve(way.start or plan.state(points), target - reached, way, plan.runner))
         points, reached = steps[-1].points, target
     points[nodes] = plan.mesh.points[nodes] + reached  # the places asked for, without the rounding of the steps
     points = plan.precision.rounded(points, plan.mesh.points)
-    return BoxDeflection(
-        plan, angle, tuple(steps), points, inverted_count(plan.touched, points), perf_counter() - begin
-    )
+    inverted = inverted_count(plan.touched, points)
+    return BoxDeflection(plan, angle, tuple(steps), points, inverted, perf_counter() - begin)
 
 
 def adapted_steps(
     plan: BoxPlan, angle: float, count: int, progress: Progress, earlier: Step | None = None
 ) -> BoxDeflection:
-    """Go to the angle in `count` steps, on centres adapted to each; on those of an earlier step first."""
-
-    def take(_: int, points: FloatArray, move: FloatArray) -> Step:
-        state = earlier.state if earlier else plan.state(points)
-        return solve(state, move, adapted(state, progress, earlier), plan.runner)
-
-    return stepped(plan, angle, count, take)
+    """Go to the angle in `count` steps, on centres adapted to each; a single one on those of an earlier step first."""
+    return stepped(plan, angle, [Adapting(progress, earlier)] * count)
 
 
 def inverted_count(touched: TouchedCells, points: FloatArray) -> int:

@@ -68,7 +68,10 @@ class FieldStep:
         part = np.zeros(len(boundary), dtype=np.intp)
         for i, rows in enumerate(sites.parts(state.boundary)):
             part[rows] = i
-        return cls(step.fits.interpolant, boundary, values, state.turning.rotations(values), part, state.reach)
+        turns = state.turns(values)
+        turns = np.zeros((len(boundary), 3, 3)) if turns is None else turns
+        reach = state.following.reach if state.following else 0.0
+        return cls(step.fits.interpolant, boundary, values, turns, part, reach)
 
     def displacement(self, points: FloatArray) -> FloatArray:
         """Return how far nodes at points (M, 3) move."""

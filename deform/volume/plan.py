@@ -53,10 +53,11 @@ class BoxPlan:
         Raises InputError if the job does not suit the mesh.
         """
         progress("surfaces", nan)
-        boundary = PrescribedNodes.of(mesh, job)
+        boundary, ends = PrescribedNodes.of(mesh, job), job.ends(angles)
         progress("box", nan)
         try:
-            region = BoxNodes.of(boundary, job.ends(angles))
+            boundary = boundary.knowing({*ends, job.amounts})
+            region = BoxNodes.of(boundary, ends)
         except InputError as error:
             raise InputError("; ".join([str(error), *boundary.warnings])) from None
         sites = Sites.of(boundary, region)

@@ -18,7 +18,7 @@ from sdm_deflect.deform.rbf.sums import kernel_matrix, kernel_sum
 from sdm_deflect.deform.volume.deflection import stepped
 from sdm_deflect.deform.volume.plan import BoxPlan
 from sdm_deflect.deform.volume.region import check_moving
-from sdm_deflect.deform.volume.step import Fits, Step, StepStart, solve
+from sdm_deflect.deform.volume.step import Fits, Step, StepStart
 
 SAME = 1e-6  # of the surface's median edge: a centre and its data site are no farther apart
 
@@ -28,6 +28,16 @@ class Centers(NamedTuple):
 
     first: Mapping[int, FloatArray]
     all: Mapping[int, FloatArray]
+
+    @property
+    def start(self) -> None:
+        """The start of the step is not known before."""
+
+    def fits(self, state: StepStart, values: FloatArray, sliding: bool) -> Fits:
+        """Fit on these centres; InputError if they are no data sites, or a system cannot be solved."""
+        places = self.all if sliding or not len(state.sites.slid) else self.first
+        groups = state.groups(values, sliding)
+        return Fits.on(state, groups, [_rows(state, group, places) for group in groups])
 
 
 class Moved(NamedTuple):
@@ -104,14 +114,31 @@ class PreparedStep:
 
     def __call__(self, move: FloatArray) -> Moved:
         """Let the moving nodes go by `move` (K, 3)."""
-        state, slid, off = self.state, np.zeros((len(self.state.sites.slid), 3)), 0.0
-        if self.first:
-            values, carried = state.values(move), np.zeros_like(slid)
-            off = max(one.add(values, carried) for one in self.first)
-            slid = state.slid(move, carried)
-        values, found = state.values(move, slid if self.first else None), np.zeros((len(state.free), 3))
-        error = max(one.add(values, found) for one in self.all)
-        return Moved(state.moved(move, slid, found), max(off, error))
+        evaluated = Evaluated(self)
+        _, points = self.state.carried_out(move, evaluated)
+        return Moved(points, evaluated.error)
+
+
+class Evaluated:
+    """The evaluations of a step, and the largest error at a site that they had."""
+
+    error: float = 0.0
+
+    def __init__(self, step: PreparedStep) -> None:
+        self.step = step
+
+    def of_sliding(self, values: FloatArray) -> FloatArray:
+        """See `Interpolation`."""
+        return self._sum(self.step.first, values, len(self.step.state.sites.slid))
+
+    def of_free(self, values: FloatArray) -> FloatArray:
+        """See `Interpolation`."""
+        return self._sum(self.step.all, values, len(self.step.state.free))
+
+    def _sum(self, evaluations: Sequence[Evaluation], values: FloatArray, count: int) -> FloatArray:
+        out = np.zeros((count, 3))
+        self.error = max(self.error, *(one.add(values, out) for one in evaluations))
+        return out
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,12 +146,13 @@ class PreparedDeflection:
     """A deflection on fixed centres, for any angle.
 
     Each of n steps serves the angles of its n-th of `angle`, to which the centres belong; the last one also serves all
-    beyond, the first one those of the other sign.
+    beyond, the first one those of the other sign. `reached` is how far (K, 3) the moving nodes are at its start.
     """
 
     plan: BoxPlan
     angle: float
     steps: tuple[PreparedStep, ...] = field(repr=False)
+    reached: tuple[FloatArray, ...] = field(repr=False)
 
     @classmethod
     def of(cls, plan: BoxPlan, angle: float, centers: Sequence[Centers]) -> "PreparedDeflection":
@@ -132,19 +160,9 @@ class PreparedDeflection:
 
         Raises InputError if they are no data sites of the plan.
         """
-
-        def take(k: int, points: FloatArray, move: FloatArray) -> Step:
-            state, own = plan.state(points), centers[k - 1]
-
-            def fit(sliding: bool, values: FloatArray) -> Fits:
-                places = own.all if sliding or not len(state.sites.slid) else own.first
-                groups = state.groups(values, sliding)
-                return Fits.on(state, groups, [_rows(state, group, places) for group in groups])
-
-            return solve(state, move, fit)
-
-        known = stepped(plan, angle, len(centers), take)
-        return cls(plan, angle, tuple(PreparedStep.of(step) for step in known.steps))
+        steps, count = stepped(plan, angle, centers).steps, len(centers)
+        reached = tuple(plan.boundary.displacement(plan.share(angle, k, count)) for k in range(count))
+        return cls(plan, angle, tuple(PreparedStep.of(step) for step in steps), reached)
 
     def step(self, angle: float) -> int:
         """Return which step serves an angle, from 0."""
@@ -164,10 +182,11 @@ class PreparedDeflection:
         plan = self.plan
         if angle == 0.0:
             return Moved(plan.mesh.points, 0.0)
-        self.check(angle)
-        k, target = self.step(angle), plan.boundary.displacement(plan.job.amounts_at(angle))
-        reached = plan.boundary.displacement(plan.share(self.angle, k, len(self.steps)))
-        found = self.steps[k](target - reached)
+        amounts = plan.job.amounts_at(angle)
+        boundary, k = plan.boundary.knowing([amounts]), self.step(angle)
+        check_moving(boundary, plan.region.hexahedron, [amounts])
+        target = boundary.displacement(amounts)
+        found = self.steps[k](target - self.reached[k])
         found.points[plan.sites.moving] = plan.mesh.points[plan.sites.moving] + target
         return found
 

@@ -1,13 +1,12 @@
 """One step: from displacements of the moving nodes to those of every node inside the box, and their derivative."""
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from time import perf_counter
+from typing import Protocol
 
 import numpy as np
 
-from sdm_deflect.deform.base import limits
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray, farthest
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.progress import Progress
@@ -17,8 +16,8 @@ from sdm_deflect.deform.mesh.mesh import HERE, Runner
 from sdm_deflect.deform.mesh.sliding import SlidingSurface
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.fitting import Fitting, RuleName, Strategy
-from sdm_deflect.deform.rbf.greedy import Adaptation, Basis, GreedyOptions, Rule, Separated, Stop, Worst, adapt, fused
-from sdm_deflect.deform.rbf.interpolant import Interpolant, SolveError
+from sdm_deflect.deform.rbf.greedy import Adaptation, GreedyOptions, Rule, Separated, Stop, Worst, adapt, fused
+from sdm_deflect.deform.rbf.interpolant import Interpolant, SolveError, evaluated
 from sdm_deflect.deform.rbf.problem import DataSites, Problem, multivariate, univariate
 from sdm_deflect.deform.volume.boundary import PrescribedNodes
 from sdm_deflect.deform.volume.near_wall import (
@@ -78,6 +77,52 @@ class Fits:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Following:
+    """What follows the boundary nearby, at the start of a step.
+
+    Attributes
+    ----------
+    reach : how far from boundary nodes the mesh follows these.
+    layers : the free nodes that are data sites beside the moving surface.
+    free : the free nodes that follow boundary nodes nearby.
+    sliding : the sliding nodes that follow moving and fixed nodes nearby.
+    turning : how boundary nodes turn.
+    """
+
+    reach: float
+    layers: RigidFollow = field(repr=False)
+    free: NearWall = field(repr=False)
+    sliding: NearWall = field(repr=False)
+    turning: LocalRotation = field(repr=False)
+
+    @classmethod
+    def of(cls, boundary: PrescribedNodes, sites: Sites, points: FloatArray, free: IntArray) -> "Following":
+        """Find it among the free nodes (Q,) and the sliding ones of a mesh with its nodes at points (N, 3)."""
+        known, parts, places = points[sites.known], sites.parts(boundary), points[free]
+        certain = len(sites.moving) + len(sites.fixed)
+        nearby = Nearby.of(places, known, parts)
+        size = min(float(np.linalg.norm(np.ptp(points[surface.nodes], axis=0))) for surface in boundary.surfaces)
+        reach = Reach.of(first_height(nearby, certain), sites.edge, size, sites.tolerance)
+        rows = layer_sites(nearby, np.flatnonzero(sites.sheared(boundary)), reach.sites)
+        layers = RigidFollow.of(places, known, rows, nearby)
+        near_wall = NearWall.of(places, known, nearby, parts, reach.follow)
+        places, parts = points[sites.slid], [part[part < certain] for part in parts]
+        sliding = NearWall.of(places, known, Nearby.of(places, known, parts), parts, reach.follow)
+        turning = LocalRotation.of(known, sites.edges(boundary), certain, boundary.mesh.plane)
+        return cls(reach.follow, layers, near_wall, sliding, turning)
+
+
+class Interpolation(Protocol):
+    """What interpolates displacements (S, 3) of the known points."""
+
+    def of_sliding(self, values: FloatArray) -> FloatArray:
+        """Return the displacements (L, 3) of the sliding nodes, which are not among the known points."""
+
+    def of_free(self, values: FloatArray) -> FloatArray:
+        """Return the displacements (Q, 3) of the free nodes; sliding nodes are among the known points."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class StepStart:
     """The mesh at the start of a step, and what of it is known.
 
@@ -86,11 +131,7 @@ class StepStart:
     boundary, region, sites : the job's nodes, the box, and where displacements are known.
     points : (N, 3) coordinates of the whole mesh.
     free : (Q,) nodes inside that are not on a moving, fixed or sliding patch.
-    reach : how far from boundary nodes the mesh follows these; 0: nowhere.
-    layers : the free ones that are data sites beside the moving surface.
-    near_wall : the free ones that follow boundary nodes nearby.
-    near_sliding : the sliding ones that follow moving and fixed nodes nearby.
-    turning : how boundary nodes turn.
+    following : what follows the boundary nearby; None if nothing is to.
     tied, tied_sliding : images of one another among the free nodes, and among those that slide.
     """
 
@@ -99,37 +140,17 @@ class StepStart:
     sites: Sites
     points: FloatArray = field(repr=False)
     free: IntArray = field(repr=False)
-    reach: float
-    layers: RigidFollow = field(repr=False)
-    near_wall: NearWall = field(repr=False)
-    near_sliding: NearWall = field(repr=False)
-    turning: LocalRotation = field(repr=False)
+    following: Following | None
     tied: Images = field(repr=False)
     tied_sliding: Images = field(repr=False)
 
     @classmethod
     def of(cls, boundary: PrescribedNodes, region: BoxNodes, sites: Sites, points: FloatArray) -> "StepStart":
-        """Sort the nodes inside, with the mesh at `points`."""
+        """Build the state at the start of a step from the node coordinates `points` (N, 3)."""
         free = np.setdiff1d(region.inside, sites.known, assume_unique=True)
-        known = points[sites.known]
+        following = Following.of(boundary, sites, points, free) if boundary.job.near_wall else None
         tied = boundary.images.among(free), boundary.images.among(sites.slid)
-        if not boundary.job.near_wall:
-            none, no_edges = np.empty((0, 3)), np.empty((0, 2), dtype=np.intp)
-            nearby = Nearby.of(none, known, [])
-            nothing = NearWall.of(none, known, nearby, [], 0.0)
-            turning = LocalRotation.of(known, no_edges, len(known))
-            return cls(boundary, region, sites, points, free, 0.0, nothing.follow, nothing, nothing, turning, *tied)
-        parts, places, certain = sites.parts(boundary), points[free], len(sites.moving) + len(sites.fixed)
-        nearby = Nearby.of(places, known, parts)
-        size = min(float(np.linalg.norm(np.ptp(points[surface.nodes], axis=0))) for surface in boundary.surfaces)
-        reach = Reach.of(first_height(nearby, certain), sites.edge, size, sites.tolerance)
-        rows = layer_sites(nearby, np.flatnonzero(sites.sheared(boundary)), reach.sites)
-        layers = RigidFollow.of(places, known, rows, nearby)
-        near_wall = NearWall.of(places, known, nearby, parts, reach.follow)
-        places, parts = points[sites.slid], [part[part < certain] for part in parts]
-        near_sliding = NearWall.of(places, known, Nearby.of(places, known, parts), parts, reach.follow)
-        turning = LocalRotation.of(known, sites.edges(boundary), certain, boundary.mesh.plane)
-        return cls(boundary, region, sites, points, free, reach.follow, layers, near_wall, near_sliding, turning, *tied)
+        return cls(boundary, region, sites, points, free, following, *tied)
 
     @property
     def fitting(self) -> Fitting:
@@ -143,32 +164,44 @@ class StepStart:
         """
         sites = self.sites
         slid = [sites.slid[sites.sampled_sliding]] if sliding else []
-        nodes = [sites.moving[sites.distinct], sites.fixed[sites.sampled], self.free[self.layers.rows], *slid]
+        beside = [self.free[self.following.layers.rows]] if self.following else []
+        nodes = [sites.moving[sites.distinct], sites.fixed[sites.sampled], *beside, *slid]
         components = self.boundary.components
         moving = DataSites(self.points[np.concatenate(nodes)], values[:, components], components)
         return GROUPINGS[self.fitting.strategy]([moving, *sites.zero])
 
     def values(self, move: FloatArray, slid: FloatArray | None = None) -> FloatArray:
         """Return the displacements (S, 3) of the known points, given those of moving (K, 3) and sliding nodes."""
-        boundary = self.boundary_values(move, np.zeros((len(self.sites.slid), 3)))
-        return self._at_sites(move, self.layers.displaced(boundary, self.turning.rotations(boundary)), slid)
+        boundary = self.boundary_values(move)
+        return self._at_sites(move, boundary, self.turns(boundary), slid)
 
     def rates(self, move: FloatArray, speed: FloatArray, slid: FloatArray | None = None) -> FloatArray:
         """Return the derivatives (S, 3) of `values`, given those of the moving and sliding nodes."""
-        none = np.zeros((len(self.sites.slid), 3))
-        boundary, rates = self.boundary_values(move, none), self.boundary_values(speed, none)
-        turning = self.turning.rotation_rates(boundary, rates)
-        return self._at_sites(speed, self.layers.displaced(rates, turning), slid)
+        boundary, rates = self.boundary_values(move), self.boundary_values(speed)
+        return self._at_sites(speed, rates, self.turn_rates(boundary, rates), slid)
 
-    def boundary_values(self, move: FloatArray, slid: FloatArray) -> FloatArray:
-        """Return the displacements of `sites.known`, given those of moving (K, 3) and sliding nodes."""
+    def turns(self, boundary: FloatArray) -> FloatArray | None:
+        """Return the rotations less the identity (B, 3, 3) of `sites.known`, displaced by (B, 3); None without use."""
+        return self.following.turning.rotations(boundary) if self.following else None
+
+    def turn_rates(self, boundary: FloatArray, rates: FloatArray) -> FloatArray | None:
+        """Return the derivatives of `turns`."""
+        return self.following.turning.rotation_rates(boundary, rates) if self.following else None
+
+    def boundary_values(self, move: FloatArray, slid: FloatArray | None = None) -> FloatArray:
+        """Return the displacements of `sites.known`, given those of moving (K, 3) and sliding nodes; None: zero."""
+        slid = np.zeros((len(self.sites.slid), 3)) if slid is None else slid
         return np.vstack([move, np.zeros((len(self.sites.fixed), 3)), slid])
 
-    def _at_sites(self, move: FloatArray, beside: FloatArray, slid: FloatArray | None) -> FloatArray:
-        parts = [move[self.sites.distinct], np.zeros((len(self.sites.sampled), 3)), beside]
+    def _at_sites(
+        self, move: FloatArray, boundary: FloatArray, turns: FloatArray | None, slid: FloatArray | None
+    ) -> FloatArray:
+        parts = [move[self.sites.distinct], np.zeros((len(self.sites.sampled), 3))]
+        if self.following and turns is not None:
+            parts.append(self.following.layers.displaced(boundary, turns))
         return np.vstack(parts if slid is None else [*parts, slid[self.sites.sampled_sliding]])
 
-    def free_displacement(self, values: FloatArray, turns: FloatArray, interpolated: FloatArray) -> FloatArray:
+    def free_displacement(self, values: FloatArray, turns: FloatArray | None, interpolated: FloatArray) -> FloatArray:
         """Return the displacement (Q, 3) of the free nodes, or its derivative.
 
         Parameters
@@ -177,22 +210,38 @@ class StepStart:
             derivatives.
         interpolated : (Q, 3) of the interpolant at the free nodes.
         """
-        out = self.near_wall.following(interpolated, values, turns)
+        out = np.array(interpolated)
+        if self.following and turns is not None:
+            out = self.following.free.following(interpolated, values, turns)
         for section, nodes in self.region.sections:
             out[np.searchsorted(self.free, nodes), section.component] = 0.0
         return self.tied.projected(out)
 
+    def carried(self, displacement: FloatArray, boundary: FloatArray, turns: FloatArray | None) -> FloatArray:
+        """Let sliding nodes (L, 3) follow the moving and fixed ones nearby; or the same of derivatives."""
+        if self.following is None or turns is None:
+            return displacement
+        return self.following.sliding.following(displacement, boundary, turns)
+
     def slid(self, move: FloatArray, interpolated: FloatArray) -> FloatArray:
         """Return the displacement (L, 3) of the sliding nodes, given the interpolant's: on their shapes."""
-        return _on_shapes(self, _carried(self, interpolated, move))
+        boundary = self.boundary_values(move)
+        return _on_shapes(self, self.carried(interpolated, boundary, self.turns(boundary)))
 
-    def moved(self, move: FloatArray, slid: FloatArray, interpolated: FloatArray) -> FloatArray:
-        """Return where all nodes (N, 3) come to be, given the interpolant's displacement (Q, 3) of the free ones."""
+    def carried_out(self, move: FloatArray, interpolation: Interpolation) -> tuple[FloatArray, FloatArray]:
+        """Carry out the step: moving nodes (K, 3) go by `move`, sliding ones stay on their shapes, all others follow.
+
+        Returns the displacements (L, 3) of the sliding nodes, and where all nodes (N, 3) come to be.
+        """
+        slid = None
+        if len(self.sites.slid):
+            slid = self.slid(move, interpolation.of_sliding(self.values(move)))
+        displacement = interpolation.of_free(self.values(move, slid))
         points, boundary = self.points.copy(), self.boundary_values(move, slid)
         if boundary.any():
-            points[self.free] += self.free_displacement(boundary, self.turning.rotations(boundary), interpolated)
+            points[self.free] += self.free_displacement(boundary, self.turns(boundary), displacement)
             points[self.sites.known] += boundary
-        return points
+        return (NO_NODES if slid is None else slid), points
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -226,38 +275,50 @@ class Step:
         return max(fits.error for fits in (self.first, self.fits) if fits)
 
 
-Fit = Callable[[bool, FloatArray], Fits]
-"""What interpolates displacements (S, 3) of the known points; first whether the sliding nodes are among these."""
+class Way(Protocol):
+    """How interpolants find their centres."""
+
+    @property
+    def start(self) -> StepStart | None:
+        """The start of the step, where it is known already."""
+
+    def fits(self, state: StepStart, values: FloatArray, sliding: bool) -> Fits:
+        """Fit displacements (S, 3) of the known points; `sliding`: whether the sliding nodes are among these."""
 
 
-def solve(state: StepStart, move: FloatArray, fit: Fit, runner: Runner = HERE) -> Step:
-    """Carry out one step: moving nodes (K, 3) go by `move`, sliding ones stay on their shapes, all others follow."""
-    first, slid, sliding = None, NO_NODES, bool(len(state.sites.slid))
-    if sliding:
-        first = fit(False, state.values(move))
-        slid = state.slid(move, first.interpolant(state.points[state.sites.slid]))
-    fits = fit(sliding, state.values(move, slid if sliding else None))
-    known, boundary = state.sites.known, state.boundary_values(move, slid)
-    interpolant = fits.interpolant
-    off = np.linalg.norm(boundary - interpolant(state.points[known]), axis=1)
-    interpolant(state.points[:1])  # loads compiled code: not part of the evaluation's time
-    start = perf_counter()
-    displacement = evaluated(interpolant, state.points[state.free], runner)
-    seconds = perf_counter() - start
-    return Step(state, move, first, fits, slid, float(off.max()), state.moved(move, slid, displacement), seconds)
+class Fitted:
+    """Interpolants that are fitted when they are asked for, and kept."""
+
+    first: Fits | None = None
+    all: Fits
+    seconds: float
+
+    def __init__(self, state: StepStart, way: Way, runner: Runner) -> None:
+        self.state, self.way, self.runner = state, way, runner
+
+    def of_sliding(self, values: FloatArray) -> FloatArray:
+        """See `Interpolation`."""
+        self.first = self.way.fits(self.state, values, False)
+        return self.first.interpolant(self.state.points[self.state.sites.slid])
+
+    def of_free(self, values: FloatArray) -> FloatArray:
+        """See `Interpolation`."""
+        self.all = self.way.fits(self.state, values, self.first is not None)
+        interpolant = self.all.interpolant
+        interpolant(self.state.points[:1])  # loads compiled code: not part of the evaluation's time
+        start = perf_counter()
+        displacement = evaluated(interpolant, self.state.points[self.state.free], self.runner)
+        self.seconds = perf_counter() - start
+        return displacement
 
 
-def evaluated(interpolant: Interpolant, points: FloatArray, runner: Runner) -> FloatArray:
-    """Evaluate at points (M, 3); the bits do not depend on how they are shared out."""
-    if runner.shares_memory or len(points) * len(interpolant.centers) < limits.LIMITS.sent_pairs:
-        return interpolant(points)
-    size = limits.LIMITS.sent
-    parts = [points[start : start + size] for start in range(0, len(points), size)]
-    return np.concatenate(list(runner.map(_sums, interpolant, parts)))
-
-
-def _sums(interpolant: Interpolant, points: FloatArray) -> FloatArray:
-    return interpolant(points, threads=1)
+def solve(state: StepStart, move: FloatArray, way: Way, runner: Runner = HERE) -> Step:
+    """Carry out one step, by which the moving nodes (K, 3) go by `move`."""
+    fitted = Fitted(state, way, runner)
+    slid, points = state.carried_out(move, fitted)
+    off = state.boundary_values(move, slid) - fitted.all.interpolant(state.points[state.sites.known])
+    correction = float(np.linalg.norm(off, axis=1).max())
+    return Step(state, move, fitted.first, fitted.all, slid, correction, points, fitted.seconds)
 
 
 def rate(step: Step, speed: FloatArray) -> FloatArray:
@@ -270,12 +331,13 @@ def rate(step: Step, speed: FloatArray) -> FloatArray:
     if step.first is not None:
         nodes = state.points[state.sites.slid]
         speeds = _on_same_centers(step.first, state.groups(state.rates(move, speed), False))(nodes)
-        carried = _carried(state, step.first.interpolant(nodes), move)
-        slid = _on_shapes_rate(state, carried, _carried_rate(state, speeds, move, speed))
+        boundary, rates = state.boundary_values(move), state.boundary_values(speed)
+        carried = state.carried(step.first.interpolant(nodes), boundary, state.turns(boundary))
+        slid = _on_shapes_rate(state, carried, state.carried(speeds, rates, state.turn_rates(boundary, rates)))
     values = state.rates(move, speed, slid if sliding else None)
     interpolant = _on_same_centers(step.fits, state.groups(values, sliding))
     boundary, rates = state.boundary_values(move, step.slid), state.boundary_values(speed, slid)
-    out, turning = np.zeros_like(state.points), state.turning.rotation_rates(boundary, rates)
+    out, turning = np.zeros_like(state.points), state.turn_rates(boundary, rates)
     out[state.free] = state.free_displacement(rates, turning, interpolant(state.points[state.free]))
     out[state.sites.known] = rates
     return out
@@ -287,63 +349,59 @@ def initial_centers(group: DataSites, surface: int, count: tuple[int, int]) -> I
     return np.concatenate([farthest(own, count[0]), surface + farthest(others, count[1])])
 
 
-def adapted(state: StepStart, progress: Progress, earlier: Step | None = None) -> Fit:
-    """Return the fit that adapts centres until every site is within the tolerance.
+@dataclass(frozen=True, slots=True, eq=False)
+class Adapting:
+    """Centres are added until every site is within the tolerance.
 
-    With an earlier step its centres and factors come first: every site is checked, and centres are added where one is
-    off by more than the tolerance.
+    The centres and factors of an earlier step come first: every site is checked all the same.
     """
 
-    def fit(sliding: bool, values: FloatArray) -> Fits:
-        groups = state.groups(values, sliding)
-        known = (earlier.fits if sliding or not earlier.first else earlier.first).factors if earlier else None
-        bases = known or (None,) * len(groups)
-        return Fits(tuple(_adapted(state, *pair, progress) for pair in zip(groups, bases, strict=True)))
+    progress: Progress
+    earlier: Step | None = None
 
-    return fit
+    @property
+    def start(self) -> StepStart | None:
+        """The start of the earlier step."""
+        return self.earlier.state if self.earlier else None
+
+    def fits(self, state: StepStart, values: FloatArray, sliding: bool) -> Fits:
+        """See `Way`."""
+        groups, earlier = state.groups(values, sliding), self.earlier
+        known = (earlier.fits if sliding or not earlier.first else earlier.first).factors if earlier else None
+        pairs = zip(groups, known or (None,) * len(groups), strict=True)
+        return Fits(tuple(_adapted(state, *pair, self.progress) for pair in pairs))
 
 
 def _adapted(state: StepStart, group: DataSites, known: CholeskyBasis | None, progress: Progress) -> Adaptation:
-    """Adapt the centres of one group of directions, from those of a known basis if there is one."""
+    """Adapt the centres of one group of directions, from those of a known basis if there is one.
+
+    Raises InputError, which blames the radius of a kernel that has one, for a system that cannot be solved.
+    """
     fitting, tolerance = state.fitting, state.sites.tolerance
     options = GreedyOptions(
         n_add=fitting.n_add, tol_add=tolerance, tol_stop=tolerance, max_centers=fitting.max_centers,
         polynomial=fitting.polynomial,
     )  # fmt: skip
-    counts = fitting.initial_surface, fitting.initial_hexahedron
-    initial = known.chosen if known else initial_centers(group, len(state.sites.distinct), counts)
-
-    def start(problem: Problem, rows: IntArray) -> Basis:
-        return known.with_values(problem.values) if known else CholeskyBasis.of(problem, rows)
-
-    with _solvable(state):
-        return adapt(
-            group, state.sites.kernel, initial, options,
-            rule=RULES[fitting.rule], basis=start, progress=_named(progress, group),
-        )  # fmt: skip
-
-
-@contextmanager
-def _solvable(state: StepStart) -> Iterator[None]:
-    """Blame the radius of a kernel that has one for a system that cannot be solved: InputError."""
+    counts, names = (
+        (fitting.initial_surface, fitting.initial_hexahedron),
+        "".join(DIRECTIONS[c] for c in group.components),
+    )
     try:
-        yield
+        return adapt(
+            group,
+            state.sites.kernel,
+            known.chosen if known else initial_centers(group, len(state.sites.distinct), counts),
+            options,
+            rule=RULES[fitting.rule],
+            basis=(lambda problem, _: known.with_values(problem.values)) if known else CholeskyBasis.of,
+            progress=lambda text, fraction: progress(f"{names}: {text}", fraction),
+        )
     except SolveError as error:
         if not state.sites.radius:
             raise
-        fitting, name = state.fitting, state.boundary.mesh.name
         given = f"kernel = {fitting.kernel} with kernel_radius = {state.sites.radius:.4g}"
-        raise InputError(f"{name}: {given}: {error} A smaller radius makes the system better conditioned") from None
-
-
-def _named(progress: Progress, group: DataSites) -> Progress:
-    """Return a progress that tells which directions are fitted."""
-    names = "".join(DIRECTIONS[c] for c in group.components)
-
-    def named(text: str, fraction: float) -> None:
-        progress(f"{names}: {text}", fraction)
-
-    return named
+        remedy = "A smaller radius makes the system better conditioned"
+        raise InputError(f"{state.boundary.mesh.name}: {given}: {error} {remedy}") from None
 
 
 def _on_same_centers(earlier: Fits, groups: Sequence[DataSites]) -> Interpolant:
@@ -358,19 +416,6 @@ def _solved(basis: CholeskyBasis, stop: Stop) -> Adaptation:
     problem = basis.kernel.problem
     interpolant = problem.interpolant(basis.chosen, basis.refined())
     return Adaptation(interpolant, problem.sites.components, basis.chosen, (), stop, np.nan, basis)
-
-
-def _carried(state: StepStart, displacement: FloatArray, move: FloatArray) -> FloatArray:
-    """Let sliding nodes (L, 3) follow the moving and fixed ones nearby, before they are put on their shapes."""
-    values = state.boundary_values(move, np.zeros_like(displacement))
-    return state.near_sliding.following(displacement, values, state.turning.rotations(values))
-
-
-def _carried_rate(state: StepStart, speeds: FloatArray, move: FloatArray, speed: FloatArray) -> FloatArray:
-    """Return the derivative (L, 3) of `_carried`, given that of the displacement."""
-    none = np.zeros_like(speeds)
-    values, rates = state.boundary_values(move, none), state.boundary_values(speed, none)
-    return state.near_sliding.following(speeds, rates, state.turning.rotation_rates(values, rates))
 
 
 def _on_shapes(state: StepStart, displacement: FloatArray) -> FloatArray:

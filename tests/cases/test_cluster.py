@@ -28,9 +28,8 @@ from sdm_deflect.cases.run.cluster import Cluster, Wanted, workers
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.errors import InputError, LostError
 from sdm_deflect.deform.mesh.mesh import HERE
-from sdm_deflect.deform.rbf.interpolant import fit
+from sdm_deflect.deform.rbf.interpolant import evaluated, fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
-from sdm_deflect.deform.volume import step
 from sdm_deflect.meshing.formats import rewriting
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import MESH
@@ -261,7 +260,7 @@ def test_sums_have_the_same_bits_whatever_the_chunks(two, monkeypatch):
     rng = np.random.default_rng(1)
     interpolant, points = fit(ThinPlateSpline(), rng.random((301, 3)), rng.random((301, 3))), rng.random((20_001, 3))
     limited(monkeypatch, sent=1_237)
-    assert np.array_equal(step.evaluated(interpolant, points, two), step.evaluated(interpolant, points, HERE))
+    assert np.array_equal(evaluated(interpolant, points, two), evaluated(interpolant, points, HERE))
 
 
 def test_an_error_of_a_piece_is_that_of_one_process(block, two, monkeypatch):

@@ -15,7 +15,7 @@ from sdm_deflect.deform.run import run
 from sdm_deflect.deform.volume import deflection
 from sdm_deflect.deform.volume.deflection import Deflection, deflect
 from sdm_deflect.deform.volume.plan import Plan
-from sdm_deflect.deform.volume.step import adapted, rate, solve
+from sdm_deflect.deform.volume.step import Adapting, rate, solve
 from tests.deform.blocks import two_bodies
 from tests.deform.jobs import FLAP, blended, box_plan, job, turn
 
@@ -69,8 +69,7 @@ def test_sensitivity_of_the_last_of_several_steps(inboard_wing):
     assert len(course.steps) == 2
     before = boundary.displacement((4.0,))
     ends = [
-        solve(last.state, boundary.displacement((8.0 + d,)) - before, adapted(last.state, silent, last)).points
-        for d in (-h, h)
+        solve(last.state, boundary.displacement((8.0 + d,)) - before, Adapting(silent, last)).points for d in (-h, h)
     ]
     sensitivity = Deflection(plan, (course,)).sensitivity()
     np.testing.assert_allclose(sensitivity, central(ends, h), atol=1e-8)

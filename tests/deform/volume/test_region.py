@@ -239,4 +239,4 @@ def test_without_near_wall_following_the_free_nodes_go_where_the_interpolant_say
     free = step.state.free
     expected = block.points[free] + step.fits.interpolant(block.points[free])
     assert np.array_equal(step.points[free], expected)
-    assert len(step.state.layers.rows) == len(step.state.near_wall.follow.rows) == 0
+    assert step.state.following is None
