@@ -25,7 +25,7 @@ from scipy.optimize import nnls
 from benchmarks.large_block import DEGREES, write_block
 from benchmarks.measure import FloatArray
 from benchmarks.results import machine
-from sdm_deflect.deform.base.limits import LIMITS
+from sdm_deflect.deform.base.threads import LIMITS
 
 EDGES = 100, 216, 464
 """Nodes along an edge."""

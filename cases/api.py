@@ -23,8 +23,8 @@ from sdm_deflect.cases.settings.jobs import jobs_of
 from sdm_deflect.cases.settings.keywords import Options
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, shortened
-from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.base.schema import described
+from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.checks import Check, checks_of
 from sdm_deflect.deform.mesh.mesh import Threads
 from sdm_deflect.deform.mesh.quality import Quality

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.base import limits
+from sdm_deflect.deform.base import threads
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, distinct, union
 from sdm_deflect.deform.mesh import polyhedra
 from sdm_deflect.deform.mesh.cells import Polyhedra
@@ -16,8 +16,7 @@ from sdm_deflect.deform.mesh.crossing import Crossings
 from sdm_deflect.deform.mesh.edges import edges_of, polygons_of
 from sdm_deflect.deform.mesh.faces import faces_of
 from sdm_deflect.deform.mesh.images import is_thin, plane_of
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.precision import EVERY_BIT
+from sdm_deflect.deform.mesh.mesh import EVERY_BIT, Mesh
 from sdm_deflect.deform.mesh.quality import POLYHEDRON, inverted_of
 from sdm_deflect.deform.mesh.touched import Layers, first_layer
 from sdm_deflect.deform.surface.blended import Blended
@@ -206,8 +205,8 @@ def _staying(box: BoxPlan, still: BoolArray, near: float) -> Iterator[tuple[str,
         yield f"zone {zone.name!r}", mesh.points[own]
     if mesh.whole and len(region.zones) < len(mesh.zones):
         pieces, known = mesh.whole.pieces, mesh.whole.nodes
-        for start in range(0, pieces.points, limits.LIMITS.points):
-            stop = min(start + limits.LIMITS.points, pieces.points)
+        for start in range(0, pieces.points, threads.LIMITS.points):
+            stop = min(start + threads.LIMITS.points, pieces.points)
             rest = np.setdiff1d(np.arange(start, stop), known, assume_unique=True)
             places = pieces.coordinates(start, stop)[rest - start]
             yield "zones that do not deform", places[region.hexahedron.contains(places, near)]

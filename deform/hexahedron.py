@@ -11,7 +11,7 @@ from sdm_deflect.deform.base.compiled import compiled
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import in_chunks
 from sdm_deflect.deform.mesh.cells import bounded
-from sdm_deflect.deform.rbf.sums import check_points
+from sdm_deflect.deform.rbf.kernels import check_points
 
 CLEARANCE = 0.5  # of the spacing: inner points nearer than this to an edge are left out
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from sdm_deflect.deform.base.progress import Stage, unseen
+from sdm_deflect.deform.base.threads import Stage, unseen
 from sdm_deflect.deform.checks import Check, checks_of
 from sdm_deflect.deform.volume.deflection import Deflection, deflect
 from sdm_deflect.deform.volume.plan import Plan

@@ -13,7 +13,7 @@ from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.output import write_table
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IndexArray
-from sdm_deflect.deform.base.progress import Progress
+from sdm_deflect.deform.base.threads import Progress
 from sdm_deflect.deform.mesh.edges import edges_of, polygons_of
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.rbf.fitting import Polynomial

@@ -18,7 +18,7 @@ from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.report.pictures import write_png
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.progress import Stage
+from sdm_deflect.deform.base.threads import Stage
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.rbf.fitting import Strategy

@@ -12,9 +12,8 @@ from sdm_deflect.deform.base.arrays import FloatArray, IndexArray
 from sdm_deflect.deform.base.threads import single_threaded_blas
 from sdm_deflect.deform.rbf.greedy import GreedyOptions, Stop
 from sdm_deflect.deform.rbf.interpolant import Solve, coefficient_matrix
-from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
+from sdm_deflect.deform.rbf.kernels import ThinPlateSpline, kernel_sum
 from sdm_deflect.deform.rbf.problem import DataSites
-from sdm_deflect.deform.rbf.sums import kernel_sum
 
 RESTART, MOST = 300, 900
 """Iterations of GMRES between restarts, and in all, after which its solution is taken as it is."""

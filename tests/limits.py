@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
-from sdm_deflect.deform.base import limits
+from sdm_deflect.deform.base import threads
 
 
 def limited(patch: pytest.MonkeyPatch, **changes: Any) -> None:
     """Set some limits until the patch is undone."""
-    patch.setattr(limits, "LIMITS", replace(limits.LIMITS, **changes))
+    patch.setattr(threads, "LIMITS", replace(threads.LIMITS, **changes))

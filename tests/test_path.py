@@ -30,11 +30,11 @@ def arrive(monkeypatch):
         entered = [name for name, before in zip(own, ["", *own], strict=False) if name != before]
         files = [name for name in entered if name.startswith(("cases/", "deform/"))]
         if ADAPTATION in files:
-            raise ArrivedError([*files, "deform/rbf/sums.py"])
+            raise ArrivedError([*files, "deform/rbf/kernels.py"])
         return kernel_sum(*args, **kwargs)
 
     from sdm_deflect.deform.rbf import problem
-    from sdm_deflect.deform.rbf.sums import kernel_sum
+    from sdm_deflect.deform.rbf.kernels import kernel_sum
 
     monkeypatch.setattr(problem, "kernel_sum", spy)
 

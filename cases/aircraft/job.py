@@ -8,7 +8,7 @@ import numpy as np
 from sdm_deflect.cases.aircraft.case import Case, SurfaceTurn
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError, nearest
-from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.axis import Axis, Cylinder
 from sdm_deflect.deform.mesh.edges import median_edge

@@ -17,7 +17,7 @@ from sdm_deflect.cases.aircraft.run_folder import write_deformation, write_metri
 from sdm_deflect.cases.run.limit import Search
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.compiled import default_folder
-from sdm_deflect.deform.base.progress import Progress
+from sdm_deflect.deform.base.threads import Progress
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.rbf.fitting import RepairMode

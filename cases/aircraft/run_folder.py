@@ -15,12 +15,10 @@ from sdm_deflect.cases.aircraft.metrics import Run, metrics
 from sdm_deflect.cases.aircraft.reference import Reference, reference
 from sdm_deflect.cases.aircraft.registry import resolve
 from sdm_deflect.cases.report.data import METRES, RUN, ReportData, measured, read_figures
-from sdm_deflect.cases.report.finished import Display, FinishedRun
+from sdm_deflect.cases.report.finished import Display, FinishedRun, moved_by_repair
 from sdm_deflect.cases.report.folder import write_arrays
-from sdm_deflect.cases.run.output import moved_by_repair
 from sdm_deflect.cases.settings.conversion import to_toml
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.reading import damaged
+from sdm_deflect.deform.base.errors import InputError, damaged
 from sdm_deflect.deform.checks import Check, checks_of
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.volume.deflection import Deflection

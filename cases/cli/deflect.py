@@ -1,6 +1,8 @@
 """Commands on any mesh file: example, quality, deflect, limit, apply."""
 
 import lzma
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, replace
 from functools import partial
 from importlib.resources import files
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
     from sdm_deflect.cases.run.limit import Search
     from sdm_deflect.cases.run.mesh_files import Targets
     from sdm_deflect.cases.run.progress import Stopwatch
+    from sdm_deflect.deform.mesh.mesh import Runner
     from sdm_deflect.deform.rbf.fitting import RepairMode
     from sdm_deflect.deform.volume.plan import Plan
 
@@ -63,14 +66,13 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
 
     sdm deflect wing.su2 --surface flap --fixed wing --hinge 0.7,0,0 0.7,1,0 --angle 10 --motion blended
     """
-    from sdm_deflect.cases.run.cluster import Wanted, workers
     from sdm_deflect.cases.run.deflect_file import deflect_file, figures, planned
     from sdm_deflect.cases.run.mesh_files import Targets
 
     as_json, quiet, verbose = (given.pop(name) for name in ("as_json", "quiet", "verbose"))
     text = given.pop("angles")
     many = angles_of(text) if text else ()
-    helpers = Wanted(*(given.pop(name) for name in HELPERS))
+    helpers = [given.pop(name) for name in HELPERS]
     if many:
         given["angle"] = max(many, key=abs)
     field = given.pop("field")
@@ -83,7 +85,7 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
     wanted.check(inputs)
     with (
         options.watched(quiet or (as_json and not verbose), verbose) as watch,
-        workers(helpers, watch, mesh, wanted.out.absolute().parent) as runner,
+        _runner(helpers, watch, mesh, wanted.out.absolute().parent) as runner,
     ):
         if dry_run:
             plan = planned(wanted, jobs, watch, runner, angles)
@@ -248,6 +250,17 @@ def _search_of_mesh(name: str, watch: "Stopwatch", given: dict[str, Any]) -> Fou
     search = Search(f"{', '.join(first.surfaces[0].patches)} of {mesh.name}", unit, plan, top, step)
     figures = {"mesh": name, "min_quality": first.repair.min_quality, "unit": unit, "resolution": step}
     return search, first.repair.mode, targets.limits, figures
+
+
+def _runner(helpers: Sequence[Any], *where: Any) -> AbstractContextManager["Runner"]:
+    """Return the workers that are asked for, or the threads of this process."""
+    from sdm_deflect.deform.mesh.mesh import HERE
+
+    if not any(one is not None for one in helpers):
+        return nullcontext(HERE)
+    from sdm_deflect.cases.run.cluster import Wanted, workers
+
+    return workers(Wanted(*helpers), *where)
 
 
 def _show_plan(wanted: "Targets", plan: "Plan", as_json: bool) -> int:

@@ -11,7 +11,7 @@ from tempfile import TemporaryFile
 
 from sdm_deflect.cases.run.output import EXTRAS, LIBRARIES, usable_cores, versions
 from sdm_deflect.deform.base.compiled import CODE_VARIABLE, FOLDER_VARIABLE, code_complaint, code_folder, default_folder
-from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.meshing.cache import MeshCache
 from sdm_deflect.meshing.formats.format import MeshFileError
 

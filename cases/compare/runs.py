@@ -8,9 +8,8 @@ import numpy as np
 
 from sdm_deflect.cases.finished import finished
 from sdm_deflect.cases.report.data import RUN, ReportData
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.progress import Progress, silent
-from sdm_deflect.deform.base.reading import damaged
+from sdm_deflect.deform.base.errors import InputError, damaged
+from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.mesh import Mesh
 
 LEAST, MOST = 2, 8

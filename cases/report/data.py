@@ -16,8 +16,7 @@ from sdm_deflect.cases.report.near import with_near_cells
 from sdm_deflect.cases.run.metrics import Json
 from sdm_deflect.cases.run.output import text_of
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.reading import damaged, read_arrays
+from sdm_deflect.deform.base.errors import InputError, damaged, read_arrays
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.axis import Axis

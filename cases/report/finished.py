@@ -21,18 +21,18 @@ from sdm_deflect.cases.report.data import (
 )
 from sdm_deflect.cases.report.folder import job_data, part_of
 from sdm_deflect.cases.run.mesh_files import SETTINGS, difference, precision_of
-from sdm_deflect.cases.run.output import PAGE, moved_by_repair, output_files
+from sdm_deflect.cases.run.output import PAGE, output_files
 from sdm_deflect.cases.settings.job_settings import job_settings, read_job
 from sdm_deflect.cases.settings.jobs import jobs_of
 from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.reading import damaged
+from sdm_deflect.deform.base.errors import InputError, damaged
 from sdm_deflect.deform.checks import Check, checks_of
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.meshing.formats.registry import format_of
+from sdm_deflect.meshing.formats.vtu import vtu_arrays
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.report.pictures import Exhibit
@@ -175,4 +175,19 @@ def _read_points(path: Path, plan: Plan) -> FloatArray:
     if len(points) != len(node):
         raise InputError(f"{path} does not belong to the mesh {plan.mesh.name}")
     out[node] = points
+    return out
+
+
+def moved_by_repair(path: Path, count: int) -> FloatArray | None:
+    """Return how far (N, 3) the repair of a run moved each node, by its deflected.vtu; None without a repair.
+
+    Raises InputError if the array is damaged.
+    """
+    arrays, out = vtu_arrays(path), np.zeros((count, 3))
+    node, moved = arrays.get("node", np.arange(count)), arrays.get("repair")
+    if moved is None:
+        return None
+    if moved.shape != (len(node), 3) or not np.isfinite(moved).all():
+        raise InputError(f"{path}: its array repair is not {len(node)} finite vectors")
+    out[node] = moved
     return out

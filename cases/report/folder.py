@@ -29,7 +29,7 @@ from sdm_deflect.cases.run.metrics import (
 )
 from sdm_deflect.cases.run.output import report_lacks, write_convergence, write_interpolants
 from sdm_deflect.cases.settings.conversion import table_of
-from sdm_deflect.deform.base import limits
+from sdm_deflect.deform.base import threads
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray, union
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.mesh.axis import Axis
@@ -231,7 +231,7 @@ def _nodes(nodes: NodeSet, surface: Surface) -> list[str] | list[int]:
 
 def is_small(mesh: Mesh) -> bool:
     """True if the whole mesh is written."""
-    return mesh.whole is None and sum(mesh.cell_counts) <= limits.LIMITS.shown
+    return mesh.whole is None and sum(mesh.cell_counts) <= threads.LIMITS.shown
 
 
 def write_arrays(folder: Path, one: Deflection, whole: bool) -> None:

@@ -18,8 +18,7 @@ from sdm_deflect.cases.report.pictures import Exhibit, Gallery
 from sdm_deflect.cases.report.turnable import MOST_CELLS, packed, turnable
 from sdm_deflect.cases.run.metrics import Json, face_rows, kernel_text
 from sdm_deflect.cases.run.output import surroundings, versions
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.reading import damaged
+from sdm_deflect.deform.base.errors import InputError, damaged
 from sdm_deflect.deform.mesh.quality import Quality
 
 HERE = "sdm_deflect.cases.report"

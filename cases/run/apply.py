@@ -11,9 +11,9 @@ from sdm_deflect.cases.run.mesh_files import Targets
 from sdm_deflect.cases.run.output import output_files
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import Zone
-from sdm_deflect.deform.mesh.precision import DOUBLE, check_unchanged, states_of
+from sdm_deflect.deform.mesh.mesh import DOUBLE, check_unchanged, states_of
 from sdm_deflect.deform.volume.field import Field, FieldBox
 from sdm_deflect.meshing.files import permitted_as
 from sdm_deflect.meshing.formats.format import MeshFileError

@@ -18,18 +18,15 @@ from sdm_deflect.cases.run.metrics import (
 )
 from sdm_deflect.cases.run.output import output_files, report_lacks
 from sdm_deflect.cases.run.progress import Stopwatch
-from sdm_deflect.deform.base import limits
+from sdm_deflect.deform.base import threads
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.progress import Progress
+from sdm_deflect.deform.base.threads import Progress
 from sdm_deflect.deform.checks import Check, layers_of
-from sdm_deflect.deform.mesh.mesh import HERE, Mesh, Runner
-from sdm_deflect.deform.mesh.precision import check_unchanged, held
+from sdm_deflect.deform.mesh.mesh import HERE, Mesh, Runner, check_unchanged, held
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.mesh.touched import Layers
 from sdm_deflect.deform.run import run
 from sdm_deflect.deform.volume.deflection import Deflection
-from sdm_deflect.deform.volume.excerpt import excerpt
-from sdm_deflect.deform.volume.field import Field
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 from sdm_deflect.meshing.files import fresh, permitted_as
@@ -86,9 +83,11 @@ def needed(wanted: Targets, jobs: Sequence[Job], progress: Progress, runner: Run
     """
     if not runner.shares_memory:
         return _by_workers(wanted, jobs, progress, runner)
-    if wanted.is_copy and size_of(wanted.source) >= limits.LIMITS.file:
+    if wanted.is_copy and size_of(wanted.source) >= threads.LIMITS.file:
         with in_pieces(wanted.source, progress) as large:
             if large:
+                from sdm_deflect.deform.volume.excerpt import excerpt
+
                 return excerpt(large, jobs, wanted.angles, runner, progress)
     return read(wanted.source, progress)
 
@@ -100,6 +99,8 @@ def _by_workers(wanted: Targets, jobs: Sequence[Job], progress: Progress, runner
         if not wanted.is_copy:
             raise InputError(f"{wanted.out}: workers write copies of {wanted.source.name} alone, and no sensitivity")
         if mesh:
+            from sdm_deflect.deform.volume.excerpt import excerpt
+
             return excerpt(mesh, jobs, wanted.angles, runner, progress)
     raise InputError(f"{wanted.source}: workers need {_sent()}, and this file is something else")
 
@@ -157,6 +158,8 @@ def _deflected(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: R
                         plan.mesh, one.points, one.sensitivity(), (arrays, picture), f"mesh length per {plan.unit}"
                     )
         if wanted.field:
+            from sdm_deflect.deform.volume.field import Field
+
             with fresh(wanted.field) as beside:
                 Field.of(one).save(beside)
             names.append(wanted.field)

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from sdm_deflect.cases.run.output import report_lacks, write_table
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.progress import Progress
+from sdm_deflect.deform.base.threads import Progress
 from sdm_deflect.deform.mesh.cells import Polyhedra
 from sdm_deflect.deform.mesh.polyhedra import nodes_of
 from sdm_deflect.deform.mesh.quality import judged

@@ -15,14 +15,12 @@ from platform import machine, platform, python_version
 import numpy as np
 from threadpoolctl import threadpool_info  # type: ignore[import-untyped, unused-ignore]
 
-from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.rbf.kernels import arrays_of
 from sdm_deflect.deform.volume.deflection import BoxDeflection
 from sdm_deflect.deform.volume.step import DIRECTIONS
 from sdm_deflect.meshing.files import replacing, replacing_files
 from sdm_deflect.meshing.formats.format import FULL
-from sdm_deflect.meshing.formats.vtu import vtu_arrays
 
 
 class OutputError(ValueError):
@@ -155,21 +153,6 @@ def _cell(value: object) -> object:
 def text_of(cell: str) -> str:
     """Return the text that `write_table` wrote as a cell."""
     return cell[1:] if cell.startswith("'") and cell[1:].startswith(FORMULA) else cell
-
-
-def moved_by_repair(path: Path, count: int) -> FloatArray | None:
-    """Return how far (N, 3) the repair of a run moved each node, by its deflected.vtu; None without a repair.
-
-    Raises InputError if the array is damaged.
-    """
-    arrays, out = vtu_arrays(path), np.zeros((count, 3))
-    node, moved = arrays.get("node", np.arange(count)), arrays.get("repair")
-    if moved is None:
-        return None
-    if moved.shape != (len(node), 3) or not np.isfinite(moved).all():
-        raise InputError(f"{path}: its array repair is not {len(node)} finite vectors")
-    out[node] = moved
-    return out
 
 
 LIBRARIES = ("numpy", "scipy", "numba", "h5py", "click", "rich", "threadpoolctl", "tomli-w", "platformdirs")

@@ -11,7 +11,7 @@ from time import CLOCK_BOOTTIME, clock_gettime, perf_counter
 from typing import TYPE_CHECKING, Any
 
 from sdm_deflect.deform.base.errors import printable
-from sdm_deflect.deform.base.progress import Progress, Stage, silent, unseen
+from sdm_deflect.deform.base.threads import Progress, Stage, silent, unseen
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -9,8 +9,7 @@ import numpy as np
 from sdm_deflect.cases.report.data import FLAT, name_of
 from sdm_deflect.cases.report.finished import Display, FinishedRun
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.reading import read_arrays
+from sdm_deflect.deform.base.errors import InputError, read_arrays
 from sdm_deflect.deform.mesh.cells import Polyhedra
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.touched import TouchedCells

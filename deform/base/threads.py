@@ -1,4 +1,4 @@
-"""Rows of work on several threads, and linear algebra on one.
+"""How work is shared out among threads, how large pieces of it are, and who is told of its progress.
 
 Compiled code runs without the interpreter lock, so Python's own threads serve: no second pool of OpenMP
 threads that survives a fork badly, and an interrupt is noticed between two chunks.
@@ -7,14 +7,30 @@ threads that survives a fork badly, and an interrupt is noticed between two chun
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass
 from functools import cache
 
 import numba
 import scipy.linalg  # noqa: F401 - loads SciPy's BLAS, so that the controller below finds it
 from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped, unused-ignore]
 
-from sdm_deflect.deform.base.progress import Progress, silent
+Progress = Callable[[str, float], None]
+"""Called with a short text and the fraction done (0 to 1, or nan when unknown)."""
+
+
+Stage = Callable[[str], AbstractContextManager[Progress]]
+"""Shows a stage of a run while its context lasts, which gives what takes the stage's progress."""
+
+
+def unseen(_: str) -> AbstractContextManager[Progress]:
+    """Show nothing."""
+    return nullcontext(silent)
+
+
+def silent(text: str, fraction: float) -> None:
+    """Report nothing."""
+
 
 SERIAL_PAIRS = 400_000  # below about 0.2 ms of work a second thread costs more than it saves
 CHUNK_PAIRS = 4_000_000  # about 2 ms: short enough to share evenly, long enough to hide the hand-over
@@ -71,3 +87,31 @@ def single_threaded_blas() -> Iterator[None]:
 @cache
 def _controller() -> ThreadpoolController:
     return ThreadpoolController()
+
+
+@dataclass(frozen=True, slots=True)
+class SizeLimits:
+    """What is held in memory, sent to workers or shown at a time.
+
+    Attributes
+    ----------
+    file : Bytes of a mesh file from which on it is read in pieces.
+    held : Points up to so many are held in memory while cells are read, by a runner that shares it.
+    points, cells : Points and cells of a piece.
+    sent, sent_pairs : Points sent at a time to be evaluated elsewhere, and pairs with centres from which on they are.
+    matrix : Entries of the evaluation matrix of a view, 256 MB; beyond, sums are computed at every angle.
+    shown : Cells of the largest mesh that a report's file holds whole.
+    """
+
+    file: int = 1 << 25
+    held: int = 1 << 23
+    points: int = 1 << 20
+    cells: int = 1 << 19
+    sent: int = 1 << 18
+    sent_pairs: int = 1 << 28
+    matrix: int = 1 << 25
+    shown: int = 100_000
+
+
+LIMITS = SizeLimits()
+"""Those of this process."""

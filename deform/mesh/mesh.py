@@ -1,13 +1,16 @@
 """A mesh of any cells with named boundary patches, as CFD files hold it.
 
 A mesh that is read in pieces, because it may be larger than memory, and whoever works on the pieces.
+
+How a file keeps coordinates, and that files which were read stay what they were.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -16,10 +19,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from sdm_deflect.deform.base import threads
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray, union
 from sdm_deflect.deform.base.errors import InputError, nearest
-from sdm_deflect.deform.base.progress import Progress, silent
-from sdm_deflect.deform.base.threads import available_threads
+from sdm_deflect.deform.base.threads import Progress, available_threads, silent
 from sdm_deflect.deform.mesh.cells import (
     LARGEST,
     PLANE,
@@ -34,7 +37,93 @@ from sdm_deflect.deform.mesh.cells import (
     several,
 )
 from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra
-from sdm_deflect.deform.mesh.precision import States
+
+DOUBLE = np.dtype(np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class Precision:
+    """How the file that is to be written keeps coordinates.
+
+    Attributes
+    ----------
+    real : type of its numbers; of a file that has several types, the one with the fewest bits.
+    every : whether all coordinates are rounded: those of a file that is a copy of the one that was read keep their
+        bits where they do not change.
+    advice : where coordinates of more bits could be written.
+    """
+
+    real: np.dtype[Any] = DOUBLE
+    every: bool = False
+    advice: str = ""
+
+    @property
+    def is_double(self) -> bool:
+        """True if the file keeps every bit."""
+        return self.real.itemsize >= DOUBLE.itemsize
+
+    def rounded(self, points: FloatArray, before: FloatArray) -> FloatArray:
+        """Return points (N, 3) as the file holds them; `before` (N, 3) are those of the undeflected mesh.
+
+        Raises InputError for coordinates that are too large for its numbers.
+        """
+        if self.is_double:
+            return points
+        with np.errstate(over="ignore"):
+            found = points.astype(self.real).astype(np.float64)
+        if not np.isfinite(found).all():
+            raise InputError(f"coordinates up to {np.abs(points).max():.3g} are too large for {self}")
+        return found if self.every else np.where(points == before, before, found)
+
+    def resolution(self, points: FloatArray) -> float:
+        """Return how far rounding moves any of some points (N, 3) at most, in any direction; 0 in double precision."""
+        return 0.0 if self.is_double else float(np.finfo(self.real).eps * np.abs(points).max(initial=0.0))
+
+    def __str__(self) -> str:
+        return f"coordinates of {8 * self.real.itemsize} bits, which the file keeps; {self.advice}"
+
+
+EVERY_BIT = Precision()
+"""That of a file in double precision."""
+
+
+State = tuple[int, int, int, int]
+"""Bytes, time of the last change in nanoseconds, number of the file, device."""
+States = Mapping[str, State | None]
+"""By path; None: there was no such file."""
+HELD = 64
+"""Files that are held open, at most: a process may have no more than some hundreds."""
+
+
+def states_of(paths: Iterable[Path]) -> dict[str, State | None]:
+    """Return how files are now."""
+    return {str(path.absolute()): _state(str(path)) for path in paths}
+
+
+def check_unchanged(files: States, elsewhere: bool = False) -> None:
+    """Raise InputError if a file is no longer what it was; `elsewhere`: seen from another machine, maybe."""
+    for path, state in files.items():
+        now = _state(path)
+        if now != state and not (elsewhere and now and state and now[:2] == state[:2]):
+            raise InputError(f"{path}: was changed or replaced while it was in use; run the command again")
+
+
+@contextmanager
+def held(paths: Iterable[Path]) -> Iterator[None]:
+    """Hold files open for the block, so that no new file can get the number of one of them."""
+    with ExitStack() as stack:
+        for path in list(paths)[:HELD]:
+            with suppress(OSError):  # reading it says what is wrong
+                stack.enter_context(path.open("rb"))
+        yield
+
+
+def _state(path: str) -> State | None:
+    try:
+        found = Path(path).stat()
+    except OSError:
+        return None
+    return found.st_size, found.st_mtime_ns, found.st_ino, found.st_dev
 
 
 class Runner(Protocol):
@@ -322,3 +411,14 @@ def meant(wildcard: str, patch: str) -> bool:
     """True if the wildcard stands for the patch, or for its name without that of its zone."""
     own = patch.rpartition("/")[2]
     return fnmatchcase(patch, wildcard) or (wildcard != own and fnmatchcase(own, wildcard))
+
+
+def gathered(pieces: Pieces, nodes: IntArray) -> FloatArray:
+    """Return the coordinates (K, 3) of sorted nodes, range by range."""
+    found = np.empty((len(nodes), 3))
+    for start in range(0, pieces.points, threads.LIMITS.points) if len(nodes) else ():
+        first, end = np.searchsorted(nodes, (start, start + threads.LIMITS.points))
+        if end > first:
+            low = int(nodes[first])
+            found[first:end] = pieces.coordinates(low, int(nodes[end - 1]) + 1)[nodes[first:end] - low]
+    return found

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import FloatArray, IndexArray, first_coincident
 from sdm_deflect.deform.base.compiled import compiled
-from sdm_deflect.deform.base.progress import Progress, silent
-from sdm_deflect.deform.base.threads import single_threaded_blas
+from sdm_deflect.deform.base.threads import Progress, silent, single_threaded_blas
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.fitting import Polynomial
 from sdm_deflect.deform.rbf.interpolant import Interpolant

@@ -7,14 +7,12 @@ from typing import Self
 import numpy as np
 from scipy.linalg.lapack import dsysv
 
-from sdm_deflect.deform.base import limits
+from sdm_deflect.deform.base import threads
 from sdm_deflect.deform.base.arrays import FloatArray, first_coincident
-from sdm_deflect.deform.base.progress import Progress, silent
-from sdm_deflect.deform.base.threads import single_threaded_blas
+from sdm_deflect.deform.base.threads import Progress, silent, single_threaded_blas
 from sdm_deflect.deform.mesh.mesh import Runner
 from sdm_deflect.deform.rbf.fitting import Polynomial
-from sdm_deflect.deform.rbf.kernels import Kernel
-from sdm_deflect.deform.rbf.sums import kernel_matrix, kernel_sum
+from sdm_deflect.deform.rbf.kernels import Kernel, kernel_matrix, kernel_sum
 
 FLAT = 1e-9  # an extent below this share of the largest counts as none
 
@@ -120,9 +118,9 @@ class Interpolant:
 
 def evaluated(interpolant: Interpolant, points: FloatArray, runner: Runner) -> FloatArray:
     """Evaluate at points (M, 3); the bits do not depend on how they are shared out."""
-    if runner.shares_memory or len(points) * len(interpolant.centers) < limits.LIMITS.sent_pairs:
+    if runner.shares_memory or len(points) * len(interpolant.centers) < threads.LIMITS.sent_pairs:
         return interpolant(points)
-    size = limits.LIMITS.sent
+    size = threads.LIMITS.sent
     parts = [points[start : start + size] for start in range(0, len(points), size)]
     return np.concatenate(list(runner.map(_sums, interpolant, parts)))
 

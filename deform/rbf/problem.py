@@ -22,8 +22,7 @@ from scipy.spatial import cKDTree
 from sdm_deflect.deform.base.arrays import FloatArray, IndexArray, first_coincident
 from sdm_deflect.deform.rbf.fitting import Polynomial
 from sdm_deflect.deform.rbf.interpolant import Interpolant, UnitBox, check_finite
-from sdm_deflect.deform.rbf.kernels import Kernel
-from sdm_deflect.deform.rbf.sums import kernel_matrix, kernel_sum
+from sdm_deflect.deform.rbf.kernels import Kernel, kernel_matrix, kernel_sum
 
 XYZ = (0, 1, 2)
 

@@ -17,10 +17,9 @@ from sdm_deflect.deform.mesh.cells import Patch, Polygons
 from sdm_deflect.deform.mesh.edges import Joints, area_vectors, polygons_of, unit
 from sdm_deflect.deform.mesh.images import Images
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.sliding import FITTED, SURFACE, Plane, SlidingSurface
+from sdm_deflect.deform.mesh.sliding import FITTED, SHARP, SURFACE, Plane, SlidingSurface, Triangulated
 from sdm_deflect.deform.mesh.touched import TouchedCells, layers
-from sdm_deflect.deform.mesh.triangulated import SHARP, Triangulated
-from sdm_deflect.deform.repair.crossing import Crossing
+from sdm_deflect.deform.repair.elements import Crossing
 
 
 @dataclass(frozen=True, slots=True, eq=False)

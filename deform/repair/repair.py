@@ -12,7 +12,7 @@ import numpy as np
 from numba.core.event import TimingListener, install_listener
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.touched import CellScores, TouchedCells
 from sdm_deflect.deform.repair.elements import Tetrahedra
 from sdm_deflect.deform.repair.freedom import FreeNodes

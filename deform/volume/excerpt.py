@@ -11,14 +11,14 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from sdm_deflect.deform.base import limits
+from sdm_deflect.deform.base import threads
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, distinct, union
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.cells import CORNERS, LARGEST, Cells, Faces, Patch, Polyhedra, Volume, Zone
 from sdm_deflect.deform.mesh.faces import Keys, cell_face_keys, face_keys, node_keys, patch_keys
-from sdm_deflect.deform.mesh.mesh import Mesh, MeshInPieces, Pieces, Runner, Whole
+from sdm_deflect.deform.mesh.mesh import Mesh, MeshInPieces, Pieces, Runner, Whole, gathered
 from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra, joined
 from sdm_deflect.deform.mesh.quality import POLYHEDRON, inverted_of, other_hand, other_handed
 from sdm_deflect.deform.mesh.touched import touching
@@ -73,8 +73,8 @@ class ScanTask:
     def holding(self) -> "ScanTask":
         """Return it with all points held in memory."""
         points = np.empty((self.pieces.points, 3))
-        for start in range(0, len(points), limits.LIMITS.points):
-            stop = min(start + limits.LIMITS.points, len(points))
+        for start in range(0, len(points), threads.LIMITS.points):
+            stop = min(start + threads.LIMITS.points, len(points))
             points[start:stop] = self.pieces.coordinates(start, stop)
         return replace(self, held=self.view_of(points, 0))
 
@@ -91,7 +91,7 @@ class ScanTask:
             )
         if self.held:
             return self.held, nodes
-        if high - low <= max(nodes.size, limits.LIMITS.points):
+        if high - low <= max(nodes.size, threads.LIMITS.points):
             return self.view_of(self.pieces.coordinates(low, high), low), nodes - low
         own = distinct(nodes)
         points = self.pieces.places(own)
@@ -128,7 +128,7 @@ class ScanTask:
         for block, (_, count) in enumerate(self.pieces.blocks):
             for start in np.linspace(0, max(0, count - PROBED), PROBES).astype(int).tolist() if count else ():
                 nodes = self.pieces.cells_of(block, start, min(start + PROBED, count)).nodes
-                far += int(np.ptp(nodes)) > limits.LIMITS.points
+                far += int(np.ptp(nodes)) > threads.LIMITS.points
                 places += 1
         return 2 * far > places
 
@@ -315,13 +315,13 @@ def _task(
 
 def _in_memory(task: ScanTask) -> ScanTask:
     """Return the task with all points held in memory, if these are few, or if cells need them in no order."""
-    return task.holding() if task.pieces.points <= limits.LIMITS.held or task.is_scattered else task
+    return task.holding() if task.pieces.points <= threads.LIMITS.held or task.is_scattered else task
 
 
 def _nodes_inside(task: ScanTask, runner: Runner, progress: Progress) -> tuple[IntArray, FloatArray]:
     """Return the nodes (M,) in the box and their coordinates (M, 3); InputError for coordinates that are no numbers."""
     count = task.pieces.points
-    items = [(start, min(start + limits.LIMITS.points, count)) for start in range(0, count, limits.LIMITS.points)]
+    items = [(start, min(start + threads.LIMITS.points, count)) for start in range(0, count, threads.LIMITS.points)]
     found = []
     for i, own in enumerate(runner.map(nodes_inside, task, items), 1):
         found.append(own)
@@ -361,13 +361,13 @@ def _around(task: ScanTask, block: int, found: list[CellsFound], runner: Runner)
     sides = [one.cells.sides for one in found if isinstance(one.cells, SomePolyhedra)]
     known = union(*(one.rows for one in found))
     cells = np.setdiff1d(union(*(one for own in sides for one in (own.owner, own.neighbour))), known, True)
-    pieces = np.split(cells, np.flatnonzero(np.diff(cells // (limits.LIMITS.cells // LARGER))) + 1)
+    pieces = np.split(cells, np.flatnonzero(np.diff(cells // (threads.LIMITS.cells // LARGER))) + 1)
     return list(runner.map(beside, task, [(block, own) for own in pieces if len(own)]))
 
 
 def _judged_cells(task: ScanTask, block: int, runner: Runner, progress: Progress) -> list[CellsFound]:
     shape, count = task.pieces.blocks[block]
-    size = limits.LIMITS.cells // LARGER if shape == POLYHEDRON else limits.LIMITS.cells
+    size = threads.LIMITS.cells // LARGER if shape == POLYHEDRON else threads.LIMITS.cells
     items = [(block, start, min(start + size, count)) for start in range(0, count, size)]
     found = []
     for i, own in enumerate(runner.map(scan_cells, task, items), 1):
@@ -383,17 +383,6 @@ def _refuse_loose(mesh: MeshInPieces, task: ScanTask, missing: Keys) -> None:
         count = np.count_nonzero(np.isin(patch_keys(Patch(patch.name, tuple(numbers)), task.keys), missing))
         loose += [f"{count} of {len(patch)} faces of patch {patch.name}"] if count else []
     raise InputError(f"{mesh.name}: {', '.join(loose)} are of no cell")
-
-
-def gathered(pieces: Pieces, nodes: IntArray) -> FloatArray:
-    """Return the coordinates (K, 3) of sorted nodes, range by range."""
-    found = np.empty((len(nodes), 3))
-    for start in range(0, pieces.points, limits.LIMITS.points) if len(nodes) else ():
-        first, end = np.searchsorted(nodes, (start, start + limits.LIMITS.points))
-        if end > first:
-            low = int(nodes[first])
-            found[first:end] = pieces.coordinates(low, int(nodes[end - 1]) + 1)[nodes[first:end] - low]
-    return found
 
 
 def _block(shape: str, found: Sequence[CellsFound], nodes: IntArray) -> tuple[Volume, IntArray]:

@@ -18,9 +18,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.progress import Progress, silent
-from sdm_deflect.deform.base.reading import damaged, read_arrays
+from sdm_deflect.deform.base.errors import InputError, damaged, read_arrays
+from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.cells import bounded
 from sdm_deflect.deform.rbf.interpolant import Interpolant

@@ -9,11 +9,10 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray, union
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.faces import BoundaryGaps
-from sdm_deflect.deform.mesh.mesh import HERE, Mesh, Runner
+from sdm_deflect.deform.mesh.mesh import EVERY_BIT, HERE, Mesh, Precision, Runner
 from sdm_deflect.deform.mesh.orthogonality import TouchedFaces
-from sdm_deflect.deform.mesh.precision import EVERY_BIT, Precision
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.mesh.sliding import SlidingSurface
 from sdm_deflect.deform.mesh.touched import TouchedCells

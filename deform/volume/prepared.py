@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.base import limits
+from sdm_deflect.deform.base import threads
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import single_threaded_blas
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
+from sdm_deflect.deform.rbf.kernels import kernel_matrix, kernel_sum
 from sdm_deflect.deform.rbf.problem import DataSites
-from sdm_deflect.deform.rbf.sums import kernel_matrix, kernel_sum
 from sdm_deflect.deform.volume.deflection import stepped
 from sdm_deflect.deform.volume.plan import BoxPlan
 from sdm_deflect.deform.volume.region import check_moving
@@ -67,7 +67,7 @@ class Evaluation:
         """Prepare the evaluation at points (M, 3)."""
         problem, chosen = basis.kernel.problem, basis.chosen
         at = np.vstack([problem.box.scaled(points), problem.points])
-        few = len(at) * len(chosen) <= limits.LIMITS.matrix
+        few = len(at) * len(chosen) <= threads.LIMITS.matrix
         return cls(basis, at, kernel_matrix(problem.scaled_kernel, at, problem.points[chosen]) if few else None)
 
     def add(self, values: FloatArray, out: FloatArray) -> float:

@@ -9,8 +9,7 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray, farthest
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.progress import Progress
-from sdm_deflect.deform.base.threads import single_threaded_blas
+from sdm_deflect.deform.base.threads import Progress, single_threaded_blas
 from sdm_deflect.deform.mesh.images import Images
 from sdm_deflect.deform.mesh.mesh import HERE, Runner
 from sdm_deflect.deform.mesh.sliding import SlidingSurface

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import Cells, Patch, Zone
 from sdm_deflect.deform.mesh.mesh import Mesh, MeshInPieces
 from sdm_deflect.meshing.files import fresh

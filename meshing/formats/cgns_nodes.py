@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import IntArray
-from sdm_deflect.deform.base.reading import check_unpacked
+from sdm_deflect.deform.base.errors import check_unpacked
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.hdf5 import check_stored, is_real
 

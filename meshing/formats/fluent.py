@@ -14,7 +14,7 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import Cells, Patch, Periodic, Polygons, Polyhedra, taken
 from sdm_deflect.deform.mesh.images import PeriodicPatches, pair_of
 from sdm_deflect.deform.mesh.mesh import Mesh

@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.progress import Progress, silent
-from sdm_deflect.deform.base.reading import check_unpacked
+from sdm_deflect.deform.base.errors import check_unpacked
+from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import MIRRORED, Cells, Patch, Periodic, Zone
-from sdm_deflect.deform.mesh.mesh import Mesh, MeshInPieces
-from sdm_deflect.deform.mesh.precision import DOUBLE
+from sdm_deflect.deform.mesh.mesh import DOUBLE, Mesh, MeshInPieces
 from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fitting_names
 from sdm_deflect.meshing.formats.gmsh_file import (

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.base.progress import Progress
-from sdm_deflect.deform.base.reading import check_unpacked
+from sdm_deflect.deform.base.errors import check_unpacked
+from sdm_deflect.deform.base.threads import Progress
 from sdm_deflect.meshing.formats.format import FULL, MeshFileError
 from sdm_deflect.meshing.formats.rewriting import Change, rewritten
 from sdm_deflect.meshing.formats.tables import FileTable

@@ -9,10 +9,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import PLANE, Cells, Zone
-from sdm_deflect.deform.mesh.mesh import Mesh, MeshInPieces
-from sdm_deflect.deform.mesh.precision import DOUBLE
+from sdm_deflect.deform.mesh.mesh import DOUBLE, Mesh, MeshInPieces
 from sdm_deflect.meshing.formats.fitted import expanded, simple
 from sdm_deflect.meshing.formats.format import about, check_points, fewest_bits, only_rewritten
 from sdm_deflect.meshing.formats.shapes import check_faces, oriented

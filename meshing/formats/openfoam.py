@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import Polyhedra, Zone
 from sdm_deflect.deform.mesh.images import THIN, is_thin
-from sdm_deflect.deform.mesh.mesh import Mesh, MeshInPieces
-from sdm_deflect.deform.mesh.precision import DOUBLE
+from sdm_deflect.deform.mesh.mesh import DOUBLE, Mesh, MeshInPieces
 from sdm_deflect.meshing.files import fresh_folder
 from sdm_deflect.meshing.formats.format import about, fewest_bits, fitting_names
 from sdm_deflect.meshing.formats.known import registered

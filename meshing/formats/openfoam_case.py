@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray, union
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.progress import Progress
+from sdm_deflect.deform.base.threads import Progress
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.cells import Constraint, Patch, Periodic, Polygons
 from sdm_deflect.deform.mesh.edges import polygons_of

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.reading import check_unpacked, unpack_limit
+from sdm_deflect.deform.base.errors import check_unpacked, unpack_limit
 from sdm_deflect.deform.mesh.cells import Polygons
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.numbers import Placed, numbers

@@ -12,11 +12,10 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import OWNERS, RISING, Cells, Polygons, Polyhedra, Zone, taken
-from sdm_deflect.deform.mesh.mesh import HERE, MeshInPieces, Runner
+from sdm_deflect.deform.mesh.mesh import HERE, MeshInPieces, Runner, check_unchanged
 from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra, joined
-from sdm_deflect.deform.mesh.precision import check_unchanged
 from sdm_deflect.deform.mesh.quality import POLYHEDRON
 from sdm_deflect.meshing.formats.format import MeshFileError, about
 from sdm_deflect.meshing.formats.openfoam_case import (

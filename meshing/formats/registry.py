@@ -7,9 +7,8 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 
-from sdm_deflect.deform.base.progress import Progress, silent
-from sdm_deflect.deform.mesh.mesh import Mesh, MeshInPieces
-from sdm_deflect.deform.mesh.precision import states_of
+from sdm_deflect.deform.base.threads import Progress, silent
+from sdm_deflect.deform.mesh.mesh import Mesh, MeshInPieces, states_of
 from sdm_deflect.meshing.files import hidden_folder
 from sdm_deflect.meshing.formats.format import FLUENT, MeshFileError
 from sdm_deflect.meshing.formats.known import Registration, entries

@@ -9,10 +9,9 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import Polyhedra, Zone
-from sdm_deflect.deform.mesh.mesh import HERE, Mesh, MeshInPieces, Runner
-from sdm_deflect.deform.mesh.precision import DOUBLE
+from sdm_deflect.deform.mesh.mesh import DOUBLE, HERE, Mesh, MeshInPieces, Runner
 from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fitting_names
 from sdm_deflect.meshing.formats.known import registered

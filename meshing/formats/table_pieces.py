@@ -8,11 +8,10 @@ from typing import Self
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import CORNERS, MIRRORED, PLANE, Cells
-from sdm_deflect.deform.mesh.mesh import HERE, Runner
+from sdm_deflect.deform.mesh.mesh import HERE, Runner, States, check_unchanged
 from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra
-from sdm_deflect.deform.mesh.precision import States, check_unchanged
 from sdm_deflect.meshing.formats.format import MeshFileError, about
 from sdm_deflect.meshing.formats.rewriting import Change, rewritten
 from sdm_deflect.meshing.formats.shapes import AXES, SAMPLE, left_handed

@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import CORNERS, MIRRORED, Cells, Patch, Zone
 from sdm_deflect.deform.mesh.mesh import Mesh, MeshInPieces
 from sdm_deflect.meshing.files import fresh

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import CORNERS, MIRRORED, Cells, Patch, Zone
 from sdm_deflect.deform.mesh.mesh import HERE, Mesh, MeshInPieces, Runner
 from sdm_deflect.meshing.files import fresh

@@ -13,7 +13,7 @@ from sdm_deflect.cases.aircraft.reference import turned
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.progress import Progress
+from sdm_deflect.deform.base.threads import Progress
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.rbf.fitting import RepairMode

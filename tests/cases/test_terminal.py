@@ -11,7 +11,7 @@ from sdm_deflect.cases.cli.options import print_tables
 from sdm_deflect.cases.finished import finished
 from sdm_deflect.cases.run.progress import Stopwatch, lines, shown
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.progress import unseen
+from sdm_deflect.deform.base.threads import unseen
 from sdm_deflect.deform.checks import Check
 
 ESCAPE = "\x1b"

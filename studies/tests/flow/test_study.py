@@ -13,7 +13,7 @@ from scipy.stats import t
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.errors import InputError, LostError
-from sdm_deflect.deform.base.progress import silent
+from sdm_deflect.deform.base.threads import silent
 from sdm_deflect.geometry.aircraft import build
 from sdm_deflect.meshing.mesh import triangles_of
 from studies.flow.forces import Forces

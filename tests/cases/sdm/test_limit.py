@@ -9,7 +9,7 @@ import pytest
 from sdm_deflect.cases.aircraft.pipeline import search_of
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.limit import STEPS, write_limits
-from sdm_deflect.deform.base.progress import silent
+from sdm_deflect.deform.base.threads import silent
 from sdm_deflect.geometry.parameters import LARGEST_TURN
 from tests.pictures import pixels, share
 

@@ -14,7 +14,7 @@ from sdm_deflect.cases.report.finished import FinishedRun
 from sdm_deflect.cases.report.folder import is_small, settings_of, write_arrays
 from sdm_deflect.cases.run.mesh_files import SETTINGS, write_mesh
 from sdm_deflect.cases.view.run import InteractiveRun
-from sdm_deflect.deform.base.progress import silent
+from sdm_deflect.deform.base.threads import silent
 from sdm_deflect.deform.volume.deflection import Deflection, adapted_steps
 from sdm_deflect.deform.volume.deflection import deflect as carried_out
 

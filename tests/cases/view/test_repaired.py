@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases.aircraft.run_folder import FinishedCase
-from sdm_deflect.cases.report.finished import FinishedRun
-from sdm_deflect.cases.run.output import moved_by_repair
+from sdm_deflect.cases.report.finished import FinishedRun, moved_by_repair
 from sdm_deflect.cases.view.page import View, mending
 from sdm_deflect.cases.view.run import InteractiveRun
 from sdm_deflect.deform.base.errors import InputError

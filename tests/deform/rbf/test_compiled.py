@@ -11,8 +11,14 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.base.compiled import for_code
-from sdm_deflect.deform.rbf.kernels import FORMULAS, MultiquadricCode, ThinPlateSplineCode
-from sdm_deflect.deform.rbf.sums import _sum_rows, kernel_matrix, kernel_sum
+from sdm_deflect.deform.rbf.kernels import (
+    FORMULAS,
+    MultiquadricCode,
+    ThinPlateSplineCode,
+    _sum_rows,
+    kernel_matrix,
+    kernel_sum,
+)
 
 ROOT = Path(__file__).parents[3]
 FOREIGN = """
@@ -36,7 +42,7 @@ FORMULAS[CubicCode] = cubic
 """
 PROGRAM = """
 import numpy as np
-from sdm_deflect.deform.rbf.sums import kernel_matrix, kernel_sum, _matrix_rows, _sum_rows
+from sdm_deflect.deform.rbf.kernels import kernel_matrix, kernel_sum, _matrix_rows, _sum_rows
 from {module} import {kernel}
 x, zero = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]]), np.zeros((4, 1))
 print(kernel_sum({kernel}(), x, x, np.array([[1.0], [0.0]]), zero)[1, 0], kernel_matrix({kernel}(), x, x)[0, 1])
@@ -74,7 +80,7 @@ def test_a_foreign_kernel_leaves_nothing_that_stops_others(results, tmp_path):
 
 SUM = """
 import numba
-from sdm_deflect.deform.rbf.sums import kernel_matrix, _matrix_rows
+from sdm_deflect.deform.rbf.kernels import kernel_matrix, _matrix_rows
 import sdm_deflect, resource, numpy as np
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 assert not numba.config.CACHE_DIR  # functions of others stay where they were

@@ -13,11 +13,11 @@ from sdm_deflect.deform.rbf.kernels import (
     ThinPlateSpline,
     WendlandC2,
     arrays_of,
+    kernel_matrix,
     phi,
     scaled_log,
     stored_kernel,
 )
-from sdm_deflect.deform.rbf.sums import kernel_matrix
 
 KERNELS = [ThinPlateSpline(), Multiquadric(0.7), Multiquadric(1e4), WendlandC2(0.8), WendlandC2(30.0), Cubic()]
 

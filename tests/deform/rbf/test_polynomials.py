@@ -8,9 +8,8 @@ from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.fitting import KERNELS, ORDERS, Fitting
 from sdm_deflect.deform.rbf.greedy import GreedyOptions, Stop, adapt
 from sdm_deflect.deform.rbf.interpolant import UnitBox
-from sdm_deflect.deform.rbf.kernels import OF_RADIUS
+from sdm_deflect.deform.rbf.kernels import OF_RADIUS, kernel_matrix
 from sdm_deflect.deform.rbf.problem import DataSites, Problem
-from sdm_deflect.deform.rbf.sums import kernel_matrix
 from studies.solves import DirectBasis
 
 RADIUS = 0.5

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.rbf.kernels import Cubic, Multiquadric, ThinPlateSpline, WendlandC2
-from sdm_deflect.deform.rbf.sums import kernel_matrix, kernel_sum
+from sdm_deflect.deform.rbf.kernels import Cubic, Multiquadric, ThinPlateSpline, WendlandC2, kernel_matrix, kernel_sum
 
 KERNELS = [ThinPlateSpline(), Multiquadric(30.0), WendlandC2(2.0), Cubic()]
 

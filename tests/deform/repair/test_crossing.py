@@ -5,7 +5,7 @@ import pytest
 
 from sdm_deflect.deform.mesh.axis import Axis, Cylinder
 from sdm_deflect.deform.mesh.sliding import CylinderWall, Plane
-from sdm_deflect.deform.repair.crossing import Crossing
+from sdm_deflect.deform.repair.elements import Crossing
 
 NORMAL = np.array([0.4, 0.1, 0.9]) / np.linalg.norm([0.4, 0.1, 0.9])
 LEANING = Plane(np.array([0.1, -0.2, 0.3]), NORMAL)

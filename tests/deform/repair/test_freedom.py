@@ -5,7 +5,7 @@ import pytest
 
 from sdm_deflect.deform.mesh.sliding import Plane
 from sdm_deflect.deform.mesh.touched import TouchedCells
-from sdm_deflect.deform.repair.crossing import Crossing
+from sdm_deflect.deform.repair.elements import Crossing
 from sdm_deflect.deform.repair.freedom import FreeNodes
 from sdm_deflect.deform.repair.repair import repaired
 from tests.deform.repair.meshes import inner, lattice

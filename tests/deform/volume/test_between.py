@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.base.arrays import first_coincident
-from sdm_deflect.deform.base.progress import silent
+from sdm_deflect.deform.base.threads import silent
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.cells import Polygons
 from sdm_deflect.deform.mesh.edges import polygons_of

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.progress import silent
+from sdm_deflect.deform.base.threads import silent
 from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.mesh.cells import Cells
 from sdm_deflect.deform.mesh.mesh import Mesh

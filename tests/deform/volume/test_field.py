@@ -5,7 +5,7 @@ import pytest
 
 from sdm_deflect import deflect
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.progress import silent
+from sdm_deflect.deform.base.threads import silent
 from sdm_deflect.deform.volume.deflection import Deflection, adapted_steps
 from sdm_deflect.deform.volume.deflection import deflect as carried_out
 from sdm_deflect.deform.volume.field import Field

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.progress import silent
+from sdm_deflect.deform.base.threads import silent
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.surface.motions import Moving, Rotation, Table
 from sdm_deflect.deform.volume.deflection import adapted_steps, deflect_box

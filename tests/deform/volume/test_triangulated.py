@@ -9,8 +9,7 @@ from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.mesh.cells import Cells, Patch, Polygons
 from sdm_deflect.deform.mesh.closest import Triangles
 from sdm_deflect.deform.mesh.edges import polygons_of
-from sdm_deflect.deform.mesh.sliding import SlidingPatch
-from sdm_deflect.deform.mesh.triangulated import TriangleSet, Triangulated
+from sdm_deflect.deform.mesh.sliding import SlidingPatch, TriangleSet, Triangulated
 from tests.deform.blocks import block_with_body, grid
 from tests.deform.jobs import turn
 
