@@ -15,7 +15,6 @@ from typing import Any, TypeVar, Unpack
 
 from numpy.typing import ArrayLike
 
-from sdm_deflect.cases.file_mesh import FileMesh, about_files, path_of, saved
 from sdm_deflect.cases.run.metrics import notes_of, warnings_of
 from sdm_deflect.cases.run.progress import in_notebook, of_notebook
 from sdm_deflect.cases.settings.job_settings import FLAT, GONE, IN_PYTHON, angles_of, settings_of, tables_of
@@ -25,11 +24,10 @@ from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, shortened
 from sdm_deflect.deform.base.schema import described
 from sdm_deflect.deform.base.threads import Progress, silent
-from sdm_deflect.deform.checks import Check, checks_of
+from sdm_deflect.deform.checks import Check, checks_of, run
 from sdm_deflect.deform.mesh.mesh import Threads
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.rbf.interpolant import Interpolant
-from sdm_deflect.deform.run import run
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.field import Field
@@ -37,6 +35,8 @@ from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.meshing.formats import adapters
 from sdm_deflect.meshing.formats.format import MeshFileError
+
+from .file_mesh import FileMesh, about_files, path_of, saved
 
 F = TypeVar("F", bound=Callable[..., Any])
 

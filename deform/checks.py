@@ -1,15 +1,16 @@
-"""Checks that can fail: what must hold of a deflected mesh."""
+"""Checks that can fail: what must hold of a deflected mesh; and the loop that deflects and judges."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.base import threads
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, distinct, union
+from sdm_deflect.deform.base.threads import Stage, unseen
 from sdm_deflect.deform.mesh import polyhedra
 from sdm_deflect.deform.mesh.cells import Polyhedra
 from sdm_deflect.deform.mesh.crossing import Crossings
@@ -21,7 +22,7 @@ from sdm_deflect.deform.mesh.quality import POLYHEDRON, inverted_of
 from sdm_deflect.deform.mesh.touched import Layers, first_layer
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.surface import OnPatches
-from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection
+from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection, deflect
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 
 LAYER_CHANGE, THICK_CHANGE = 0.01, 0.1  # of the first layer's height; of thick layers of polyhedra
@@ -372,3 +373,39 @@ def _quality_checks(deflection: Deflection) -> Iterator[Check]:
 def _unmoved(name: str, moved: FloatArray, what: str, unit: str) -> Check:
     """Check that nodes which moved by (K,) did not move by a single bit."""
     return Check(name, float(moved.max(initial=0.0)), 0.0, unit, f"{len(moved)} {what}", over=len(moved))
+
+
+class Judged(NamedTuple):
+    """The mesh at one angle, and the verdict on it."""
+
+    deflection: Deflection
+    checks: tuple[Check, ...]
+
+    @property
+    def passed(self) -> bool:
+        """True if every check holds."""
+        return all(check.passed for check in self.checks)
+
+
+def run(plan: Plan, angles: Sequence[float], stage: Stage = unseen, unit: str = "") -> Iterator[Judged]:
+    """Bring the mesh to several angles, the largest first: its centres and factors serve for all of them.
+
+    Each angle is checked at every data site; centres are added where one is off by more than the tolerance.
+
+    Parameters
+    ----------
+    plan : What moves, and the box that holds it at all angles.
+    angles : Amounts of the first surface.
+    stage : Shows what is done.
+    unit : Of lengths, where the mesh's is known.
+    """
+    largest, earlier = max(angles, key=abs), None
+    for angle in dict.fromkeys((largest, *angles)):
+        with stage("deflect") as progress:
+            one = deflect(plan, angle, progress, earlier)
+            progress(f"{angle:+g} {plan.unit}", 1.0)
+        pairs = zip(one.boxes, (earlier or one).boxes, strict=True)
+        earlier = replace(one, boxes=tuple(new if len(new.steps) == 1 else old for new, old in pairs))
+        with stage("quality"):
+            checks = checks_of(one, unit)
+        yield Judged(one, checks)

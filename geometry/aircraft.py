@@ -8,12 +8,12 @@ from types import ModuleType
 import numpy as np
 from OCP import Standard, StdFail
 
-from sdm_deflect.geometry.assemble import assemble, preflight
-from sdm_deflect.geometry.confinement import BlockParameters, block_corners
-from sdm_deflect.geometry.datum import SURFACES, ends, hinge_line, hinged, ribs
-from sdm_deflect.geometry.deflected import CadTurn, deflected_wedge, turned, wedge
-from sdm_deflect.geometry.errors import CadError
-from sdm_deflect.geometry.fuse import (
+from .assemble import assemble, preflight
+from .confinement import BlockParameters, block_corners
+from .datum import SURFACES, ends, hinge_line, hinged, ribs
+from .deflected import CadTurn, deflected_wedge, turned, wedge
+from .errors import CadError
+from .fuse import (
     NamedSolid,
     both_sides,
     canopy_parts,
@@ -26,9 +26,9 @@ from sdm_deflect.geometry.fuse import (
     solid,
     walls,
 )
-from sdm_deflect.geometry.model import CadModel
-from sdm_deflect.geometry.parameters import MIN_FEATURE, Fighter, FloatArray
-from sdm_deflect.geometry.polyhedra import (
+from .model import CadModel
+from .parameters import MIN_FEATURE, Fighter, FloatArray
+from .polyhedra import (
     Loops,
     fin_polyhedra,
     pedestal_polyhedron,

@@ -5,9 +5,9 @@ from math import cos, radians, sin
 
 import numpy as np
 
-from sdm_deflect.geometry.datum import hinge_edges, parent_ribs, ribs, trailing_edge
-from sdm_deflect.geometry.parameters import MIRROR, Fighter, FloatArray
-from sdm_deflect.geometry.quantity import Checked, quantity
+from .datum import hinge_edges, parent_ribs, ribs, trailing_edge
+from .parameters import MIRROR, Fighter, FloatArray
+from .quantity import Checked, quantity
 
 # Corner i has the binary code zyx. Mirroring swaps the corners that differ in y.
 MIRRORED_CORNERS = [2, 3, 0, 1, 6, 7, 4, 5]

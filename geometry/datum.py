@@ -7,7 +7,7 @@ from math import cos, radians
 
 import numpy as np
 
-from sdm_deflect.geometry.parameters import (
+from .parameters import (
     BURIED,
     HINGE_LOWER,
     HINGE_UPPER,

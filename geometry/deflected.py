@@ -7,9 +7,9 @@ from typing import Literal
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sdm_deflect.geometry.parameters import HINGE_LOWER, HINGE_UPPER, LARGEST_TURN, TE, FloatArray
-from sdm_deflect.geometry.polyhedra import WEDGE, Loops, prism
-from sdm_deflect.geometry.quantity import check_quantities, quantity
+from .parameters import HINGE_LOWER, HINGE_UPPER, LARGEST_TURN, TE, FloatArray
+from .polyhedra import WEDGE, Loops, prism
+from .quantity import check_quantities, quantity
 
 # How far a rigid wedge's nose reaches ahead of the hinge line, by its local half thickness: it closes the
 # slot that opens when the wedge turns about a line inside the wing.

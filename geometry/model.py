@@ -7,9 +7,9 @@ import numpy as np
 from cadquery import Edge, Face, Solid
 from numpy.typing import NDArray
 
-from sdm_deflect.geometry.export import tessellate, write_binary_stl, write_brep, write_step, write_stl
-from sdm_deflect.geometry.parameters import FloatArray
-from sdm_deflect.geometry.projection import FreeFormSurface, PlaneSurface, curve_of, surface_of
+from .export import tessellate, write_binary_stl, write_brep, write_step, write_stl
+from .parameters import FloatArray
+from .projection import FreeFormSurface, PlaneSurface, curve_of, surface_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)

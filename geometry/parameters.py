@@ -18,7 +18,7 @@ from operator import attrgetter
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.geometry.quantity import Checked, quantity
+from .quantity import Checked, quantity
 
 FloatArray = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ from math import cos, radians, sin, tan
 
 import numpy as np
 
-from sdm_deflect.geometry.parameters import (
+from .parameters import (
     BURIED,
     FRONT_LOWER,
     FRONT_UPPER,

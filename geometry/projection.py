@@ -15,7 +15,7 @@ from OCP.gp import gp_Ax3, gp_Dir, gp_Pnt, gp_Pnt2d
 from OCP.ShapeAnalysis import ShapeAnalysis_Surface
 from OCP.TopAbs import TopAbs_Orientation
 
-from sdm_deflect.geometry.parameters import FloatArray
+from .parameters import FloatArray
 
 # Far below any dimension of an aircraft, far above rounding.
 RESOLUTION = 1e-12

@@ -13,9 +13,10 @@ import numpy as np
 
 from sdm_deflect.deform.base.compiled import code_files, default_folder
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.files import replacing
 from sdm_deflect.meshing.formats.format import MeshFileError, about, written
-from sdm_deflect.meshing.mesh import VOLUME, Skin, skin, tetrahedral, tets_of
+
+from .files import replacing
+from .mesh import VOLUME, Skin, skin, tetrahedral, tets_of
 
 # Raised whenever the same parameters give another mesh than before: kept meshes then no longer match.
 RECIPE = 1

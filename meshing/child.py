@@ -20,9 +20,10 @@ from runpy import run_module
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.meshing.errors import MeshingError
-from sdm_deflect.meshing.files import hidden_folder
 from sdm_deflect.meshing.formats.format import written
+
+from .errors import MeshingError
+from .files import hidden_folder
 
 Array = NDArray[np.generic]
 Arrays = Mapping[str, Array]

@@ -112,16 +112,90 @@ def test_no_function_is_hard_to_follow(room):
     assert not found
 
 
+def product():
+    """Yield the name of each installed module without that of the package, its file, and its syntax tree."""
+    for path in chain.from_iterable((ROOT / room).rglob("*.py") for room in FOLDERS[1:]):
+        name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
+        yield name, path, ast.parse(path.read_text(encoding="utf-8"))
+
+
+def source_of(name, node):
+    """Return the module that a statement in the module `name` imports from, without the name of the package."""
+    if node.level:
+        return ".".join([*name.split(".")[: -node.level], *filter(None, [node.module])])
+    return node.module.removeprefix("sdm_deflect.")
+
+
 def test_no_module_imports_one_that_imports_it():
     """Imports within functions, and those for the type checker alone, count as well."""
-    paths = chain.from_iterable((ROOT / room).rglob("*.py") for room in ("geometry", "meshing", "deform", "cases"))
-    modules = {".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path for path in paths}
-    imports = {name: set() for name in modules}
-    for name, path in modules.items():
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ImportFrom) and node.module:
-                start = node.module.removeprefix("sdm_deflect.")
-                wanted = {f"{start}.{one.name}" if f"{start}.{one.name}" in modules else start for one in node.names}
-                imports[name] |= (wanted & modules.keys()) - {name}
+    trees = {name.removesuffix(".__init__"): tree for name, _, tree in product()}
+    imports = {name: set() for name in trees}
+    for name, tree in trees.items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom):
+                start = source_of(name, node)
+                wanted = {f"{start}.{one.name}" if f"{start}.{one.name}" in trees else start for one in node.names}
+                imports[name] |= (wanted & trees.keys()) - {name}
     assert sum(map(len, imports.values())) > 500
     TopologicalSorter(imports).prepare()  # CycleError names a circle
+
+
+def test_an_import_shows_whether_it_leaves_its_room():
+    """Modules of the same folder are imported by a dot, all others by their whole name."""
+    wrong, modules = [], {name for name, _, _ in product()}
+    for name, path, tree in product():
+        room = name.rpartition(".")[0]
+        for node in (node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)):
+            source = source_of(name, node)
+            inside = source == room or (source in modules and source.rpartition(".")[0] == room)
+            if node.level > 1 or (node.level == 0 and inside and node.module.startswith("sdm_deflect.")):
+                wrong.append(f"{path.relative_to(ROOT)}:{node.lineno}")
+    assert wrong == []
+
+
+def test_no_class_has_the_name_of_another():
+    names = Counter(node.name for _, _, tree in product() for node in ast.walk(tree) if isinstance(node, ast.ClassDef))
+    assert [name for name, count in names.items() if count > 1] == []
+
+
+BUDGETS = {
+    "cases": (622, 6),
+    "cases/aircraft": (2088, 13),
+    "cases/cli": (1284, 7),
+    "cases/compare": (519, 5),
+    "cases/report": (2000, 10),
+    "cases/run": (2010, 10),
+    "cases/settings": (981, 5),
+    "cases/view": (705, 4),
+    "deform": (672, 3),
+    "deform/base": (797, 6),
+    "deform/mesh": (4246, 16),
+    "deform/rbf": (1616, 7),
+    "deform/repair": (1568, 6),
+    "deform/surface": (1074, 7),
+    "deform/volume": (3540, 13),
+    "geometry": (2127, 14),
+    "meshing": (573, 6),
+    "meshing/formats": (9041, 37),
+    "meshing/generate": (1570, 12),
+}
+"""Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
+MOST_COMPLEXITY, LONGEST = 8_240, 450
+"""Of all installed code the functions, branches, loops, handlers, comprehensions and logical operators; of a file the lines."""
+COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
+
+
+def test_no_room_grows_beyond_its_budget():
+    """What is split does not weigh less: the complexity is that of all files together."""
+    sizes, complexity = {}, 0
+    for _, path, tree in product():
+        lines = path.read_text(encoding="utf-8").count("\n")
+        assert lines <= LONGEST, path
+        sizes.setdefault(str(path.parent.relative_to(ROOT)), []).append(lines)
+        nodes = [*ast.walk(tree)]
+        complexity += sum(isinstance(node, (*COUNTED, ast.FunctionDef, ast.AsyncFunctionDef)) for node in nodes)
+    found = {room: (sum(lines), len(lines)) for room, lines in sizes.items()}
+    assert found.keys() == BUDGETS.keys()
+    beyond = {room: size for room, size in found.items() if size[0] > BUDGETS[room][0] or size[1] > BUDGETS[room][1]}
+    assert beyond == {}
+    assert complexity <= MOST_COMPLEXITY

@@ -1,5 +1,11 @@
-"""An angle goes from the command line to the sum over the centres by few files, none of them entered twice."""
+"""An angle goes from the command line to the sum over the centres by few files, none of them entered twice.
 
+A whole command enters not many more, and loads few that it does not enter.
+"""
+
+import inspect
+import subprocess
+import sys
 from pathlib import Path
 from traceback import extract_stack
 
@@ -60,3 +66,53 @@ def test_sdm_deflect(arrive, hybrid_wing, tmp_path):
     words = ["deflect", str(tmp_path / "wing.su2"), "--surface", "flap_*", "--fixed", "wing_*", "--hinge", *hinge]
     files = arrive([*words, "--angle", "5", "--motion", "blended", "--no-report", "-q"])
     assert len(files) == len(set(files)) <= MOST, files
+
+
+MOST_ENTERED = {"deflect": 70, "run": 84}
+MOST_LOADED = 90
+LOADED = """
+import sys
+from sdm_deflect.cases.cli.commands import cli
+cli(sys.argv[1:], standalone_mode=False)
+print(sum(name.startswith("sdm_deflect.") for name in sys.modules))
+"""
+
+
+def entered(words):
+    """Carry out a command; return the files of which functions were entered, comprehensions and lambdas left out."""
+    found = set()
+
+    def entering(frame, event, _):
+        code = frame.f_code
+        if event == "call" and code.co_flags & inspect.CO_OPTIMIZED and not code.co_name.startswith("<"):
+            found.add(code.co_filename)
+
+    sys.setprofile(entering)
+    try:
+        assert cli(words, standalone_mode=False) == 0
+    finally:
+        sys.setprofile(None)
+    places = [place.relative_to(ROOT) for place in (Path(name).resolve() for name in found) if ROOT in place.parents]
+    return sorted(str(place) for place in places if place.parts[0] in ("cases", "deform", "geometry", "meshing"))
+
+
+FLAP = ["--surface", "flap", "--fixed", "wing", "--hinge", "0.7,0.6,0", "0.7,1.4,0", "--angle", "15"]
+
+
+def test_files_of_a_deflection(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    cli(["example"], standalone_mode=False)
+    words = ["deflect", "naca.su2", *FLAP, "--motion", "blended", "--no-report", "-q"]
+    files = entered(words)
+    assert 40 < len(files) <= MOST_ENTERED["deflect"], files
+    done = subprocess.run([sys.executable, "-c", LOADED, *words], capture_output=True, text=True, check=True)
+    assert int(done.stdout.splitlines()[-1]) <= MOST_LOADED
+
+
+@pytest.mark.mesher
+def test_files_of_a_run(aileron_mesh, tmp_path, monkeypatch):
+    from sdm_deflect.cases.aircraft import pipeline
+
+    monkeypatch.setattr(pipeline, "meshed", lambda *_: aileron_mesh)
+    files = entered(["run", "aileron", "--no-report", "-q", "--out", str(tmp_path / "run")])
+    assert 40 < len(files) <= MOST_ENTERED["run"], files

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from functools import partial
 
-from sdm_deflect.cases.aircraft.case import Case
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.geometry.aircraft import background, build, chimera_block
 from sdm_deflect.geometry.deflected import CadTurn
@@ -11,6 +10,8 @@ from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.generate.generation import Finer, Generated, generate
 from sdm_deflect.meshing.generate.parameters import MeshParameters
 from sdm_deflect.meshing.mesh import tets_of
+
+from .case import Case
 
 
 def undeflected_cad(case: Case) -> CadModel:

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sdm_deflect.cases.aircraft.case import Case, SurfaceTurn
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError, nearest
 from sdm_deflect.deform.base.threads import Progress, silent
@@ -25,6 +24,8 @@ from sdm_deflect.geometry import datum
 from sdm_deflect.geometry.confinement import Margins, gap_faces, hexahedron_corners, inward_face, rib_faces
 from sdm_deflect.geometry.datum import hinged
 from sdm_deflect.geometry.parameters import Fighter
+
+from .case import Case, SurfaceTurn
 
 BLOCK = "chimera"
 """Patch of a Chimera block's outer faces."""

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from sdm_deflect.cases.aircraft.case import Case
 from sdm_deflect.cases.report.folder import metrics_of
 from sdm_deflect.cases.run.metrics import Json, by_shape, deflection_figures, fit_text, kernel_text, repair_text
 from sdm_deflect.cases.run.progress import Stopwatch
@@ -13,6 +12,8 @@ from sdm_deflect.deform.mesh.quality import Quality, mean_ratio, summarise
 from sdm_deflect.deform.surface.placement import Reached
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.meshing.mesh import tets_of
+
+from .case import Case
 
 SHOWN = ("min", "p01", "mean", "below_0_2", "below_0_4")
 """What is shown of the quality of the whole mesh."""

@@ -6,14 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.cases.aircraft.case import Case
-from sdm_deflect.cases.aircraft.job import BLOCK, block_stations
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, distinct
 from sdm_deflect.deform.checks import Check, worst
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.geometry.confinement import gap_faces
 from sdm_deflect.geometry.datum import ends, ribs
 from sdm_deflect.meshing.mesh import tets_of, touching
+
+from .case import Case
+from .job import BLOCK, block_stations
 
 ON_FACE = 1e-7
 """A node within this distance (m) of a plane is in it: boundary nodes are on the CAD to that."""

@@ -8,26 +8,27 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
-from sdm_deflect.cases.aircraft.case import Case
-from sdm_deflect.cases.aircraft.job import plan_of
-from sdm_deflect.cases.aircraft.metrics import MeshOrigin, Run, metrics
-from sdm_deflect.cases.aircraft.overset import finer_background
-from sdm_deflect.cases.aircraft.reference import reference
-from sdm_deflect.cases.aircraft.run_folder import write_deformation, write_metrics
 from sdm_deflect.cases.run.limit import Search
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.compiled import default_folder
 from sdm_deflect.deform.base.threads import Progress
+from sdm_deflect.deform.checks import run as carried_out
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.rbf.fitting import RepairMode
-from sdm_deflect.deform.run import run as carried_out
 from sdm_deflect.deform.volume.deflection import Deflection, deflect
 from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.geometry.parameters import LARGEST_TURN
 from sdm_deflect.meshing.cache import MeshCache, cache_key
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.mesh import tets_of
+
+from .case import Case
+from .job import plan_of
+from .metrics import MeshOrigin, Run, metrics
+from .overset import finer_background
+from .reference import reference
+from .run_folder import write_deformation, write_metrics
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.report.data import ReportData
@@ -39,7 +40,7 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, rep
     """Run a case and write its files into `folder`, with pictures and a page if a `report` is wanted."""
     with reference(case, cache) as deflected_cad:
         # Matplotlib, pyvista and trimesh load while the CAD is being built.
-        from sdm_deflect.cases.aircraft.validation import further_checks, validate
+        from .validation import further_checks, validate
 
         mesh, origin = meshed(case, watch, cache)
         background = background_mesh(case, watch, cache) if case.domain == "block" else None
@@ -62,8 +63,9 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, rep
             progress(f"{sum(check.passed for check in checks)} of {len(checks)} checks passed", 1.0)
     run = Run(case, mesh, origin, moved, found, whole, checks, watch, background, stiff)
     if report:
-        from sdm_deflect.cases.aircraft.report import compared
         from sdm_deflect.cases.report.page import write_report
+
+        from .report import compared
 
         with watch.stage("report") as progress:
             data = shown.judged(checks, metrics(run))
@@ -75,8 +77,9 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, rep
 
 def drawn_report(case: Case, found: Deflection, folder: Path, watch: Stopwatch) -> tuple["ReportData", "Gallery"]:
     """Return what the report shows, and its pictures, which are in `folder`."""
-    from sdm_deflect.cases.aircraft.report import report_data_of
     from sdm_deflect.cases.report.pictures import drawn
+
+    from .report import report_data_of
 
     with watch.stage("pictures") as progress:
         shown = report_data_of(case, found)
@@ -89,9 +92,7 @@ def meshed(case: Case, watch: Stopwatch, cache: bool = True) -> tuple[Mesh, Mesh
     """Return the undeflected mesh of the case, from the cache if it is there and whole."""
 
     def generate() -> "Generated":
-        from sdm_deflect.cases.aircraft.cad import (
-            undeflected,  # loads the CAD kernel: seconds that a cached mesh spares
-        )
+        from .cad import undeflected  # loads the CAD kernel: seconds that a cached mesh spares
 
         return undeflected(case, watch)
 
@@ -111,7 +112,7 @@ def background_mesh(case: Case, watch: Stopwatch, cache: bool = True) -> Mesh:
     """Return the mesh of the aircraft that surrounds the Chimera block of a case."""
 
     def generate() -> "Generated":
-        from sdm_deflect.cases.aircraft.cad import around_block
+        from .cad import around_block
 
         return around_block(case, finer_background(case), watch)
 

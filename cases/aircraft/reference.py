@@ -27,8 +27,9 @@ from sdm_deflect.meshing.errors import MeshingError
 from sdm_deflect.meshing.formats.format import MeshFileError
 
 if TYPE_CHECKING:
-    from sdm_deflect.cases.aircraft.case import Case
     from sdm_deflect.geometry.model import CadFace
+
+    from .case import Case
 
 SECONDS = 600.0
 """Time that the CAD kernel may take."""

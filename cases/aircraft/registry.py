@@ -4,11 +4,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from sdm_deflect.cases.aircraft.case import Case, Confinement, SurfaceTurn, adaptation
 from sdm_deflect.cases.settings.conversion import Nested, assigned, changed, merged, read_toml
 from sdm_deflect.deform.base.errors import InputError, nearest
 from sdm_deflect.geometry.parameters import Aileron, Fighter
 from sdm_deflect.meshing.generate.parameters import BACKGROUND_SCALES, BLOCK_SCALES, SCALES
+
+from .case import Case, Confinement, SurfaceTurn, adaptation
 
 AILERON = Case(
     name="aileron", title="left aileron, no gap (section 5.1)", deflections=(SurfaceTurn("aileron_left"),), angle=-12.0
@@ -107,7 +108,7 @@ def resolve(
     case = case_named(name, str(size or tables.get("scale", "small")))
     case = changed(case, merged(tables, changes))
 
-    from sdm_deflect.cases.aircraft.job import check_case  # compiled code: a mistake needs none
+    from .job import check_case  # compiled code: a mistake needs none
 
     check_case(case)
     return case

@@ -12,8 +12,6 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
-from sdm_deflect.cases.aircraft.case import Case
-from sdm_deflect.cases.aircraft.job import BLOCK
 from sdm_deflect.cases.report.data import METRES, Box, FitRows, MovedSurface, ReportData, Rows, shown, unrepaired
 from sdm_deflect.cases.report.pictures import Exhibit, saved
 from sdm_deflect.cases.report.slices import triangles_of
@@ -22,6 +20,9 @@ from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 from sdm_deflect.meshing.generate.parameters import FAR_FIELD
+
+from .case import Case
+from .job import BLOCK
 
 MAP = "viridis"
 LEAST, TOP = 1e-17, 1e2

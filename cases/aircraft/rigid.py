@@ -12,9 +12,6 @@ import numpy as np
 import trimesh
 from scipy.interpolate import RBFInterpolator
 
-from sdm_deflect.cases.aircraft.case import Case
-from sdm_deflect.cases.aircraft.job import Wedge, apex_of, axis_of, fuselage_cylinder, panel_of
-from sdm_deflect.cases.aircraft.reference import Faces, ReferenceFace
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, farthest
 from sdm_deflect.deform.checks import Check, worst
 from sdm_deflect.deform.mesh.axis import Axis
@@ -25,6 +22,10 @@ from sdm_deflect.deform.surface.tail_root import RootRegion
 from sdm_deflect.deform.volume.plan import BoxPlan
 from sdm_deflect.geometry import datum
 from sdm_deflect.meshing.mesh import nodes_by_face, triangles_of
+
+from .case import Case
+from .job import Wedge, apex_of, axis_of, fuselage_cylinder, panel_of
+from .reference import Faces, ReferenceFace
 
 PREDICTED = 1e-9
 """Largest difference (m) of a measured distance from the predicted one."""

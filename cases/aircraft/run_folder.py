@@ -9,11 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sdm_deflect.cases.aircraft.case import Case
-from sdm_deflect.cases.aircraft.job import BLOCK, plan_of
-from sdm_deflect.cases.aircraft.metrics import Run, metrics
-from sdm_deflect.cases.aircraft.reference import Reference, reference
-from sdm_deflect.cases.aircraft.registry import resolve
 from sdm_deflect.cases.report.data import METRES, RUN, ReportData, measured, read_figures
 from sdm_deflect.cases.report.finished import Display, FinishedRun, moved_by_repair
 from sdm_deflect.cases.report.folder import write_arrays
@@ -26,6 +21,12 @@ from sdm_deflect.geometry.parameters import LARGEST_TURN
 from sdm_deflect.meshing.formats.vtu import read_vtu, write_vtu
 from sdm_deflect.meshing.generate.parameters import FAR_FIELD
 from sdm_deflect.meshing.mesh import skin, tets_of
+
+from .case import Case
+from .job import BLOCK, plan_of
+from .metrics import Run, metrics
+from .reference import Reference, reference
+from .registry import resolve
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.report.pictures import Exhibit
@@ -92,7 +93,7 @@ class FinishedCase(FinishedRun):
 
     def report_data(self) -> ReportData:
         """Return what its report shows."""
-        from sdm_deflect.cases.aircraft.report import case_data
+        from .report import case_data
 
         figures, checks, fits = read_figures(self.folder)
         with damaged(self.folder, RUN):
@@ -108,7 +109,7 @@ class FinishedCase(FinishedRun):
 
     def further_pictures(self, data: ReportData, folder: Path) -> "Sequence[Exhibit]":
         """Draw the distances from the CAD."""
-        from sdm_deflect.cases.aircraft.report import compared
+        from .report import compared
 
         return compared(data, folder)
 
@@ -125,7 +126,7 @@ class FinishedCase(FinishedRun):
 
     def judged(self, background: Mesh | None, cad: Reference) -> tuple[Check, ...]:
         """Return the checks against the deflected CAD."""
-        from sdm_deflect.cases.aircraft.validation import validate  # trimesh: a run loads it while its CAD is built
+        from .validation import validate  # trimesh: a run loads it while its CAD is built
 
         return validate(self.case, self.plan.mesh, self.deflected, self.plan, cad, background, self.repair)
 
@@ -141,7 +142,7 @@ class FinishedCase(FinishedRun):
 
         Raises InputError or MeshFileError if a file is missing or damaged, or is of another run.
         """
-        from sdm_deflect.cases.aircraft.validation import further_checks, mesh_check
+        from .validation import further_checks, mesh_check
 
         case, mesh, background = self.case, self.plan.mesh, self.background
         _, stored, _ = read_figures(self.folder)
@@ -155,6 +156,6 @@ class FinishedCase(FinishedRun):
 
 def undeflected_models(case: Case) -> "tuple[CadModel, ...]":
     """Build what the meshes of a case follow before the deflection: its own, then that of its background if any."""
-    from sdm_deflect.cases.aircraft.cad import background_cad, undeflected_cad  # the CAD kernel
+    from .cad import background_cad, undeflected_cad  # the CAD kernel
 
     return (undeflected_cad(case), *([background_cad(case)] if case.domain == "block" else []))

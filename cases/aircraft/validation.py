@@ -7,11 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sdm_deflect.cases.aircraft.case import Case
-from sdm_deflect.cases.aircraft.job import BLOCK, Wedge, fuselage_cylinder, panel_of
-from sdm_deflect.cases.aircraft.overset import overset_checks
-from sdm_deflect.cases.aircraft.reference import Faces, Reference
-from sdm_deflect.cases.aircraft.rigid import Shape, closest, corners_of, distance, plane_normal, predicted, rigid_checks
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray, distinct
 from sdm_deflect.deform.checks import Check, named, surfaces_crossed, worst
 from sdm_deflect.deform.mesh.mesh import Mesh
@@ -22,6 +17,12 @@ from sdm_deflect.meshing.generate.attachment import boundary_failures
 from sdm_deflect.meshing.generate.parameters import FAR_FIELD, MeshParameters
 from sdm_deflect.meshing.generate.verify import verify
 from sdm_deflect.meshing.mesh import FREE_FORM, nodes_by_face, skin, tets_of, triangles_of
+
+from .case import Case
+from .job import BLOCK, Wedge, fuselage_cylinder, panel_of
+from .overset import overset_checks
+from .reference import Faces, Reference
+from .rigid import Shape, closest, corners_of, distance, plane_normal, predicted, rigid_checks
 
 if TYPE_CHECKING:
     from sdm_deflect.geometry.model import CadModel

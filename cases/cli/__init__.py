@@ -14,7 +14,7 @@ def main() -> NoReturn:
     came = _requests()
     code = 0
     try:
-        from sdm_deflect.cases.cli.commands import carry_out
+        from .commands import carry_out
 
         carry_out()
     except SystemExit as end:

@@ -12,9 +12,9 @@ from typing import NoReturn, TextIO
 
 import click
 
-from sdm_deflect.cases.cli import options
-from sdm_deflect.cases.cli.deflect import apply, deflect, example, limit, quality
-from sdm_deflect.cases.cli.run import compare, export, geometry, list_cases, report, run, study, validate, view
+from . import options
+from .deflect import apply, deflect, example, limit, quality
+from .run import compare, export, geometry, list_cases, report, run, study, validate, view
 
 OBJECTS = 100_000
 """New objects after which garbage is looked for: libraries make many as they are loaded, and all of them stay."""
@@ -64,8 +64,8 @@ def cache(clear: bool, as_json: bool) -> None:
 @options.progress_options
 def doctor(as_json: bool, quiet: bool, verbose: bool) -> int:
     """Check this machine, and say what is missing."""
-    from sdm_deflect.cases.cli.console import findings
-    from sdm_deflect.cases.cli.examination import examined
+    from .console import findings
+    from .examination import examined
 
     with options.watched(quiet, verbose) as watch, watch.stage("doctor") as progress:
         found = list(examined(progress))

@@ -29,8 +29,9 @@ from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 
 if TYPE_CHECKING:
-    from sdm_deflect.cases.cli.examination import Finding
     from sdm_deflect.cases.run.deflect_file import AngleSummary, Outcome
+
+    from .examination import Finding
 
 WIDTH = 160
 """Columns of a table that goes to a file or a pipe, unless the environment variable COLUMNS says otherwise."""

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sdm_deflect.cases.cli import options
 from sdm_deflect.cases.settings.job_settings import (
     FLAT,
     JobSettings,
@@ -22,6 +21,8 @@ from sdm_deflect.cases.settings.job_settings import (
     with_options,
 )
 from sdm_deflect.deform.base.errors import InputError
+
+from . import options
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.run.limit import Search
@@ -93,7 +94,7 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
             done = deflect_file(wanted, jobs, watch, runner)
     if dry_run:
         return _show_plan(wanted, plan, as_json)
-    from sdm_deflect.cases.cli.console import result_table
+    from .console import result_table
 
     options.print_either(as_json, figures(done, watch), result_table(done, verbose))
     return options.code_of(done.passed)
@@ -265,8 +266,9 @@ def _runner(helpers: Sequence[Any], *where: Any) -> AbstractContextManager["Runn
 
 def _show_plan(wanted: "Targets", plan: "Plan", as_json: bool) -> int:
     """Print what would be done."""
-    from sdm_deflect.cases.cli.console import plan_table
     from sdm_deflect.cases.run.deflect_file import plan_figures
+
+    from .console import plan_table
 
     names = [
         str(path)

@@ -158,7 +158,7 @@ def print_json(value: Any) -> None:
 
 def print_tables(*tables: Any) -> None:
     """Print tables for a reader, and texts as they are, one below the other."""
-    from sdm_deflect.cases.cli.console import console, plain
+    from .console import console, plain
 
     out = console()
     for table in tables:

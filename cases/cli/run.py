@@ -5,8 +5,9 @@ from typing import Any
 
 import click
 
-from sdm_deflect.cases.cli import options
 from sdm_deflect.cases.settings.job_settings import FLAT
+
+from . import options
 
 
 @click.command("list")
@@ -43,9 +44,10 @@ def run(
 
     from sdm_deflect.cases.aircraft.metrics import summary
     from sdm_deflect.cases.aircraft.pipeline import run_case
-    from sdm_deflect.cases.cli.console import outcome, rigid_lines, verdict, warning_texts
     from sdm_deflect.cases.run.metrics import warnings_of
     from sdm_deflect.cases.run.output import output_folder, report_lacks
+
+    from .console import outcome, rigid_lines, verdict, warning_texts
 
     folder, lacking = out or Path("runs") / resolved.name, report_lacks() if report else ""
     with output_folder(folder) as scratch, options.watched(quiet or (as_json and not verbose), verbose) as watch:
@@ -106,9 +108,10 @@ def validate(folder: Path, as_json: bool, quiet: bool, verbose: bool) -> int:
 
     The run may also be the folder beside a deflected mesh.
     """
-    from sdm_deflect.cases.cli.console import outcome, rigid_lines, verdict
     from sdm_deflect.cases.finished import finished
     from sdm_deflect.cases.run.metrics import verdict_figures
+
+    from .console import outcome, rigid_lines, verdict
 
     with options.watched(quiet, verbose) as watch, watch.stage("validation"):
         checks = finished(folder).validated()

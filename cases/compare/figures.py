@@ -6,9 +6,10 @@ from math import isclose, isfinite
 from tomllib import loads
 from typing import Any
 
-from sdm_deflect.cases.compare.runs import ComparedRun
 from sdm_deflect.cases.report.data import shown
 from sdm_deflect.cases.run.metrics import Json
+
+from .runs import ComparedRun
 
 Value = float | int | str | None
 SAME = 1e-9

@@ -7,11 +7,12 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from sdm_deflect.cases.compare.figures import FigureTable, Row, differing_settings, tables
-from sdm_deflect.cases.compare.pictures import Shown, drawn
-from sdm_deflect.cases.compare.runs import ComparedRun, alike
 from sdm_deflect.cases.report.page import inline, pixels, policy, read, style
 from sdm_deflect.meshing.files import fresh, hidden_folder, permitted_as
+
+from .figures import FigureTable, Row, differing_settings, tables
+from .pictures import Shown, drawn
+from .runs import ComparedRun, alike
 
 HERE = "sdm_deflect.cases.compare"
 

@@ -10,13 +10,14 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 
-from sdm_deflect.cases.compare.runs import ComparedRun, alike
 from sdm_deflect.cases.report.data import Box, MovedSurface, ReportData, drawn_measure, shape_of
 from sdm_deflect.cases.report.figures import panels
 from sdm_deflect.cases.report.pictures import Exhibit, saved
 from sdm_deflect.cases.report.slices import AXES, QUALITY_MAP, QUALITY_RANGE, CutPlane, draw_slice, planes
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.mesh.quality import MEASURES, POLYHEDRON, quality_of
+
+from .runs import ComparedRun, alike
 
 BEFORE = "undeflected"
 MOST = 60

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sdm_deflect.cases.report.near import with_near_cells
 from sdm_deflect.cases.run.metrics import Json
 from sdm_deflect.cases.run.output import text_of
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
@@ -27,6 +26,8 @@ from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.volume.deflection import BoxDeflection
 from sdm_deflect.deform.volume.plan import BoxPlan
 from sdm_deflect.deform.volume.step import DIRECTIONS
+
+from .near import with_near_cells
 
 Rows = list[tuple[str, str, str, str]]
 """Name, value, unit and meaning of settings."""

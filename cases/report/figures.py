@@ -6,9 +6,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sdm_deflect.cases.report.data import Box, ReportData, shape_of
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.mesh.quality import MEASURES, POLYHEDRON, quality_of
+
+from .data import Box, ReportData, shape_of
 
 STYLES = (
     {"color": "#0072b2", "ls": "-", "marker": "o"},

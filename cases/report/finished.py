@@ -9,17 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sdm_deflect.cases.report.data import (
-    MESH_UNITS,
-    RUN,
-    Length,
-    ReportData,
-    in_view,
-    measured,
-    read_figures,
-    read_json,
-)
-from sdm_deflect.cases.report.folder import job_data, part_of
 from sdm_deflect.cases.run.mesh_files import SETTINGS, difference, precision_of
 from sdm_deflect.cases.run.output import PAGE, output_files
 from sdm_deflect.cases.settings.job_settings import job_settings, read_job
@@ -34,8 +23,11 @@ from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.meshing.formats.registry import format_of
 from sdm_deflect.meshing.formats.vtu import vtu_arrays
 
+from .data import MESH_UNITS, RUN, Length, ReportData, in_view, measured, read_figures, read_json
+from .folder import job_data, part_of
+
 if TYPE_CHECKING:
-    from sdm_deflect.cases.report.pictures import Exhibit
+    from .pictures import Exhibit
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,8 +145,8 @@ class FinishedRun:
 
     def report(self, form: str = "") -> ReportData:
         """Make report.html and the figures again, these also in a form for a paper (pdf, svg, png)."""
-        from sdm_deflect.cases.report.page import write_report
-        from sdm_deflect.cases.report.pictures import drawn
+        from .page import write_report
+        from .pictures import drawn
 
         data = self.judged_again()
         with output_files(self.folder, PAGE) as scratch:

@@ -12,8 +12,6 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from sdm_deflect.cases.report.data import MESH_UNITS, Box, FitRows, ReportData, in_view, name_of, rows_of, unrepaired
-from sdm_deflect.cases.report.near import some_cells
 from sdm_deflect.cases.run.mesh_files import SETTINGS
 from sdm_deflect.cases.run.metrics import (
     Json,
@@ -45,6 +43,9 @@ from sdm_deflect.deform.volume.job import Sliding
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 from sdm_deflect.meshing.formats.registry import ending
 from sdm_deflect.meshing.formats.vtu import write_vtu
+
+from .data import MESH_UNITS, Box, FitRows, ReportData, in_view, name_of, rows_of, unrepaired
+from .near import some_cells
 
 PART = "deflected.vtu holds only the {cells:,} cells with a node that may move; its array node numbers their nodes"
 
@@ -84,8 +85,8 @@ def write_run_folder(
     (folder / "metrics.json").write_text(json.dumps(figures, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     data = data_of(one, settings).judged(checks, figures)
     if not report_lacks():
-        from sdm_deflect.cases.report.page import write_report
-        from sdm_deflect.cases.report.pictures import drawn
+        from .page import write_report
+        from .pictures import drawn
 
         write_report(data, drawn(data, folder / "figures"), folder)
     return data

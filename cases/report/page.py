@@ -13,13 +13,14 @@ from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined, Te
 from markupsafe import Markup
 from PIL import Image
 
-from sdm_deflect.cases.report.data import ReportData, drawn_measure
-from sdm_deflect.cases.report.pictures import Exhibit, Gallery
-from sdm_deflect.cases.report.turnable import MOST_CELLS, packed, turnable
 from sdm_deflect.cases.run.metrics import Json, face_rows, kernel_text
 from sdm_deflect.cases.run.output import surroundings, versions
 from sdm_deflect.deform.base.errors import InputError, damaged
 from sdm_deflect.deform.mesh.quality import Quality
+
+from .data import ReportData, drawn_measure
+from .pictures import Exhibit, Gallery
+from .turnable import MOST_CELLS, packed, turnable
 
 HERE = "sdm_deflect.cases.report"
 LIBRARY = "three.min.js.gz"

@@ -13,8 +13,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image as ImageFile
 
-from sdm_deflect.cases.report import figures, slices
-from sdm_deflect.cases.report.data import ReportData
+from . import figures, slices
+from .data import ReportData
 
 LARGEST = 300_000
 """Bytes that a picture should not exceed."""

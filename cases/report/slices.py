@@ -18,7 +18,6 @@ from matplotlib.colors import Normalize, to_rgb
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from sdm_deflect.cases.report.data import Box, MovedSurface, ReportData, drawn_measure, drawn_quality
 from sdm_deflect.deform import hexahedron
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.mesh.cells import PLANE, Cells, Faces, Volume
@@ -26,6 +25,8 @@ from sdm_deflect.deform.mesh.edges import are_lines, edges_of, polygons_of
 from sdm_deflect.deform.mesh.faces import FACES
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.polyhedra import corner_edges
+
+from .data import Box, MovedSurface, ReportData, drawn_measure, drawn_quality
 
 Colour = tuple[int, int, int]
 Direction = tuple[float, float, float]

@@ -10,8 +10,16 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
-from sdm_deflect.cases.report.data import Box, ReportData, drawn_measure, drawn_quality
-from sdm_deflect.cases.report.slices import (
+from sdm_deflect.cases.run.metrics import Json
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray, distinct, union
+from sdm_deflect.deform.mesh.cells import Cells, Patch, Polyhedra
+from sdm_deflect.deform.mesh.edges import area_vectors, edges_of, polygons_of, sharp_edges
+from sdm_deflect.deform.mesh.faces import FACES
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.meshing.formats.polyhedra import faces_by_cell
+
+from .data import Box, ReportData, drawn_measure, drawn_quality
+from .slices import (
     BLUE,
     BOX_EDGES,
     CHANGE_MAP,
@@ -25,13 +33,6 @@ from sdm_deflect.cases.report.slices import (
     patch_colour,
     triangles_of,
 )
-from sdm_deflect.cases.run.metrics import Json
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray, distinct, union
-from sdm_deflect.deform.mesh.cells import Cells, Patch, Polyhedra
-from sdm_deflect.deform.mesh.edges import area_vectors, edges_of, polygons_of, sharp_edges
-from sdm_deflect.deform.mesh.faces import FACES
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.formats.polyhedra import faces_by_cell
 
 MOST_CELLS = 6_500
 """So many of the worst cells of all hexahedra are in the page: a browser has to draw them."""

@@ -7,8 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.cases.run.mesh_files import Targets
-from sdm_deflect.cases.run.output import output_files
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import Progress, silent
@@ -19,6 +17,9 @@ from sdm_deflect.meshing.files import permitted_as
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam_case import is_part, parts_moved
 from sdm_deflect.meshing.formats.registry import files_of, format_of
+
+from .mesh_files import Targets
+from .output import output_files
 
 Write = Callable[[Path, FloatArray], tuple[Path, Path]]
 """Writes a mesh with other points (N, 3); returns where it is, and where it will be."""

@@ -20,10 +20,11 @@ from pathlib import Path
 from time import monotonic, sleep
 from typing import Any
 
-from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.errors import InputError, LostError
 from sdm_deflect.deform.mesh.mesh import HERE, Runner
 from sdm_deflect.meshing.files import hidden_folder
+
+from .progress import Stopwatch
 
 AHEAD = 3
 """Pieces for each thread of the workers that are handed out, or done and not taken: what limits the memory."""

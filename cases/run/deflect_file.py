@@ -4,8 +4,21 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from sdm_deflect.cases.run.mesh_files import Targets, check_written, write_mesh, write_sensitivity
-from sdm_deflect.cases.run.metrics import (
+from sdm_deflect.deform.base import threads
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.threads import Progress
+from sdm_deflect.deform.checks import Check, layers_of, run
+from sdm_deflect.deform.mesh.mesh import HERE, Mesh, Runner, check_unchanged, held
+from sdm_deflect.deform.mesh.quality import Quality
+from sdm_deflect.deform.mesh.touched import Layers
+from sdm_deflect.deform.volume.deflection import Deflection
+from sdm_deflect.deform.volume.job import Job
+from sdm_deflect.deform.volume.plan import BoxPlan, Plan
+from sdm_deflect.meshing.files import fresh, permitted_as
+from sdm_deflect.meshing.formats.registry import FORMATS, files_of, format_of, in_pieces, read, size_of
+
+from .mesh_files import Targets, check_written, write_mesh, write_sensitivity
+from .metrics import (
     Json,
     deflection_figures,
     farthest,
@@ -16,21 +29,8 @@ from sdm_deflect.cases.run.metrics import (
     verdict_figures,
     warnings_of,
 )
-from sdm_deflect.cases.run.output import output_files, report_lacks
-from sdm_deflect.cases.run.progress import Stopwatch
-from sdm_deflect.deform.base import threads
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.threads import Progress
-from sdm_deflect.deform.checks import Check, layers_of
-from sdm_deflect.deform.mesh.mesh import HERE, Mesh, Runner, check_unchanged, held
-from sdm_deflect.deform.mesh.quality import Quality
-from sdm_deflect.deform.mesh.touched import Layers
-from sdm_deflect.deform.run import run
-from sdm_deflect.deform.volume.deflection import Deflection
-from sdm_deflect.deform.volume.job import Job
-from sdm_deflect.deform.volume.plan import BoxPlan, Plan
-from sdm_deflect.meshing.files import fresh, permitted_as
-from sdm_deflect.meshing.formats.registry import FORMATS, files_of, format_of, in_pieces, read, size_of
+from .output import output_files, report_lacks
+from .progress import Stopwatch
 
 
 @dataclass(frozen=True, slots=True, eq=False)

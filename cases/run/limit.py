@@ -9,16 +9,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.table import Table
 
-from sdm_deflect.cases.run.output import report_lacks, write_table
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import Progress
+from sdm_deflect.deform.checks import run
 from sdm_deflect.deform.mesh.cells import Polyhedra
 from sdm_deflect.deform.mesh.polyhedra import nodes_of
 from sdm_deflect.deform.mesh.quality import judged
 from sdm_deflect.deform.rbf.fitting import RepairMode
-from sdm_deflect.deform.run import run
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.plan import Plan
+
+from .output import report_lacks, write_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

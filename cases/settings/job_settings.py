@@ -6,10 +6,11 @@ from math import floor, inf, isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, runtime_checkable
 
-from sdm_deflect.cases.settings.conversion import Nested, assigned, read_toml, spelled, structured
 from sdm_deflect.deform.base.errors import InputError, nearest, shortened
 from sdm_deflect.deform.base.schema import ONLY_SET, Doc, Option, Range, Spelling, check_settings, settings_in
 from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE, JobOptions
+
+from .conversion import Nested, assigned, read_toml, spelled, structured
 
 if TYPE_CHECKING:
     from sdm_deflect.deform.hexahedron import Hexahedron

@@ -11,15 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.cases.settings.conversion import read_toml, structured
-from sdm_deflect.cases.settings.job_settings import (
-    SELECTION,
-    Corner,
-    JobSettings,
-    PeriodicSettings,
-    SectionSettings,
-    SurfaceSettings,
-)
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, shortened
 from sdm_deflect.deform.hexahedron import Hexahedron
@@ -32,6 +23,9 @@ from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, TrailingEdge
 from sdm_deflect.deform.volume.box import Automatic, BoxRule, Given, Outline
 from sdm_deflect.deform.volume.job import Job, Section, Sliding
+
+from .conversion import read_toml, structured
+from .job_settings import SELECTION, Corner, JobSettings, PeriodicSettings, SectionSettings, SurfaceSettings
 
 Point = tuple[float, float, float]
 SHARP = "sharp"

@@ -13,10 +13,11 @@ from sdm_deflect.cases.report.finished import FinishedRun
 from sdm_deflect.cases.report.page import HERE, picture, templates
 from sdm_deflect.cases.report.turnable import indices_of, turnable
 from sdm_deflect.cases.run.metrics import Json
-from sdm_deflect.cases.view.run import DeflectedMesh, InteractiveRun, Spans
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.mesh import Mesh
+
+from .run import DeflectedMesh, InteractiveRun, Spans
 
 MOST_CELLS, MOST_TRIANGLES = 150_000, 100_000
 """A page of this machine may hold more than one that is sent to others."""

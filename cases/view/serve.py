@@ -21,7 +21,7 @@ from aiohttp import WSCloseCode, WSMsgType, web
 from sdm_deflect.deform.base.errors import InputError
 
 if TYPE_CHECKING:
-    from sdm_deflect.cases.view.page import View
+    from .page import View
 
 HOST = "127.0.0.1"
 HOSTS = frozenset({HOST, "localhost"})

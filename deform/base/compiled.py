@@ -20,7 +20,7 @@ from numba import config, njit, types
 from numba.core.caching import FunctionCache
 from numba.extending import intrinsic
 
-from sdm_deflect.deform.base.arrays import FloatArray
+from .arrays import FloatArray
 
 FOLDER_VARIABLE, CODE_VARIABLE = "SDM_DEFLECT_CACHE", "NUMBA_CACHE_DIR"
 WRITABLE_BY_OTHERS = 0o022

@@ -14,7 +14,7 @@ from textwrap import fill
 from types import UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from sdm_deflect.deform.base.errors import InputError, shortened
+from .errors import InputError, shortened
 
 N = TypeVar("N")
 

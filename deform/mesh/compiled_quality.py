@@ -11,8 +11,9 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.compiled import compiled_exactly
 from sdm_deflect.deform.base.threads import in_chunks
-from sdm_deflect.deform.mesh.cells import PLANE, Cells
-from sdm_deflect.deform.mesh.edges import rows_of
+
+from .cells import PLANE, Cells
+from .edges import rows_of
 
 BLOCK = 1 << 13
 """Cells handled at a time: temporaries stay in the processor's cache, and millions of cells in little memory."""

@@ -18,10 +18,11 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, distinct, first_coincident
 from sdm_deflect.deform.base.compiled import compiled_exactly
 from sdm_deflect.deform.base.threads import in_chunks
-from sdm_deflect.deform.mesh.cells import Polygons
-from sdm_deflect.deform.mesh.closest import DEPTH, LEAF, Triangles
-from sdm_deflect.deform.mesh.edges import polygons_of
-from sdm_deflect.deform.mesh.mesh import Mesh
+
+from .cells import Polygons
+from .closest import DEPTH, LEAF, Triangles
+from .edges import polygons_of
+from .mesh import Mesh
 
 TOUCH = 1e-7
 """Of the extent of the faces that moved: faces that reach through others by less only touch them."""

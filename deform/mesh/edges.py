@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.mesh.cells import Faces, Polygons
+
+from .cells import Faces, Polygons
 
 ROWS = 1 << 16
 """Faces handled at a time, so that temporaries stay small."""

@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import IntArray, counted, distinct, union
-from sdm_deflect.deform.mesh.cells import Cells, Patch, Polygons, Polyhedra, Volume
-from sdm_deflect.deform.mesh.edges import rows_of
-from sdm_deflect.deform.mesh.touched import TouchedCells
+
+from .cells import Cells, Patch, Polygons, Polyhedra, Volume
+from .edges import rows_of
+from .touched import TouchedCells
 
 FACES: dict[str, tuple[tuple[int, ...], ...]] = {
     "triangle": ((0, 1), (1, 2), (2, 0)),

@@ -15,10 +15,11 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, distinct
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.cells import Patch, Periodic
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.sliding import Plane
+
+from .axis import Axis
+from .cells import Patch, Periodic
+from .mesh import Mesh
+from .sliding import Plane
 
 THIN = ("empty", "wedge")
 """Constraints of the patches of plane and axisymmetric cases, which are one cell thick."""

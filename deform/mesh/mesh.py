@@ -23,20 +23,9 @@ from sdm_deflect.deform.base import threads
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray, union
 from sdm_deflect.deform.base.errors import InputError, nearest
 from sdm_deflect.deform.base.threads import Progress, available_threads, silent
-from sdm_deflect.deform.mesh.cells import (
-    LARGEST,
-    PLANE,
-    Cells,
-    Faces,
-    Patch,
-    Periodic,
-    Polyhedra,
-    Volume,
-    Zone,
-    real,
-    several,
-)
-from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra
+
+from .cells import LARGEST, PLANE, Cells, Faces, Patch, Periodic, Polyhedra, Volume, Zone, real, several
+from .polyhedra import SomePolyhedra
 
 DOUBLE = np.dtype(np.float64)
 

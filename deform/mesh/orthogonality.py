@@ -13,14 +13,15 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.threads import in_chunks
-from sdm_deflect.deform.mesh.cells import Periodic, Polygons, Polyhedra
-from sdm_deflect.deform.mesh.edges import rows_of
-from sdm_deflect.deform.mesh.faces import face_keys, node_keys
-from sdm_deflect.deform.mesh.images import is_thin
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.polyhedra import PARTS, ROWS, WEIGHT, judge_faces, measured_cells, spans_of
-from sdm_deflect.deform.mesh.quality import oriented
-from sdm_deflect.deform.mesh.touched import TouchedCells
+
+from .cells import Periodic, Polygons, Polyhedra
+from .edges import rows_of
+from .faces import face_keys, node_keys
+from .images import is_thin
+from .mesh import Mesh
+from .polyhedra import PARTS, ROWS, WEIGHT, judge_faces, measured_cells, spans_of
+from .quality import oriented
+from .touched import TouchedCells
 
 SEVERE, SKEW = 70.0, 4.0
 """checkMesh counts faces of a larger non-orthogonality (degrees), and finds fault with faces of a larger skewness."""

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, union
 from sdm_deflect.deform.base.compiled import Vector, compiled_exactly, cross, dot, minus, norm, plus, row_of
 from sdm_deflect.deform.base.threads import in_chunks
-from sdm_deflect.deform.mesh.cells import Polygons, Polyhedra, taken
-from sdm_deflect.deform.mesh.edges import polygons_of, rows_of
+
+from .cells import Polygons, Polyhedra, taken
+from .edges import polygons_of, rows_of
 
 NO_AREA = 1e-150
 """OpenFOAM adds this to divisors that may be 0, and takes a face of a smaller area for one of no area."""

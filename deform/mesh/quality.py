@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh import compiled_quality, polyhedra
-from sdm_deflect.deform.mesh.cells import MIRRORED, VOLUMES, Cells, Polyhedra, Volume
+
+from . import compiled_quality, polyhedra
+from .cells import MIRRORED, VOLUMES, Cells, Polyhedra, Volume
 
 POLYHEDRON = "polyhedron"
 MEASURES = {

@@ -14,9 +14,10 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.cells import Cells, Faces, Patch, Polygons, taken
-from sdm_deflect.deform.mesh.edges import Joints, polygons_of
-from sdm_deflect.deform.mesh.mesh import Mesh, meant
+
+from .cells import Cells, Faces, Patch, Polygons, taken
+from .edges import Joints, polygons_of
+from .mesh import Mesh, meant
 
 MARK, REGION = "#", "~"
 """Between the name of a patch and the number of its component, and between that of a selection and its region."""

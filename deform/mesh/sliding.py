@@ -11,11 +11,12 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, distinct
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.axis import Axis, Cylinder
-from sdm_deflect.deform.mesh.cells import Polygons
-from sdm_deflect.deform.mesh.closest import Closest, Triangles
-from sdm_deflect.deform.mesh.edges import are_lines, polygons_of, rim, sharp_edges, unit
-from sdm_deflect.deform.mesh.mesh import Mesh
+
+from .axis import Axis, Cylinder
+from .cells import Polygons
+from .closest import Closest, Triangles
+from .edges import are_lines, polygons_of, rim, sharp_edges, unit
+from .mesh import Mesh
 
 SHARP = 40.0  # degrees between two faces, above which nodes on their edge stay on edges
 ON = 1e-9  # of the surface's size: points nearer to it, or to a sharp edge, are on it

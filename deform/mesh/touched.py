@@ -17,12 +17,13 @@ from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, dist
 from sdm_deflect.deform.base.compiled import compiled
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import in_chunks
-from sdm_deflect.deform.mesh import polyhedra
-from sdm_deflect.deform.mesh.cells import Polyhedra, Volume, taken
-from sdm_deflect.deform.mesh.edges import rows_of
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.polyhedra import corner_edges
-from sdm_deflect.deform.mesh.quality import POLYHEDRON, Quality, by_shape, check_most, inverted_of, judged, oriented
+
+from . import polyhedra
+from .cells import Polyhedra, Volume, taken
+from .edges import rows_of
+from .mesh import Mesh
+from .polyhedra import corner_edges
+from .quality import POLYHEDRON, Quality, by_shape, check_most, inverted_of, judged, oriented
 
 
 def alone(cells: Polyhedra, rows: IntArray) -> Polyhedra:

@@ -14,8 +14,9 @@ from scipy.linalg.lapack import dpotrf, dtrtri
 from scipy.sparse.linalg import LinearOperator, onenormest
 
 from sdm_deflect.deform.base.arrays import FloatArray, IndexArray
-from sdm_deflect.deform.rbf.interpolant import SolveError
-from sdm_deflect.deform.rbf.problem import Coefficients, Problem, ReducedKernel
+
+from .interpolant import SolveError
+from .problem import Coefficients, Problem, ReducedKernel
 
 WIDTH = 256  # columns of a panel, unless one block is larger
 

@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 from sdm_deflect.deform.base.arrays import FloatArray, IndexArray, first_coincident
 from sdm_deflect.deform.base.compiled import compiled
 from sdm_deflect.deform.base.threads import Progress, silent, single_threaded_blas
-from sdm_deflect.deform.rbf.factor import CholeskyBasis
-from sdm_deflect.deform.rbf.fitting import Polynomial
-from sdm_deflect.deform.rbf.interpolant import Interpolant
-from sdm_deflect.deform.rbf.kernels import Kernel
-from sdm_deflect.deform.rbf.problem import Coefficients, DataSites, Problem
+
+from .factor import CholeskyBasis
+from .fitting import Polynomial
+from .interpolant import Interpolant
+from .kernels import Kernel
+from .problem import Coefficients, DataSites, Problem
 
 TIE = 1e-6  # residuals that differ by less than this share of tol_stop are equal: rounding does not choose
 

@@ -11,8 +11,9 @@ from sdm_deflect.deform.base import threads
 from sdm_deflect.deform.base.arrays import FloatArray, first_coincident
 from sdm_deflect.deform.base.threads import Progress, silent, single_threaded_blas
 from sdm_deflect.deform.mesh.mesh import Runner
-from sdm_deflect.deform.rbf.fitting import Polynomial
-from sdm_deflect.deform.rbf.kernels import Kernel, kernel_matrix, kernel_sum
+
+from .fitting import Polynomial
+from .kernels import Kernel, kernel_matrix, kernel_sum
 
 FLAT = 1e-9  # an extent below this share of the largest counts as none
 

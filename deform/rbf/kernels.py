@@ -22,7 +22,8 @@ from scipy.special import xlogy
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.compiled import compiled, for_code, prefer_wide_vectors
 from sdm_deflect.deform.base.threads import Progress, in_chunks, silent
-from sdm_deflect.deform.rbf.fitting import KernelName
+
+from .fitting import KernelName
 
 LOG_UNIT = float(np.log(2.0)) / 2.0**52
 """log x = LOG_UNIT * scaled_log(x): callers take the constant out of their loops."""

@@ -20,9 +20,10 @@ from scipy.linalg import qr
 from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.base.arrays import FloatArray, IndexArray, first_coincident
-from sdm_deflect.deform.rbf.fitting import Polynomial
-from sdm_deflect.deform.rbf.interpolant import Interpolant, UnitBox, check_finite
-from sdm_deflect.deform.rbf.kernels import Kernel, kernel_matrix, kernel_sum
+
+from .fitting import Polynomial
+from .interpolant import Interpolant, UnitBox, check_finite
+from .kernels import Kernel, kernel_matrix, kernel_sum
 
 XYZ = (0, 1, 2)
 

@@ -21,7 +21,8 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.compiled import compiled_exactly
 from sdm_deflect.deform.base.threads import in_chunks
-from sdm_deflect.deform.repair.elements import PatchElements
+
+from .elements import PatchElements
 
 BLOCK = 1 << 11
 """Elements or nodes handled at a time; always the same, so that the bits do not depend on the number of threads."""

@@ -19,7 +19,8 @@ from sdm_deflect.deform.mesh.images import Images
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.sliding import FITTED, SHARP, SURFACE, Plane, SlidingSurface, Triangulated
 from sdm_deflect.deform.mesh.touched import TouchedCells, layers
-from sdm_deflect.deform.repair.elements import Crossing
+
+from .elements import Crossing
 
 
 @dataclass(frozen=True, slots=True, eq=False)

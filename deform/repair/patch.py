@@ -22,9 +22,10 @@ from sdm_deflect.deform.mesh.images import Images
 from sdm_deflect.deform.mesh.quality import POLYHEDRON, Quality
 from sdm_deflect.deform.mesh.sliding import SlidingSurface
 from sdm_deflect.deform.mesh.touched import CellScores, TouchedCells
-from sdm_deflect.deform.repair.elements import Crossing, PatchElements, Tetrahedra, Tracks
-from sdm_deflect.deform.repair.energy import Energy
-from sdm_deflect.deform.repair.freedom import FreeNodes, Heights
+
+from .elements import Crossing, PatchElements, Tetrahedra, Tracks
+from .energy import Energy
+from .freedom import FreeNodes, Heights
 
 WORST = 1e-3
 """Least quality that cells are weighted by."""

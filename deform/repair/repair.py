@@ -14,9 +14,10 @@ from numba.core.event import TimingListener, install_listener
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.touched import CellScores, TouchedCells
-from sdm_deflect.deform.repair.elements import Tetrahedra
-from sdm_deflect.deform.repair.freedom import FreeNodes
-from sdm_deflect.deform.repair.patch import QualityGoal, RepairPatch, RepairResult, mended
+
+from .elements import Tetrahedra
+from .freedom import FreeNodes
+from .patch import QualityGoal, RepairPatch, RepairResult, mended
 
 RINGS = (3, 6, 12, 24)
 """Rings of cells around spoiled ones whose nodes move; then all that may."""

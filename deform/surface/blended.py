@@ -9,9 +9,10 @@ from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, fart
 from sdm_deflect.deform.base.errors import InputError, shortened
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.rbf.kernels import Multiquadric
-from sdm_deflect.deform.surface.appendix_a import blend, blend_strip
-from sdm_deflect.deform.surface.motions import Motion, MotionLaw
-from sdm_deflect.deform.surface.surface import NodeSet, OnPatches, Surface, TrailingEdge
+
+from .appendix_a import blend, blend_strip
+from .motions import Motion, MotionLaw
+from .surface import NodeSet, OnPatches, Surface, TrailingEdge
 
 MOST = 800  # nodes of either kind that a direct solve takes in a moment
 NEAR = 0.35  # of the largest distance from the hinge: held nodes beyond are on a rib

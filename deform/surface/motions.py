@@ -19,7 +19,8 @@ from sdm_deflect.deform.mesh.cells import bounded
 from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
-from sdm_deflect.deform.surface.surface import Surface
+
+from .surface import Surface
 
 MOST = 3000  # points of a table that a direct solve takes
 

@@ -9,9 +9,10 @@ from scipy.spatial import cKDTree
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.surface.blended import BlendedLaw
-from sdm_deflect.deform.surface.motions import MotionLaw
-from sdm_deflect.deform.surface.surface import Surface
+
+from .blended import BlendedLaw
+from .motions import MotionLaw
+from .surface import Surface
 
 UNITS = (1000.0, 0.001, 25.4, 1.0 / 25.4, 0.3048, 1.0 / 0.3048, 39.37, 1.0 / 39.37)
 """Factors between metres, millimetres, inches and feet."""

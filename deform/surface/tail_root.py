@@ -10,8 +10,9 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.hexahedron import Hexahedron, box
 from sdm_deflect.deform.mesh.axis import Axis, Cylinder
 from sdm_deflect.deform.rbf.kernels import Multiquadric
-from sdm_deflect.deform.surface.appendix_a import elongate, slide_panel
-from sdm_deflect.deform.surface.surface import Surface
+
+from .appendix_a import elongate, slide_panel
+from .surface import Surface
 
 DIFFERENCE = 0.05  # deg, of the fourth-order central difference: its error is below 1e-12 of the radius
 

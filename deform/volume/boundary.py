@@ -17,7 +17,8 @@ from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import MotionLaw
 from sdm_deflect.deform.surface.placement import Placement, Reached
 from sdm_deflect.deform.surface.surface import Surface
-from sdm_deflect.deform.volume.job import Job
+
+from .job import Job
 
 SAME = 1e-9  # of the moving surfaces' size: lengths below are zero
 LEAST = 1e-8  # length of the moving surfaces, as a share of the largest coordinate or of 1

@@ -21,9 +21,10 @@ from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.mesh.touched import Least, TouchedCells
 from sdm_deflect.deform.repair.patch import RepairResult
 from sdm_deflect.deform.repair.repair import repaired
-from sdm_deflect.deform.volume.boundary import Amounts, PrescribedNodes
-from sdm_deflect.deform.volume.plan import BoxPlan, Plan
-from sdm_deflect.deform.volume.step import Adapting, Step, Way, rate, solve
+
+from .boundary import Amounts, PrescribedNodes
+from .plan import BoxPlan, Plan
+from .step import Adapting, Step, Way, rate, solve
 
 MOST = 20_000
 """Points that are measured; of more, every n-th."""

@@ -22,9 +22,10 @@ from sdm_deflect.deform.mesh.mesh import Mesh, MeshInPieces, Pieces, Runner, Who
 from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra, joined
 from sdm_deflect.deform.mesh.quality import POLYHEDRON, inverted_of, other_hand, other_handed
 from sdm_deflect.deform.mesh.touched import touching
-from sdm_deflect.deform.volume.boundary import PrescribedNodes
-from sdm_deflect.deform.volume.job import Job, prepared
-from sdm_deflect.deform.volume.region import confined
+
+from .boundary import PrescribedNodes
+from .job import Job, prepared
+from .region import confined
 
 PROBES, PROBED = 8, 1 << 14
 """Places in a block of cells where their order is looked at, and cells at each."""

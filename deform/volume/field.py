@@ -24,10 +24,11 @@ from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.cells import bounded
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.rbf.kernels import arrays_of, stored_kernel
-from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection
-from sdm_deflect.deform.volume.near_wall import Nearby, NearWall
-from sdm_deflect.deform.volume.region import ON_FACE
-from sdm_deflect.deform.volume.step import Step
+
+from .deflection import BoxDeflection, Deflection
+from .near_wall import Nearby, NearWall
+from .region import ON_FACE
+from .step import Step
 
 ROWS = 1 << 18
 """Nodes moved at a time."""

@@ -15,7 +15,8 @@ from sdm_deflect.deform.rbf.fitting import JobOptions
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Motion, Moving
 from sdm_deflect.deform.surface.surface import OnPatches
-from sdm_deflect.deform.volume.box import Automatic, BoxRule
+
+from .box import Automatic, BoxRule
 
 
 @dataclass(frozen=True, slots=True)

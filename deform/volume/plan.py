@@ -19,11 +19,12 @@ from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.repair.freedom import Columns, FreeNodes
 from sdm_deflect.deform.surface.motions import Moving
 from sdm_deflect.deform.surface.surface import Surface
-from sdm_deflect.deform.volume.boundary import Amounts, PrescribedNodes
-from sdm_deflect.deform.volume.job import Job, prepared
-from sdm_deflect.deform.volume.region import ON_FACE, BoxNodes, check_disjoint
-from sdm_deflect.deform.volume.sites import Sites
-from sdm_deflect.deform.volume.step import StepStart
+
+from .boundary import Amounts, PrescribedNodes
+from .job import Job, prepared
+from .region import ON_FACE, BoxNodes, check_disjoint
+from .sites import Sites
+from .step import StepStart
 
 
 @dataclass(frozen=True, eq=False)

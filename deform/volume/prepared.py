@@ -15,10 +15,11 @@ from sdm_deflect.deform.base.threads import single_threaded_blas
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.kernels import kernel_matrix, kernel_sum
 from sdm_deflect.deform.rbf.problem import DataSites
-from sdm_deflect.deform.volume.deflection import stepped
-from sdm_deflect.deform.volume.plan import BoxPlan
-from sdm_deflect.deform.volume.region import check_moving
-from sdm_deflect.deform.volume.step import Fits, Step, StepStart
+
+from .deflection import stepped
+from .plan import BoxPlan
+from .region import check_moving
+from .step import Fits, Step, StepStart
 
 SAME = 1e-6  # of the surface's median edge: a centre and its data site are no farther apart
 

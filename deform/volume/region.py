@@ -12,9 +12,10 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.cells import Patch, Zone
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.volume.boundary import SAME, Amounts, PrescribedNodes
-from sdm_deflect.deform.volume.box import BoxScene, Chosen
-from sdm_deflect.deform.volume.job import Section
+
+from .boundary import SAME, Amounts, PrescribedNodes
+from .box import BoxScene, Chosen
+from .job import Section
 
 POSES = 4  # positions between rest and the full angle that the box has to hold
 ON_FACE = 1e-6  # of the moving surfaces' size: nodes this near to a face of the box are on it

@@ -14,9 +14,10 @@ from sdm_deflect.deform.mesh.sliding import Plane
 from sdm_deflect.deform.rbf.fitting import KERNELS, Fitting
 from sdm_deflect.deform.rbf.kernels import OF_RADIUS, Kernel
 from sdm_deflect.deform.rbf.problem import DataSites, pinned
-from sdm_deflect.deform.volume.boundary import SAME, PrescribedNodes
-from sdm_deflect.deform.volume.near_wall import LocalRotation
-from sdm_deflect.deform.volume.region import BoxNodes
+
+from .boundary import SAME, PrescribedNodes
+from .near_wall import LocalRotation
+from .region import BoxNodes
 
 NEIGHBOURS = 7
 TOLERANCE = 0.01  # of the median edge: largest error at a site, unless the job says otherwise

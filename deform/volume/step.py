@@ -18,18 +18,11 @@ from sdm_deflect.deform.rbf.fitting import Fitting, RuleName, Strategy
 from sdm_deflect.deform.rbf.greedy import Adaptation, GreedyOptions, Rule, Separated, Stop, Worst, adapt, fused
 from sdm_deflect.deform.rbf.interpolant import Interpolant, SolveError, evaluated
 from sdm_deflect.deform.rbf.problem import DataSites, Problem, multivariate, univariate
-from sdm_deflect.deform.volume.boundary import PrescribedNodes
-from sdm_deflect.deform.volume.near_wall import (
-    LocalRotation,
-    Nearby,
-    NearWall,
-    Reach,
-    RigidFollow,
-    first_height,
-    layer_sites,
-)
-from sdm_deflect.deform.volume.region import BoxNodes
-from sdm_deflect.deform.volume.sites import Sites
+
+from .boundary import PrescribedNodes
+from .near_wall import LocalRotation, Nearby, NearWall, Reach, RigidFollow, first_height, layer_sites
+from .region import BoxNodes
+from .sites import Sites
 
 DIRECTIONS = ("x", "y", "z")
 NO_NODES = np.empty((0, 3))
@@ -43,7 +36,7 @@ GROUPINGS: dict[Strategy, Callable[[Sequence[DataSites]], tuple[DataSites, ...]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fits:
-    """Fitted groups of directions."""
+    """FittedStep groups of directions."""
 
     adaptations: tuple[Adaptation, ...]
 
@@ -285,7 +278,7 @@ class Way(Protocol):
         """Fit displacements (S, 3) of the known points; `sliding`: whether the sliding nodes are among these."""
 
 
-class Fitted:
+class FittedStep:
     """Interpolants that are fitted when they are asked for, and kept."""
 
     first: Fits | None = None
@@ -313,7 +306,7 @@ class Fitted:
 
 def solve(state: StepStart, move: FloatArray, way: Way, runner: Runner = HERE) -> Step:
     """Carry out one step, by which the moving nodes (K, 3) go by `move`."""
-    fitted = Fitted(state, way, runner)
+    fitted = FittedStep(state, way, runner)
     slid, points = state.carried_out(move, fitted)
     off = state.boundary_values(move, slid) - fitted.all.interpolant(state.points[state.sites.known])
     correction = float(np.linalg.norm(off, axis=1).max())

@@ -13,10 +13,11 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.cells import CORNERS, PLANE, VOLUMES, Cells, Patch, whole
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import quality_of
-from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.polyhedra import standard_cells
-from sdm_deflect.meshing.formats.shapes import simple_faces
-from sdm_deflect.meshing.formats.vtu import TYPES, in_memory
+
+from .format import MeshFileError
+from .polyhedra import standard_cells
+from .shapes import simple_faces
+from .vtu import TYPES, in_memory
 
 VTK_SHAPES = {kind: shape for shape, kind in TYPES.items()}
 

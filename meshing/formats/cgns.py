@@ -21,26 +21,18 @@ from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import MIRRORED, VOLUMES, Polyhedra, Zone
 from sdm_deflect.deform.mesh.mesh import DOUBLE, Mesh, MeshInPieces
 from sdm_deflect.meshing.files import fresh
-from sdm_deflect.meshing.formats.cgns_boundary import NumberedFaces, notes_of, without, zone_border
-from sdm_deflect.meshing.formats.cgns_elements import (
-    MIXED,
-    NFACE,
-    NGON,
-    SHAPES,
-    SIZES,
-    ElementSection,
-    blocks,
-    sections,
-)
-from sdm_deflect.meshing.formats.cgns_nodes import child, data
-from sdm_deflect.meshing.formats.cgns_read import Base, base_of, coordinate_data, coordinates_beside, may_fit, read_base
-from sdm_deflect.meshing.formats.cgns_write import write_base
-from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fewest_bits
-from sdm_deflect.meshing.formats.hdf5 import Replaced, Replacement, damage, spans
-from sdm_deflect.meshing.formats.known import registered
-from sdm_deflect.meshing.formats.layout import Format
-from sdm_deflect.meshing.formats.table_pieces import CellTable, PointRange, TablePieces
-from sdm_deflect.meshing.formats.tables import FileTable
+
+from .cgns_boundary import NumberedFaces, notes_of, without, zone_border
+from .cgns_elements import MIXED, NFACE, NGON, SHAPES, SIZES, ElementSection, blocks, sections
+from .cgns_nodes import child, data
+from .cgns_read import Base, base_of, coordinate_data, coordinates_beside, may_fit, read_base
+from .cgns_write import write_base
+from .format import MeshFileError, about, check_points, fewest_bits
+from .hdf5 import Replaced, Replacement, damage, spans
+from .known import registered
+from .layout import Format
+from .table_pieces import CellTable, PointRange, TablePieces
+from .tables import FileTable
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer as Buffer

@@ -14,19 +14,11 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.mesh.cells import Cells, Constraint, Patch
-from sdm_deflect.meshing.formats.cgns_boundary import (
-    Border,
-    Fault,
-    check_range,
-    constraint,
-    location,
-    named_conditions,
-    placed,
-    tolerated,
-)
-from sdm_deflect.meshing.formats.cgns_nodes import check_taken, child, integers
-from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.zones import agreed
+
+from .cgns_boundary import Border, Fault, check_range, constraint, location, named_conditions, placed, tolerated
+from .cgns_nodes import check_taken, child, integers
+from .format import MeshFileError
+from .zones import agreed
 
 Size = tuple[int, ...]
 Indices = Sequence[int] | IntArray

@@ -11,10 +11,11 @@ from sdm_deflect.deform.base.arrays import BoolArray, IntArray
 from sdm_deflect.deform.base.errors import sentence
 from sdm_deflect.deform.mesh.cells import Cells, Constraint, Patch, Polygons
 from sdm_deflect.deform.mesh.mesh import ABSENT
-from sdm_deflect.meshing.formats.cgns_nodes import child, children, has, integers, text
-from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.shapes import all_of, chosen
-from sdm_deflect.meshing.formats.zones import agreed
+
+from .cgns_nodes import child, children, has, integers, text
+from .format import MeshFileError
+from .shapes import all_of, chosen
+from .zones import agreed
 
 ON_FACES = ("FaceCenter", "CellCenter")
 """Gmsh and older writers say CellCenter where they mean the boundary's faces."""

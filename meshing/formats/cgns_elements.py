@@ -9,9 +9,10 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, IntArray
 from sdm_deflect.deform.mesh.cells import CORNERS, PLANE, VOLUMES, Cells, Polygons, Polyhedra, taken
-from sdm_deflect.meshing.formats.cgns_nodes import child, children, has, integers
-from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.shapes import mirrored, places, polygons, turned
+
+from .cgns_nodes import child, children, has, integers
+from .format import MeshFileError
+from .shapes import mirrored, places, polygons, turned
 
 SHAPES = {3: "line", 5: "triangle", 7: "quad", 10: "tetra", 12: "pyramid", 14: "wedge", 17: "hexahedron"}
 POINT = 2

@@ -20,23 +20,13 @@ from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.mesh.cells import LARGEST, Cells, Periodic
 from sdm_deflect.deform.mesh.images import TOLERANCE, RigidMotion
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.formats.cgns_blocks import Size, bounds, check_face, donors_of, faces_at, points_in, strides
-from sdm_deflect.meshing.formats.cgns_boundary import Fault, NumberedFaces, location
-from sdm_deflect.meshing.formats.cgns_nodes import (
-    Integer,
-    check_taken,
-    child,
-    children,
-    create,
-    has,
-    integers,
-    label_of,
-    reals,
-    text,
-)
-from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.shapes import places
-from sdm_deflect.meshing.formats.zones import written_pairs
+
+from .cgns_blocks import Size, bounds, check_face, donors_of, faces_at, points_in, strides
+from .cgns_boundary import Fault, NumberedFaces, location
+from .cgns_nodes import Integer, check_taken, child, children, create, has, integers, label_of, reals, text
+from .format import MeshFileError
+from .shapes import places
+from .zones import written_pairs
 
 PROPERTY, PERIODIC = "GridConnectivityProperty_t", "Periodic_t"
 VECTORS = ("RotationCenter", "RotationAngle", "Translation")

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import IntArray
 from sdm_deflect.deform.base.errors import check_unpacked
-from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.hdf5 import check_stored, is_real
+
+from .format import MeshFileError
+from .hdf5 import check_stored, is_real
 
 DATA = " data"
 KINDS = {"int8": "C1", "int32": "I4", "int64": "I8", "float32": "R4", "float64": "R8"}

@@ -13,16 +13,17 @@ from scipy.spatial import cKDTree
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.mesh.cells import Cells, Polyhedra
 from sdm_deflect.deform.mesh.mesh import Mesh, Warned
-from sdm_deflect.meshing.formats.cgns_blocks import Size, block_border, cells, collapsed, no_cells, size_of, wide
-from sdm_deflect.meshing.formats.cgns_boundary import PART, Fault, NumberedFaces, notes_of, without, zone_border
-from sdm_deflect.meshing.formats.cgns_elements import NFACE, NGON, ElementSection, blocks, read_polyhedra, sections
-from sdm_deflect.meshing.formats.cgns_interfaces import Interface, interfaces, meeting, pairs, periodic_pairs
-from sdm_deflect.meshing.formats.cgns_nodes import AXES, child, children, data, has, integers, text
-from sdm_deflect.meshing.formats.fitted import Fitted, ZoneMesh, fitted, simple
-from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.hdf5 import is_real
-from sdm_deflect.meshing.formats.shapes import all_of, check_faces, chosen, oriented
-from sdm_deflect.meshing.formats.zones import Listed, with_pairs
+
+from .cgns_blocks import Size, block_border, cells, collapsed, no_cells, size_of, wide
+from .cgns_boundary import PART, Fault, NumberedFaces, notes_of, without, zone_border
+from .cgns_elements import NFACE, NGON, ElementSection, blocks, read_polyhedra, sections
+from .cgns_interfaces import Interface, interfaces, meeting, pairs, periodic_pairs
+from .cgns_nodes import AXES, child, children, data, has, integers, text
+from .fitted import Fitted, ZoneMesh, fitted, simple
+from .format import MeshFileError
+from .hdf5 import is_real
+from .shapes import all_of, check_faces, chosen, oriented
+from .zones import Listed, with_pairs
 
 DIMENSIONS = (3, 3), (2, 2), (2, 3)
 """Dimensions of the cells and of the points; those of points in a plane mesh may be three, with one z."""

@@ -11,12 +11,13 @@ from sdm_deflect.deform.base.arrays import IntArray
 from sdm_deflect.deform.mesh.cells import Cells, Constraint, Polygons, Polyhedra
 from sdm_deflect.deform.mesh.faces import face_keys, node_keys, patch_keys
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.formats.cgns_elements import NFACE, NGON, SHAPES
-from sdm_deflect.meshing.formats.cgns_interfaces import write_pairs
-from sdm_deflect.meshing.formats.cgns_nodes import AXES, Integer, create, create_sized, describe, node_names
-from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.shapes import mirrored, places, polygons, simple_faces
-from sdm_deflect.meshing.formats.zones import part, unwritten, written_pairs
+
+from .cgns_elements import NFACE, NGON, SHAPES
+from .cgns_interfaces import write_pairs
+from .cgns_nodes import AXES, Integer, create, create_sized, describe, node_names
+from .format import MeshFileError
+from .shapes import mirrored, places, polygons, simple_faces
+from .zones import part, unwritten, written_pairs
 
 VERSION = 3.4
 """The oldest CGNS with offsets of mixed elements and of faces, which every later library reads."""

@@ -17,8 +17,9 @@ from sdm_deflect.deform.base.arrays import BoolArray, IntArray, distinct
 from sdm_deflect.deform.mesh.cells import Cells, Constraint, Faces, Patch, Polygons, Polyhedra, Volume, Zone
 from sdm_deflect.deform.mesh.faces import cell_face_keys, face_keys, node_keys
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.formats.shapes import chosen, places
-from sdm_deflect.meshing.formats.zones import agreed, renumbered
+
+from .shapes import chosen, places
+from .zones import agreed, renumbered
 
 Block = TypeVar("Block", Cells | Polygons, Cells | Polyhedra)
 CORNERS = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)])

@@ -19,12 +19,13 @@ from sdm_deflect.deform.mesh.cells import Cells, Patch, Periodic, Polygons, Poly
 from sdm_deflect.deform.mesh.images import PeriodicPatches, pair_of
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.polyhedra import face_centres_and_areas
-from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fewest_bits
-from sdm_deflect.meshing.formats.hdf5 import Replaced, dataset, integers, member, number, opened, spans
-from sdm_deflect.meshing.formats.known import registered
-from sdm_deflect.meshing.formats.layout import Format
-from sdm_deflect.meshing.formats.polyhedra import check_cells, faces_by_cell
-from sdm_deflect.meshing.formats.shapes import oriented, polygons, turned
+
+from .format import MeshFileError, about, check_points, fewest_bits
+from .hdf5 import Replaced, dataset, integers, member, number, opened, spans
+from .known import registered
+from .layout import Format
+from .polyhedra import check_cells, faces_by_cell
+from .shapes import oriented, polygons, turned
 
 MESH = "meshes/1"
 INTERIOR = 2

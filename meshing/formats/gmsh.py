@@ -17,26 +17,18 @@ from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import MIRRORED, Cells, Patch, Periodic, Zone
 from sdm_deflect.deform.mesh.mesh import DOUBLE, Mesh, MeshInPieces
 from sdm_deflect.meshing.files import fresh
-from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fitting_names
-from sdm_deflect.meshing.formats.gmsh_file import (
-    ByteCursor,
-    Cursor,
-    GmshFile,
-    Nodes,
-    TextCursor,
-    gmsh_file,
-    nodes,
-    periodic,
-)
-from sdm_deflect.meshing.formats.known import registered
-from sdm_deflect.meshing.formats.layout import Format
-from sdm_deflect.meshing.formats.numbers import NumberLines, Placed, copy_text
-from sdm_deflect.meshing.formats.polyhedra import standard_cells
-from sdm_deflect.meshing.formats.shapes import mirrored, simple_faces
-from sdm_deflect.meshing.formats.table_pieces import CellTable, PointRange, TablePieces
-from sdm_deflect.meshing.formats.tables import FileTable, Held, Joined
-from sdm_deflect.meshing.formats.zones import Listed, pairs_of, unwritten, written_pairs
 from sdm_deflect.meshing.mesh import VOLUME
+
+from .format import MeshFileError, about, check_points, fitting_names
+from .gmsh_file import ByteCursor, Cursor, GmshFile, Nodes, TextCursor, gmsh_file, nodes, periodic
+from .known import registered
+from .layout import Format
+from .numbers import NumberLines, Placed, copy_text
+from .polyhedra import standard_cells
+from .shapes import mirrored, simple_faces
+from .table_pieces import CellTable, PointRange, TablePieces
+from .tables import FileTable, Held, Joined
+from .zones import Listed, pairs_of, unwritten, written_pairs
 
 CORNERS = {15: 1, 1: 2, 2: 3, 3: 4, 4: 4, 5: 8, 6: 6, 7: 5}
 """Number of nodes of each type of element: point, line, triangle, quad, tetrahedron, hexahedron, prism, pyramid."""

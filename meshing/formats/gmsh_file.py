@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import IntArray, distinct
-from sdm_deflect.meshing.formats.format import FLUENT, MeshFileError
-from sdm_deflect.meshing.formats.numbers import NumberLines, Placed, numbers
-from sdm_deflect.meshing.formats.shapes import places
-from sdm_deflect.meshing.formats.tables import FileTable, Held
+
+from .format import FLUENT, MeshFileError
+from .numbers import NumberLines, Placed, numbers
+from .shapes import places
+from .tables import FileTable, Held
 
 REAL = "f8"
 HEAD = 4096

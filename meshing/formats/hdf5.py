@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.errors import check_unpacked
 from sdm_deflect.deform.base.threads import Progress
-from sdm_deflect.meshing.formats.format import FULL, MeshFileError
-from sdm_deflect.meshing.formats.rewriting import Change, rewritten
-from sdm_deflect.meshing.formats.tables import FileTable
+
+from .format import FULL, MeshFileError
+from .rewriting import Change, rewritten
+from .tables import FileTable
 
 DAMAGE = (ArithmeticError, AttributeError, LookupError, OSError, RuntimeError, TypeError, ValueError)
 """What h5py raises for a damaged file."""

@@ -12,10 +12,11 @@ from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import PLANE, Cells, Zone
 from sdm_deflect.deform.mesh.mesh import DOUBLE, Mesh, MeshInPieces
-from sdm_deflect.meshing.formats.fitted import expanded, simple
-from sdm_deflect.meshing.formats.format import about, check_points, fewest_bits, only_rewritten
-from sdm_deflect.meshing.formats.shapes import check_faces, oriented
-from sdm_deflect.meshing.formats.table_pieces import ROWS, TablePieces
+
+from .fitted import expanded, simple
+from .format import about, check_points, fewest_bits, only_rewritten
+from .shapes import check_faces, oriented
+from .table_pieces import ROWS, TablePieces
 
 
 class Format:

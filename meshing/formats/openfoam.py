@@ -18,10 +18,11 @@ from sdm_deflect.deform.mesh.cells import Polyhedra, Zone
 from sdm_deflect.deform.mesh.images import THIN, is_thin
 from sdm_deflect.deform.mesh.mesh import DOUBLE, Mesh, MeshInPieces
 from sdm_deflect.meshing.files import fresh_folder
-from sdm_deflect.meshing.formats.format import about, fewest_bits, fitting_names
-from sdm_deflect.meshing.formats.known import registered
-from sdm_deflect.meshing.formats.layout import Format
-from sdm_deflect.meshing.formats.openfoam_case import (
+
+from .format import about, fewest_bits, fitting_names
+from .known import registered
+from .layout import Format
+from .openfoam_case import (
     case_copied,
     case_folder,
     mesh_folder,
@@ -32,11 +33,11 @@ from sdm_deflect.meshing.formats.openfoam_case import (
     points_folder,
     stored,
 )
-from sdm_deflect.meshing.formats.openfoam_files import HEAD, MESH, FoamPatch, faces, headed, labels, parse, vectors
-from sdm_deflect.meshing.formats.openfoam_pieces import in_pieces
-from sdm_deflect.meshing.formats.polyhedra import Bounded, bounded, check_cells
-from sdm_deflect.meshing.formats.shapes import refuse_plane
-from sdm_deflect.meshing.formats.zones import unwritten
+from .openfoam_files import HEAD, MESH, FoamPatch, faces, headed, labels, parse, vectors
+from .openfoam_pieces import in_pieces
+from .polyhedra import Bounded, bounded, check_cells
+from .shapes import refuse_plane
+from .zones import unwritten
 
 LABEL, SCALAR = np.dtype("<i4"), np.dtype("<f8")
 FLAT = 1e-9

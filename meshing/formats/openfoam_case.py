@@ -35,8 +35,9 @@ from sdm_deflect.deform.mesh.images import (
 from sdm_deflect.deform.mesh.mesh import Warned
 from sdm_deflect.deform.mesh.sliding import Plane
 from sdm_deflect.meshing.files import fresh_folder
-from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
-from sdm_deflect.meshing.formats.openfoam_files import MESH, FoamFile, FoamPatch, open_foam, vectors
+
+from .format import MeshFileError, about, check_points
+from .openfoam_files import MESH, FoamFile, FoamPatch, open_foam, vectors
 
 CONSTRAINTS: dict[str, Constraint] = {
     "symmetry": "symmetry",

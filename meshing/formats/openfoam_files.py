@@ -14,9 +14,10 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import check_unpacked, unpack_limit
 from sdm_deflect.deform.mesh.cells import Polygons
-from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.numbers import Placed, numbers
-from sdm_deflect.meshing.formats.shapes import polygons
+
+from .format import MeshFileError
+from .numbers import Placed, numbers
+from .shapes import polygons
 
 MESH = Path("constant", "polyMesh")
 HEADER = re.compile(rb"FoamFile\s*\{([^{}]{0,10000}(?:\{[^{}]{0,1000}\}[^{}]{0,1000}){0,9})\}")

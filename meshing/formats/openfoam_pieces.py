@@ -17,21 +17,14 @@ from sdm_deflect.deform.mesh.cells import OWNERS, RISING, Cells, Polygons, Polyh
 from sdm_deflect.deform.mesh.mesh import HERE, MeshInPieces, Runner, check_unchanged
 from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra, joined
 from sdm_deflect.deform.mesh.quality import POLYHEDRON
-from sdm_deflect.meshing.formats.format import MeshFileError, about
-from sdm_deflect.meshing.formats.openfoam_case import (
-    case_copied,
-    case_folder,
-    mesh_folder,
-    meshes_beside,
-    pairs_of,
-    patches_of,
-    stored,
-)
-from sdm_deflect.meshing.formats.openfoam_files import COMPACT, FoamFile, headed, located, parse
-from sdm_deflect.meshing.formats.polyhedra import FEWEST, check_labels, check_sides
-from sdm_deflect.meshing.formats.rewriting import copy_range, items_of
-from sdm_deflect.meshing.formats.table_pieces import PointRange, TablePieces
-from sdm_deflect.meshing.formats.tables import FileTable
+
+from .format import MeshFileError, about
+from .openfoam_case import case_copied, case_folder, mesh_folder, meshes_beside, pairs_of, patches_of, stored
+from .openfoam_files import COMPACT, FoamFile, headed, located, parse
+from .polyhedra import FEWEST, check_labels, check_sides
+from .rewriting import copy_range, items_of
+from .table_pieces import PointRange, TablePieces
+from .tables import FileTable
 
 NAMES = ("points", "faces", "owner", "neighbour")
 """Files of lists; patches are in text, and in memory."""

@@ -21,17 +21,18 @@ from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import Cells, Patch
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.files import fresh
-from sdm_deflect.meshing.formats.cgns_blocks import AXES, BlockFace, Size, cells, collapsed, faces, points_in
-from sdm_deflect.meshing.formats.cgns_interfaces import NEAR, meeting
-from sdm_deflect.meshing.formats.fitted import Fitted, ZoneMesh, fitted
-from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fewest_bits
-from sdm_deflect.meshing.formats.known import registered
-from sdm_deflect.meshing.formats.layout import Format
-from sdm_deflect.meshing.formats.numbers import Placed, chunks, copy_text, numbers
-from sdm_deflect.meshing.formats.rewriting import Change, rewritten
-from sdm_deflect.meshing.formats.shapes import oriented
-from sdm_deflect.meshing.formats.tables import FileTable
-from sdm_deflect.meshing.formats.ugrid_file import EXACT
+
+from .cgns_blocks import AXES, BlockFace, Size, cells, collapsed, faces, points_in
+from .cgns_interfaces import NEAR, meeting
+from .fitted import Fitted, ZoneMesh, fitted
+from .format import MeshFileError, about, check_points, fewest_bits
+from .known import registered
+from .layout import Format
+from .numbers import Placed, chunks, copy_text, numbers
+from .rewriting import Change, rewritten
+from .shapes import oriented
+from .tables import FileTable
+from .ugrid_file import EXACT
 
 MARKER, HEAD = 4, 4096  # bytes of a Fortran record's length, or a whole number; by which text is told from binary
 LIKE_FORTRAN = bytes.maketrans(b"Dd,", b"Ee ")

@@ -9,8 +9,9 @@ from sdm_deflect.deform.base.arrays import IntArray
 from sdm_deflect.deform.mesh.cells import CORNERS, Cells, Polygons, Polyhedra, taken
 from sdm_deflect.deform.mesh.faces import FACES, Keys, face_keys, node_keys, patch_keys
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.shapes import polygons, turned
+
+from .format import MeshFileError
+from .shapes import polygons, turned
 
 LOOSE = "unnamed"
 """Patch of the boundary faces that are on no patch."""

@@ -10,9 +10,10 @@ from pathlib import Path
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.mesh import Mesh, MeshInPieces, states_of
 from sdm_deflect.meshing.files import hidden_folder
-from sdm_deflect.meshing.formats.format import FLUENT, MeshFileError
-from sdm_deflect.meshing.formats.known import Registration, entries
-from sdm_deflect.meshing.formats.layout import Format
+
+from .format import FLUENT, MeshFileError
+from .known import Registration, entries
+from .layout import Format
 
 ADVICE = {
     ".cas": FLUENT,

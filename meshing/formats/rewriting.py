@@ -13,8 +13,9 @@ from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.mesh import HERE, Runner
 from sdm_deflect.meshing.files import fresh
-from sdm_deflect.meshing.formats.format import MeshFileError, about, written
-from sdm_deflect.meshing.formats.tables import SHORTER, FileTable
+
+from .format import MeshFileError, about, written
+from .tables import SHORTER, FileTable
 
 RANGE = 1 << 23
 """Bytes of a file that are copied at a time."""

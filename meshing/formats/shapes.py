@@ -11,7 +11,8 @@ from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, dist
 from sdm_deflect.deform.mesh.cells import MIRRORED, PLANE, Cells, Patch, Polygons, taken
 from sdm_deflect.deform.mesh.faces import cell_face_keys, node_keys, patch_keys
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.formats.format import MeshFileError
+
+from .format import MeshFileError
 
 AXES = {"tetra": (1, 2, 3), "pyramid": (1, 3, 4), "wedge": (2, 1, 3), "hexahedron": (1, 3, 4)}
 """Corners whose edges from corner 0 are a right-handed system in a cell that is not inverted."""

@@ -13,26 +13,16 @@ from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import Polyhedra, Zone
 from sdm_deflect.deform.mesh.mesh import DOUBLE, HERE, Mesh, MeshInPieces, Runner
 from sdm_deflect.meshing.files import fresh
-from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fitting_names
-from sdm_deflect.meshing.formats.known import registered
-from sdm_deflect.meshing.formats.layout import Format, whole
-from sdm_deflect.meshing.formats.numbers import CHUNK, copy_text, table
-from sdm_deflect.meshing.formats.polyhedra import standard_cells
-from sdm_deflect.meshing.formats.shapes import simple_faces
-from sdm_deflect.meshing.formats.su2_read import (
-    FACES,
-    PARALLEL,
-    SOLIDS,
-    KeywordBlock,
-    Su2File,
-    notes_of,
-    patches_of,
-    points_of,
-    zone_of,
-    zones_of,
-)
-from sdm_deflect.meshing.formats.table_pieces import TablePieces
-from sdm_deflect.meshing.formats.zones import joined, part, unwritten
+
+from .format import MeshFileError, about, check_points, fitting_names
+from .known import registered
+from .layout import Format, whole
+from .numbers import CHUNK, copy_text, table
+from .polyhedra import standard_cells
+from .shapes import simple_faces
+from .su2_read import FACES, PARALLEL, SOLIDS, KeywordBlock, Su2File, notes_of, patches_of, points_of, zone_of, zones_of
+from .table_pieces import TablePieces
+from .zones import joined, part, unwritten
 
 NUMBERS = {shape: number for number, shape in (SOLIDS | FACES | {3: "line"}).items()}
 UNFIT = r"[\s(),%=]"

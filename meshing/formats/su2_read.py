@@ -14,10 +14,11 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.mesh.cells import CORNERS, Cells, Patch
 from sdm_deflect.deform.mesh.mesh import Warned
-from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.numbers import COMMENT, NumberLines, Placed, chunks, numbers
-from sdm_deflect.meshing.formats.table_pieces import CellTable, PointRange, TablePieces
-from sdm_deflect.meshing.formats.tables import FileTable, Held, gathered
+
+from .format import MeshFileError
+from .numbers import COMMENT, NumberLines, Placed, chunks, numbers
+from .table_pieces import CellTable, PointRange, TablePieces
+from .tables import FileTable, Held, gathered
 
 LARGE = 1 << 24
 """Bytes of a section from which on compiled code is worth its loading."""
@@ -133,7 +134,7 @@ class Su2File:
 
         found: Iterator[tuple[bytes, int, Rows]] = map(work, texts)
         if section.end - section.begin > LARGE:
-            from sdm_deflect.meshing.formats.numbers import ahead, many_numbers  # loads the compiler
+            from .numbers import ahead, many_numbers  # loads the compiler
 
             found = ahead(partial(work, read=many_numbers), texts)
         total, at = 0, section.begin

@@ -12,10 +12,11 @@ from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import CORNERS, MIRRORED, PLANE, Cells
 from sdm_deflect.deform.mesh.mesh import HERE, Runner, States, check_unchanged
 from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra
-from sdm_deflect.meshing.formats.format import MeshFileError, about
-from sdm_deflect.meshing.formats.rewriting import Change, rewritten
-from sdm_deflect.meshing.formats.shapes import AXES, SAMPLE, left_handed
-from sdm_deflect.meshing.formats.tables import Array, FileTable, Held, Joined
+
+from .format import MeshFileError, about
+from .rewriting import Change, rewritten
+from .shapes import AXES, SAMPLE, left_handed
+from .tables import Array, FileTable, Held, Joined
 
 ROWS = 1 << 15
 """Points or cells that are put into arrays at a time."""

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import IntArray
-from sdm_deflect.meshing.formats.format import MeshFileError, about, written
+
+from .format import MeshFileError, about, written
 
 SMALL = 1 << 26
 """Bytes of a table that is read whole where some of its rows are wanted."""

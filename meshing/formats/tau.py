@@ -17,15 +17,16 @@ from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import CORNERS, MIRRORED, Cells, Patch, Zone
 from sdm_deflect.deform.mesh.mesh import Mesh, MeshInPieces
 from sdm_deflect.meshing.files import fresh
-from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
-from sdm_deflect.meshing.formats.hdf5 import DAMAGE, Replaced, Span, damage, dataset, spans
-from sdm_deflect.meshing.formats.known import registered
-from sdm_deflect.meshing.formats.layout import Format
-from sdm_deflect.meshing.formats.polyhedra import standard_cells
-from sdm_deflect.meshing.formats.shapes import mirrored, refuse_plane, simple_faces
-from sdm_deflect.meshing.formats.table_pieces import CellTable, PointRange, TablePieces
-from sdm_deflect.meshing.formats.tables import FileTable, Held
-from sdm_deflect.meshing.formats.zones import unwritten
+
+from .format import MeshFileError, about, check_points
+from .hdf5 import DAMAGE, Replaced, Span, damage, dataset, spans
+from .known import registered
+from .layout import Format
+from .polyhedra import standard_cells
+from .shapes import mirrored, refuse_plane, simple_faces
+from .table_pieces import CellTable, PointRange, TablePieces
+from .tables import FileTable, Held
+from .zones import unwritten
 
 AXES = ("points_xc", "points_yc", "points_zc")
 MARKERS = "boundarymarker_of_surfaces"

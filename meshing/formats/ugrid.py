@@ -16,27 +16,17 @@ from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import CORNERS, MIRRORED, Cells, Patch, Zone
 from sdm_deflect.deform.mesh.mesh import HERE, Mesh, MeshInPieces, Runner
 from sdm_deflect.meshing.files import fresh
-from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fewest_bits, fitting_names
-from sdm_deflect.meshing.formats.known import registered
-from sdm_deflect.meshing.formats.layout import Format
-from sdm_deflect.meshing.formats.numbers import copy_text
-from sdm_deflect.meshing.formats.polyhedra import standard_cells
-from sdm_deflect.meshing.formats.shapes import refuse_plane, simple_faces
-from sdm_deflect.meshing.formats.table_pieces import CellTable, PointRange, TablePieces
-from sdm_deflect.meshing.formats.tables import FileTable, Held
-from sdm_deflect.meshing.formats.ugrid_file import (
-    ENCODINGS,
-    ORDER,
-    POINTS,
-    SUFFIX,
-    SURFACE,
-    UgridFile,
-    check_range,
-    encoding_of,
-    ending,
-    written,
-)
-from sdm_deflect.meshing.formats.zones import unwritten
+
+from .format import MeshFileError, about, check_points, fewest_bits, fitting_names
+from .known import registered
+from .layout import Format
+from .numbers import copy_text
+from .polyhedra import standard_cells
+from .shapes import refuse_plane, simple_faces
+from .table_pieces import CellTable, PointRange, TablePieces
+from .tables import FileTable, Held
+from .ugrid_file import ENCODINGS, ORDER, POINTS, SUFFIX, SURFACE, UgridFile, check_range, encoding_of, ending, written
+from .zones import unwritten
 
 FACES, SOLIDS = ("triangle", "quad"), ("tetra", "pyramid", "wedge", "hexahedron")
 TO_VTK = {"pyramid": (1, 0, 3, 4, 2), "wedge": MIRRORED["wedge"]}

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.mesh.cells import CORNERS
-from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.numbers import NumberLines, Placed, chunks, numbers, table
-from sdm_deflect.meshing.formats.tables import FileTable, Held
+
+from .format import MeshFileError
+from .numbers import NumberLines, Placed, chunks, numbers, table
+from .tables import FileTable, Held
 
 SUFFIX = ".ugrid"
 POINTS, SURFACE = "points", "surface"

@@ -23,13 +23,14 @@ from sdm_deflect.deform.mesh.cells import CORNERS, Cells, Patch, Polygons, Polyh
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import quality_of
 from sdm_deflect.meshing.files import fresh
-from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
-from sdm_deflect.meshing.formats.known import registered
-from sdm_deflect.meshing.formats.layout import Format
-from sdm_deflect.meshing.formats.polyhedra import faces_by_cell, polyhedra
-from sdm_deflect.meshing.formats.shapes import check_faces, polygons
-from sdm_deflect.meshing.formats.zones import unwritten
 from sdm_deflect.meshing.mesh import CAD_FACE, VOLUME, Skin, skin, tetrahedral
+
+from .format import MeshFileError, about, check_points
+from .known import registered
+from .layout import Format
+from .polyhedra import faces_by_cell, polyhedra
+from .shapes import check_faces, polygons
+from .zones import unwritten
 
 Array = NDArray[Any]
 TYPES = {"line": 3, "triangle": 5, "quad": 9, "tetra": 10, "hexahedron": 12, "wedge": 13, "pyramid": 14}

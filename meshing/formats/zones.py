@@ -15,7 +15,8 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.cells import Cells, Constraint, Patch, Periodic, Polygons, Polyhedra, Zone, taken
 from sdm_deflect.deform.mesh.images import fitted, is_thin, tolerance
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.formats.shapes import Faces, chosen
+
+from .shapes import Faces, chosen
 
 Block = TypeVar("Block", bound=Cells | Polygons | Polyhedra)
 

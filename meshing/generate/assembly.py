@@ -14,10 +14,11 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import signed_volumes
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.errors import MeshingError
-from sdm_deflect.meshing.generate.attachment import TRIANGLE_EDGES, CellFaces, attach, cell_faces, snapped
-from sdm_deflect.meshing.generate.parameters import FAR_FIELD
-from sdm_deflect.meshing.generate.volume import Filling, InputSurface
 from sdm_deflect.meshing.mesh import Skin, tetrahedral
+
+from .attachment import TRIANGLE_EDGES, CellFaces, attach, cell_faces, snapped
+from .parameters import FAR_FIELD
+from .volume import Filling, InputSurface
 
 # The mesher keeps its surface within one envelope of the input; faces within this many may be surface.
 MARGIN = 1.5

@@ -13,13 +13,14 @@ from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.errors import MeshingError
-from sdm_deflect.meshing.generate.assembly import assemble
-from sdm_deflect.meshing.generate.attachment import TET_EDGES, TRIANGLE_EDGES, attach, encode, snapped
-from sdm_deflect.meshing.generate.parameters import FAR_EDGE, MeshParameters
-from sdm_deflect.meshing.generate.sizing import SizeField, background, size_field, sources
-from sdm_deflect.meshing.generate.verify import Verification, verify
-from sdm_deflect.meshing.generate.volume import PADDING, InputSurface, fill, mesh_surface
 from sdm_deflect.meshing.mesh import Skin, skin, tetrahedral, tets_of
+
+from .assembly import assemble
+from .attachment import TET_EDGES, TRIANGLE_EDGES, attach, encode, snapped
+from .parameters import FAR_EDGE, MeshParameters
+from .sizing import SizeField, background, size_field, sources
+from .verify import Verification, verify
+from .volume import PADDING, InputSurface, fill, mesh_surface
 
 # Nodes 0 ... 3 are the parent's, 4 ... 9 the midpoints of TET_EDGES. Each child keeps the parent's orientation.
 CORNER_CHILDREN = np.array([[0, 4, 5, 6], [4, 1, 7, 8], [5, 7, 2, 9], [6, 8, 9, 3]])

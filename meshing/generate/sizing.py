@@ -15,7 +15,8 @@ from scipy.spatial import Delaunay, cKDTree
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.mesh.quality import signed_volumes
 from sdm_deflect.geometry.model import CadFace, CadModel
-from sdm_deflect.meshing.generate.parameters import MeshParameters
+
+from .parameters import MeshParameters
 
 # Sources whose sizes differ by less than this factor share a search tree.
 LEVEL_RATIO = 1.12

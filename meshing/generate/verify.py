@@ -9,10 +9,11 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import Quality, mean_ratio, summarise
-from sdm_deflect.meshing.generate.attachment import Attachment, attach, boundary_failures
-from sdm_deflect.meshing.generate.meshlab import meshlab_failures
-from sdm_deflect.meshing.generate.parameters import MeshParameters
 from sdm_deflect.meshing.mesh import FREE_FORM, skin, tets_of
+
+from .attachment import Attachment, attach, boundary_failures
+from .meshlab import meshlab_failures
+from .parameters import MeshParameters
 
 if TYPE_CHECKING:
     from sdm_deflect.geometry.model import CadModel

@@ -13,8 +13,9 @@ from sdm_deflect.meshing import child
 from sdm_deflect.meshing.errors import MeshingError
 from sdm_deflect.meshing.files import hidden_folder
 from sdm_deflect.meshing.formats.format import written
-from sdm_deflect.meshing.generate.parameters import MeshParameters
-from sdm_deflect.meshing.generate.sizing import SizeField, background, seeds
+
+from .parameters import MeshParameters
+from .sizing import SizeField, background, seeds
 
 SECONDS = 600.0
 # Nodes of a CAD face's mesh further off that face (metres) show that faces were mixed up.

@@ -7,11 +7,10 @@ import pytest
 
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import silent
-from sdm_deflect.deform.checks import checks_of
+from sdm_deflect.deform.checks import checks_of, run
 from sdm_deflect.deform.mesh.cells import Cells
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.rbf.fitting import Fitting
-from sdm_deflect.deform.run import run
 from sdm_deflect.deform.volume import deflection
 from sdm_deflect.deform.volume.deflection import Deflection, deflect
 from sdm_deflect.deform.volume.plan import Plan

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.checks import checks_of
+from sdm_deflect.deform.checks import checks_of, run
 from sdm_deflect.deform.mesh.cells import Cells, Patch, Periodic
 from sdm_deflect.deform.mesh.images import Images
 from sdm_deflect.deform.mesh.mesh import MeshInPieces
 from sdm_deflect.deform.mesh.selection import Selection, Within, selected
 from sdm_deflect.deform.repair import patch as goal
-from sdm_deflect.deform.run import run
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.surface.surface import OnPatches
