@@ -181,7 +181,7 @@ def dense(plan: BoxPlan, angle: float) -> FloatArray:
 
 def row(plan: BoxPlan, angle: float, name: str, found: Outcome, orthogonality: str = "") -> str:
     """Return a row of the table."""
-    quality, inverted = plan.touched.judged(found.points)
+    quality, inverted = plan.touched.scores(found.points)
     height, turn = first_edges(plan, found.points)
     figures = f"{quality.min():.3f} | {np.percentile(quality, 1.0):.3f} | {quality.mean():.3f} | {inverted.sum()}"
     cost = f"{found.seconds:.1f} | {f'{found.megabytes:.0f}' if 'steps' not in name else ''}"

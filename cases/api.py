@@ -234,7 +234,7 @@ class Result:
         from sdm_deflect.cases.report.page import page
         from sdm_deflect.cases.report.pictures import Gallery
 
-        shown = Frame(page(data_of(self.deflection).judged(self.checks, self.figures()), Gallery(())))
+        shown = Frame(page(data_of(self.deflection).with_verdict(self.checks, self.figures()), Gallery(())))
         if not in_notebook():
             with NamedTemporaryFile("w", suffix=".html", delete=False, encoding="utf-8") as file:
                 file.write(shown.html)

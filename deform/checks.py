@@ -37,7 +37,7 @@ Verdict = Literal["passed", "FAILED", "not applicable"]
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One validation: a measured value beside what was asked.
+    """One check: a measured value and its limit.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ def layers_of(deflection: Deflection) -> Layers | None:
 
 
 def checks_of(deflection: Deflection, unit: str = "") -> tuple[Check, ...]:
-    """Return what must hold of the mesh at one angle, as the file holds it; of what rounding alone breaks, it says so.
+    """Check the mesh at one angle as the file will hold it; a check that only rounding breaks says so.
 
     `unit` is that of lengths, where the mesh's is known.
     """
@@ -122,7 +122,7 @@ def checks_of(deflection: Deflection, unit: str = "") -> tuple[Check, ...]:
 
 
 def site_error(deflection: BoxDeflection, unit: str = "") -> Check:
-    """Check that every data site of a box is as near to its displacement as was asked."""
+    """Check that the error at every data site of a box is within the tolerance."""
     error, steps = max(step.error for step in deflection.steps), len(deflection.steps)
     where = f"all data sites, {steps} step{'s' if steps > 1 else ''}"
     return Check("site_error", error, deflection.plan.sites.tolerance, unit, where)
@@ -161,7 +161,7 @@ def _checks(deflection: Deflection, unit: str) -> Iterator[Check]:
 
 
 def left_behind(deflection: Deflection, unit: str = "") -> Check:
-    """Check that no node stays where one that moves was, unless its patch is to stay: others hold the same surface."""
+    """Check that no other zone or patch holds a copy of the moving surface that stays behind."""
     mesh, moved = deflection.plan.mesh, np.linalg.norm(deflection.points - deflection.plan.undeflected, axis=1)
     behind: dict[str, int] = {}
     largest, stay, over = 0.0, 0, 0
@@ -189,7 +189,7 @@ def left_behind(deflection: Deflection, unit: str = "") -> Check:
 
 
 def _staying(box: BoxPlan, still: BoolArray, near: float) -> Iterator[tuple[str, FloatArray]]:
-    """Yield who holds nodes (K, 3) in the box that are `still` (N,): patches, zones, and zones in the file alone."""
+    """Yield the patches and zones, also those in the file alone, with nodes (K, 3) in the box that are `still` (N,)."""
     mesh, job, region = box.mesh, box.job, box.region
     held = [one.motion.held for one in job.surfaces if isinstance(one.motion, Blended)]
     names = [name for nodes in held if isinstance(nodes, OnPatches) for name in mesh.named(nodes.names, "held")]
@@ -233,7 +233,7 @@ def _first_layer(deflection: Deflection) -> Iterator[Check]:
 
 
 def _pairs(deflection: Deflection) -> Iterator[Check]:
-    """Check that nodes in the box are where the images of others are; those of cases one cell thick, on their side."""
+    """Check that periodic nodes in the box still fit to their images, and nodes of thin cases to their plane."""
     mesh, points = deflection.plan.mesh, deflection.points
     may_move = np.zeros(len(points), dtype=np.bool_)
     may_move[deflection.plan.changed] = True
@@ -267,7 +267,7 @@ def _inverted_cells(deflection: Deflection) -> Check:
 
 
 def surfaces_crossed(mesh: Mesh, points: FloatArray) -> Check:
-    """Check that no face of a mesh whose nodes moved to points (N, 3) goes through another one that it did not."""
+    """Check that no face newly intersects another face when the nodes move to points (N, 3)."""
     found = Crossings.of(mesh, points)
     where = f"of {found.moved} faces that moved, beside {found.near - found.moved} near them"
     where += f"; {found.where}" if found.faces else ""
@@ -293,18 +293,18 @@ def _slid_on_surfaces(deflection: Deflection, slid: IntArray, unit: str) -> Chec
 
 
 def _on_shape(deflection: BoxDeflection) -> float:
-    """Return how far from their shape sliding nodes may be; the numbers of the file may be no finer."""
+    """Return the allowed distance of sliding nodes from their shape, no less than the file's precision."""
     plan = deflection.plan
     return max(ON_SHAPE * plan.boundary.size, plan.precision.resolution(plan.mesh.points))
 
 
 def named(checks: Iterable[Check], box: BoxPlan, plan: Plan) -> list[Check]:
-    """Return checks of a box; of one of several with its surface in their names."""
+    """Add the surface to the names of a box's checks if there are several boxes."""
     return [replace(one, name=f"{one.name}:{box.surface}") if len(plan.boxes) > 1 else one for one in checks]
 
 
 def first_inverted(deflection: Deflection) -> str:
-    """Say which cell is the first inverted one that was not before, on which patches, and whether it can be mended."""
+    """Describe the first newly inverted cell: its number, its patches, whether the repair could move it."""
     plan, mesh, row = deflection.plan, deflection.plan.mesh, 0
     numbers = mesh.whole.rows if mesh.whole else tuple(np.arange(len(block)) for block in mesh.cells)
     for i, (block, rows, sign) in enumerate(zip(mesh.cells, plan.touched.rows, plan.touched.orientation, strict=True)):
@@ -331,7 +331,7 @@ def cell_text(deflection: Deflection, row: int, nodes: IntArray, shape: str) -> 
 
 
 def _rounding(deflection: Deflection) -> Check:
-    """Check that the undeflected mesh, all of it, survives the rounding to a file of fewer bits than its own."""
+    """Check that rounding to a file of fewer bits does not distort the undeflected mesh."""
     plan, largest, count = deflection.plan, 0.0, 0
     for block in plan.mesh.cells:
         faces = [block.faces] if isinstance(block, Polyhedra) else faces_of(block, np.arange(len(block)))
@@ -346,7 +346,7 @@ def _rounding(deflection: Deflection) -> Check:
 
 
 def _boundary_checks(deflection: Deflection) -> Iterator[Check]:
-    """Check patches that miss a part of the boundary where nodes may move, or hold what is no part of it."""
+    """Check that patches cover the boundary where nodes may move, and hold nothing else."""
     gaps = [box.unheld for box in deflection.plan.boxes]
     faces, loose, inner = (sum(getattr(one, name) for one in gaps) for name in ("faces", "loose", "inner"))
     if faces:
@@ -371,7 +371,7 @@ def _quality_checks(deflection: Deflection) -> Iterator[Check]:
 
 
 def _unmoved(name: str, moved: FloatArray, what: str, unit: str) -> Check:
-    """Check that nodes which moved by (K,) did not move by a single bit."""
+    """Check that distances (K,) are all zero to the last bit."""
     return Check(name, float(moved.max(initial=0.0)), 0.0, unit, f"{len(moved)} {what}", over=len(moved))
 
 

@@ -68,7 +68,7 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, rep
         from .report import compared
 
         with watch.stage("report") as progress:
-            data = shown.judged(checks, metrics(run))
+            data = shown.with_verdict(checks, metrics(run))
             write_report(data, gallery.with_more(compared(data, folder / "figures")), folder)
             progress(f"{(folder / 'report.html').stat().st_size / 1e6:.1f} MB", 1.0)
     write_metrics(run, folder)

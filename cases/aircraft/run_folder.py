@@ -97,13 +97,13 @@ class FinishedCase(FinishedRun):
 
         figures, checks, fits = read_figures(self.folder)
         with damaged(self.folder, RUN):
-            return case_data(self.case, self.plan, self.points, fits, self.repair).judged(checks, figures)
+            return case_data(self.case, self.plan, self.points, fits, self.repair).with_verdict(checks, figures)
 
-    def judged_again(self) -> ReportData:
+    def fresh_report_data(self) -> ReportData:
         """Return what its report shows, with the checks of the meshes made again; those of the fits are stored ones."""
         data = self.report_data()
         with reference(self.case) as deflected_cad:
-            checks = self.judged(self.background, deflected_cad())
+            checks = self.against_cad(self.background, deflected_cad())
         names = {check.name for check in checks}
         return replace(data, checks=(*checks, *(check for check in data.checks if check.name not in names)))
 
@@ -124,7 +124,7 @@ class FinishedCase(FinishedRun):
         """The mesh around a Chimera block; None without one."""
         return read_vtu(self.folder / "background.vtu") if self.case.domain == "block" else None
 
-    def judged(self, background: Mesh | None, cad: Reference) -> tuple[Check, ...]:
+    def against_cad(self, background: Mesh | None, cad: Reference) -> tuple[Check, ...]:
         """Return the checks against the deflected CAD."""
         from .validation import validate  # trimesh: a run loads it while its CAD is built
 
@@ -149,7 +149,7 @@ class FinishedCase(FinishedRun):
         meshes, grids = (mesh, *([background] if background else ())), (case.mesh, case.background)
         parts = zip(("undeflected_mesh", "background_mesh"), meshes, models(case), grids, strict=False)
         own = tuple(mesh_check(*part) for part in parts)
-        checks = self.judged(background, deflected_cad())
+        checks = self.against_cad(background, deflected_cad())
         checks += further_checks(checks_of(Deflection.at(self.plan, self.points, self.repair), unit="m"), checks)
         return (*checks, *measured(stored), *own)
 

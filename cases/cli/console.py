@@ -98,40 +98,40 @@ def plan_table(plan: Plan) -> Group:
 
 def result_table(done: "Outcome", whole: bool) -> Group:
     """Return verdict, warnings, motion, quality and files; with `whole` all checks, the box and the fit, too."""
-    ordered = sorted(done.angles, key=lambda judged: judged.angle)
+    ordered = sorted(done.angles, key=lambda summary: summary.angle)
     by_angle = _of_one_angle(done, ordered[0], whole) if len(ordered) == 1 else _of_many_angles(done, ordered)
     tables, texts = by_angle
     texts = [*_lines(done.plan, whole), *texts, *(f"note: {text}" for text in done.notes)]
     texts += [f"not held by this format: {text}" for text in done.lost]
     if whole:
-        further = [judged.seconds for judged in done.angles[1:]]
+        further = [summary.seconds for summary in done.angles[1:]]
         mean = f", {sum(further) / len(further):.2f} s for each further one" if further else ""
         texts.append(f"first angle {done.angles[0].seconds:.2f} s{mean}")
     if done.files:
         unfit = "" if done.passed else "; do not use the mesh as it is"
         texts.append(f"wrote {', '.join(map(str, (*done.files, *done.reports)))}{unfit}")
     warned = warnings_of(done.plan)
-    last = outcome([check for judged in done.angles for check in judged.checks], warned)
+    last = outcome([check for summary in done.angles for check in summary.checks], warned)
     return Group(*warning_texts(warned, last), *tables, *_texts([*texts, last]))
 
 
-def _of_one_angle(done: "Outcome", judged: "AngleSummary", whole: bool) -> tuple[list[Table], list[str]]:
+def _of_one_angle(done: "Outcome", summary: "AngleSummary", whole: bool) -> tuple[list[Table], list[str]]:
     """Return the tables of a single angle, or of its checks that failed, and lines on quality, repair and fit."""
-    title, repair = f"{_title(done)}, {judged.angle:+g} {_unit(done)}", repair_text(judged.figures)
+    title, repair = f"{_title(done)}, {summary.angle:+g} {_unit(done)}", repair_text(summary.figures)
     texts = [repair] if repair else []
     if not whole:
-        failed = [check for check in judged.checks if not check.passed]
-        return [verdict(failed, title)] * bool(failed), [*_quality_lines(done.plan.before, judged.quality), *texts]
-    fits = [f"{name} {fit_text(figures)}" for name, figures in judged.figures.get("deflections", {}).items()]
-    tables = [verdict(judged.checks, title), quality_table(done.plan.before, judged.quality)]
-    return [*tables, *face_table(judged.figures)], [*texts, *(fits or [fit_text(judged.figures)])]
+        failed = [check for check in summary.checks if not check.passed]
+        return [verdict(failed, title)] * bool(failed), [*_quality_lines(done.plan.before, summary.quality), *texts]
+    fits = [f"{name} {fit_text(figures)}" for name, figures in summary.figures.get("deflections", {}).items()]
+    tables = [verdict(summary.checks, title), quality_table(done.plan.before, summary.quality)]
+    return [*tables, *face_table(summary.figures)], [*texts, *(fits or [fit_text(summary.figures)])]
 
 
 def _of_many_angles(done: "Outcome", ordered: Sequence["AngleSummary"]) -> tuple[list[Table], list[str]]:
     """Return a table with a row for each angle and the checks of those that failed, and what is said of repairs."""
-    named = [(f"{judged.angle:+g} {_unit(done)}", judged) for judged in ordered]
-    failed = [verdict(judged.checks, name) for name, judged in named if not judged.passed]
-    repairs = [f"{name}: {text}" for name, judged in named if (text := repair_text(judged.figures))]
+    named = [(f"{summary.angle:+g} {_unit(done)}", summary) for summary in ordered]
+    failed = [verdict(summary.checks, name) for name, summary in named if not summary.passed]
+    repairs = [f"{name}: {text}" for name, summary in named if (text := repair_text(summary.figures))]
     return [sweep_table(ordered, _title(done)), *failed], repairs
 
 

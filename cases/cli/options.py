@@ -71,14 +71,14 @@ def _option(setting: Setting) -> Grouped:
     given: dict[str, Any] = switch if kind is bool else value
 
     def read(ctx: click.Context, param: click.Parameter, text: Any) -> Any:
-        """Read a value that may be written in several ways before words without an option are complained of."""
+        """Parse the value first, so that its error comes before that of an unexpected argument."""
         return spelled(text, setting, setting.name) if text else text
 
     return Grouped([flag(setting), setting.name], help=_help(setting), group=setting.doc.group, callback=read, **given)
 
 
 def flag(setting: Setting) -> str:
-    """Return the option of a setting; of one that has none its name."""
+    """Return the option of a setting, or its name if it has none."""
     how = setting.option
     return setting.name if how.flag is None else how.flag or f"--{setting.name.replace('_', '-')}"
 
@@ -111,7 +111,7 @@ class DeflectCommand(click.Command):
         formatter.write_text(f"Settings by --set alone, or in a file: {', '.join(others)}.")
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Give a hinge of one point that point twice."""
+        """Double a hinge of one point."""
         args = [word for arg in args for word in (arg.split("=", 1) if arg.startswith("--hinge=") else [arg])]
         place = args.index("--hinge") + 1 if "--hinge" in args else len(args)
         one, other = (*args[place : place + 2], "", "")[:2]
@@ -121,7 +121,7 @@ class DeflectCommand(click.Command):
 
 
 def _refused(_: click.Context, option: click.Parameter, value: Any) -> None:
-    """Say which way there is in place of an option that is no more."""
+    """Refuse a removed option with what replaces it."""
     if value is not None:
         raise InputError(f"{option.opts[0]}: {GONE[str(option.name)]}")
 

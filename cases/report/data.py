@@ -250,7 +250,7 @@ class ReportData:
         between = {} if self.interpolated is None else {"interpolated": self.interpolated}
         return {"before": self.mesh.points, **between, "after": self.points}
 
-    def judged(self, checks: tuple[Check, ...], figures: Json) -> "ReportData":
+    def with_verdict(self, checks: tuple[Check, ...], figures: Json) -> "ReportData":
         """Return the data with the verdict and the content of metrics.json."""
         return replace(self, checks=checks, figures=figures)
 

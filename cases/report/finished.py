@@ -117,7 +117,7 @@ class FinishedRun:
         """Return what its report shows, with the checks that it made itself; InputError if a file is damaged."""
         figures, checks, fits = read_figures(self.folder)
         data = job_data(self.plan, self.plan.angle, self.points, self.settings, fits, self.repair)
-        return data.judged(checks, figures)
+        return data.with_verdict(checks, figures)
 
     def validated(self) -> tuple[Check, ...]:
         """Return its checks, made again from its files, and those of the files.
@@ -135,7 +135,7 @@ class FinishedRun:
         whole = Check("mesh_file", float(bool(text)), 0.0, "faults", f"{out.name}: {text}" if text else out.name)
         return (*checks_of(Deflection.at(plan, self.points, self.repair)), *measured(stored), whole)
 
-    def judged_again(self) -> ReportData:
+    def fresh_report_data(self) -> ReportData:
         """Return what a report made anew shows."""
         return self.report_data()
 
@@ -148,7 +148,7 @@ class FinishedRun:
         from .page import write_report
         from .pictures import drawn
 
-        data = self.judged_again()
+        data = self.fresh_report_data()
         with output_files(self.folder, PAGE) as scratch:
             figures = scratch / "figures"
             gallery = drawn(data, figures).with_more(self.further_pictures(data, figures))

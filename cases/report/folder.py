@@ -83,7 +83,7 @@ def write_run_folder(
     write_arrays(folder, one, is_small(one.plan.mesh))
     figures = metrics_of(one, checks, out, timings)
     (folder / "metrics.json").write_text(json.dumps(figures, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    data = data_of(one, settings).judged(checks, figures)
+    data = data_of(one, settings).with_verdict(checks, figures)
     if not report_lacks():
         from .page import write_report
         from .pictures import drawn

@@ -46,7 +46,7 @@ class AngleSummary:
 
     @classmethod
     def of(cls, one: Deflection, checks: tuple[Check, ...]) -> "AngleSummary":
-        """Take what is told of a deflection."""
+        """Collect the figures of a deflection."""
         own = {"deflections": figures_by_box(one)} if len(one.boxes) > 1 else {}
         return cls(one.angle, {**deflection_figures(one), **own}, one.quality, layers_of(one), checks, one.seconds)
 
@@ -77,7 +77,7 @@ class Outcome:
 
 
 def needed(wanted: Targets, jobs: Sequence[Job], progress: Progress, runner: Runner = HERE) -> Mesh:
-    """Read what jobs need of a mesh: of a large file an excerpt, if it can be read and written in pieces.
+    """Read a mesh, or only the excerpt that jobs need if the file is large and can be read in pieces.
 
     Raises InputError if others than this process are to work on it and it cannot.
     """
@@ -106,7 +106,7 @@ def _by_workers(wanted: Targets, jobs: Sequence[Job], progress: Progress, runner
 
 
 def _sent() -> str:
-    """Return what workers can read."""
+    """Name the files that workers can read."""
     *first, last = (form.for_workers for form in FORMATS.values() if form.for_workers)
     return f"{', '.join(first)}, or {last}"
 
@@ -114,7 +114,7 @@ def _sent() -> str:
 def planned(
     wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: Runner = HERE, angles: tuple[float, ...] = ()
 ) -> Plan:
-    """Read the mesh and decide everything, for the angles of the targets or for others; fit and write nothing."""
+    """Read the mesh and plan the deflection for the angles of the targets or for others."""
     with watch.stage("read") as progress:
         mesh = needed(wanted, jobs, progress, runner)
     with watch.stage("plan") as progress:

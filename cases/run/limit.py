@@ -14,7 +14,7 @@ from sdm_deflect.deform.base.threads import Progress
 from sdm_deflect.deform.checks import run
 from sdm_deflect.deform.mesh.cells import Polyhedra
 from sdm_deflect.deform.mesh.polyhedra import nodes_of
-from sdm_deflect.deform.mesh.quality import judged
+from sdm_deflect.deform.mesh.quality import quality_and_inverted
 from sdm_deflect.deform.rbf.fitting import RepairMode
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.plan import Plan
@@ -169,7 +169,7 @@ def where_worst(one: Deflection) -> str:
     found = []
     for block, rows, orientation in zip(mesh.cells, touched.rows, touched.orientation, strict=True):
         if len(rows):
-            quality, _ = judged(one.points, block, rows, orientation)
+            quality, _ = quality_and_inverted(one.points, block, rows, orientation)
             row = int(rows[np.argmin(quality)])
             nodes = nodes_of(block, row) if isinstance(block, Polyhedra) else block.nodes[row]
             found.append((float(quality.min()), nodes))

@@ -94,7 +94,7 @@ class Targets:
 
     @property
     def is_copy(self) -> bool:
-        """Whether no more is written than copies of one file with other coordinates, and reports."""
+        """Whether only copies with other coordinates, and reports, are written."""
         return not self.sensitive and self.source.exists() and _keeps_bytes(self.source, self.out)
 
     @property
@@ -109,13 +109,13 @@ class Targets:
         return tuple(table for angle in self.angles for table in form.named(self.mesh(angle)))
 
     def check_names(self, mesh: Mesh) -> None:
-        """Refuse names that are there and are not those of the mesh that is to be written, with a MeshFileError."""
+        """Raise MeshFileError if a table of patch names is there and belongs to another mesh."""
         form = format_of(self.out)
         for angle in self.angles if format_of(self.source) is not form else ():
             form.check_named(mesh, self.mesh(angle))
 
     def keep_tables(self, scratch: Path) -> None:
-        """Drop names of patches among new files where there are the same already, perhaps with conditions of a user."""
+        """Keep an existing table of patch names: a user may have set conditions in it."""
         for table in self.tables:
             if table.exists():
                 (scratch / table.name).unlink(missing_ok=True)
@@ -148,7 +148,7 @@ class Targets:
             raise InputError(f"{target} exists already, and {rule}; delete it, or choose another name in out")
 
     def _other_tables(self) -> list[Path]:
-        """Return the tables whose place another one has."""
+        """Return the tables that would replace another one."""
         form = format_of(self.out)
         meshes = [mesh for mesh in map(self.mesh, self.angles) if form.named_otherwise(self.source, mesh)]
         return [table for mesh in meshes for table in form.named(mesh)]
@@ -273,7 +273,7 @@ def check_written(mesh: Mesh, points: FloatArray, staged: Path, out: Path) -> No
 
 
 def difference(mesh: Mesh, points: FloatArray, path: Path) -> str:
-    """Return how the points of a file differ from those of a mesh, of one in pieces from the excerpt's."""
+    """Describe how the points of a file differ from those of a mesh, or of its excerpt."""
     try:
         found = _stored(mesh, path)
     except (MeshFileError, InputError) as error:

@@ -84,13 +84,13 @@ def deflection_figures(one: Deflection) -> Json:
 
 
 def kernel_figures(plan: BoxPlan) -> Json:
-    """Return by what is interpolated; a kernel without radius has null."""
+    """Return the kernel, its radius (null without one) and the polynomial."""
     fitting = plan.job.fitting
     return {"name": fitting.kernel, "radius": plan.sites.radius or None, "polynomial": fitting.polynomial}
 
 
 def kernel_text(figures: Json) -> str:
-    """Say by what was interpolated, of the figures of a kernel; the radius in the mesh's unit of length."""
+    """Describe a kernel by its figures; the radius in the mesh's unit of length."""
     needs, radius = KERNELS[figures["name"]], figures["radius"]
     wide = f" of radius {radius:.4g}" if radius else ""
     added = f"a {figures['polynomial']} polynomial" if ORDERS[figures["polynomial"]] else "no polynomial"
@@ -99,7 +99,7 @@ def kernel_text(figures: Json) -> str:
 
 
 def fit_text(figures: Json, unit: str = "") -> str:
-    """Say how well was interpolated, of the figures of a deflection; lengths in a unit."""
+    """Describe the accuracy of the interpolation by the figures of a deflection."""
     fits, between, end = figures["adaptation"], figures["error_between_sites"], unit and f" {unit}"
     condition = max((fit["condition"] or 0.0 for fit in fits.values()), default=0.0)
     error = max(fit["max_error"] for fit in fits.values())
@@ -117,7 +117,7 @@ def face_figures(one: Deflection) -> Json:
 
 
 def face_rows(figures: Json) -> tuple[str, list[tuple[str, str, str]]]:
-    """Return whose faces the figures of a deflection tell of, and what each is before and after; none without any."""
+    """Return the scope of the face metrics and each of them before and after; empty if none were measured."""
     found = figures.get("face_quality", {}).get("touched")
     if not found:
         return "", []
@@ -197,12 +197,12 @@ def farthest(plan: Plan) -> Iterator[tuple[str, FloatArray, FloatArray]]:
 
 
 def motion_figures(plan: Plan, angle: float) -> Json:
-    """Return, of each surface, what it reaches of its angle (see `Reached`); null for a motion without one."""
+    """Return how much of its angle each surface reaches (`Reached`); null for a motion without an angle."""
     return {name: asdict(one) if one else None for name, one in _reached(plan, angle)}
 
 
 def motions(plan: Plan) -> Iterator[tuple[str, str]]:
-    """Yield the name of each surface that turns, and what it reaches of the largest angle, as text."""
+    """Yield the name of each turning surface and, as text, how much of the largest angle it reaches."""
     for name, one in _reached(plan, max(plan.angles, key=abs)):
         if one:
             yield name, one.text
@@ -216,7 +216,7 @@ def _reached(plan: Plan, angle: float) -> Iterator[tuple[str, Reached | None]]:
 
 
 def travels(plan: Plan) -> Iterator[tuple[str, str]]:
-    """Yield each surface's name, how far its node that moves farthest does, where that is, and whereto, as text."""
+    """Describe each surface's largest displacement: its name; length, place and direction as text."""
     for name, place, move in farthest(plan):
         size = float(np.linalg.norm(move))
         there = ", ".join(f"{round(x, 2) + 0.0:+.2f}" for x in move / (size or 1.0))  # no -0.00

@@ -65,7 +65,7 @@ def _check_names(given: Nested, known: Mapping[str, Setting], own: Mapping[str, 
 
 
 def table_of(value: Any, kind: Any = None) -> Nested:
-    """Return the tables from which `structured` makes a dataclass again, or the part of it that another one has."""
+    """Convert a dataclass to nested tables (the inverse of `structured`), optionally only the fields of `kind`."""
     items = {name: setting.of(value) for name, setting in settings_in(kind or type(value)).items()}
     return {name: _plainly(item) for name, item in items.items() if item is not None}
 
@@ -76,7 +76,7 @@ def changed(value: T, changes: Mapping[str, Any]) -> T:
 
 
 def to_toml(value: Any) -> str:
-    """Return TOML from which `structured` makes the same again; InputError for an object that TOML has no form for."""
+    """Convert a dataclass to TOML; InputError for an object that TOML cannot hold."""
     try:
         return tomli_w.dumps(table_of(value))
     except TypeError as error:

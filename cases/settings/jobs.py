@@ -110,7 +110,7 @@ def jobs_of(settings: JobSettings) -> tuple[Job, ...]:
 
 
 def job_of(settings: JobSettings) -> Job:
-    """Return the job, files read; InputError if one cannot be, or a value does not fit or is missing."""
+    """Build the job and read its files; InputError if a file cannot be read, or a value is wrong or missing."""
     if not settings.surface:
         raise InputError("no surface to move: name its patches (--surface); sdm quality MESH lists them")
     return Job(
@@ -158,7 +158,7 @@ def _motion(surface: SurfaceSettings, fixed: tuple[str, ...]) -> Motion:
 
 
 def _rotation(hinge: tuple[Corner, ...]) -> Rotation:
-    """Return the rotation about two points, or about one of two numbers, which may be there twice."""
+    """Return the rotation about two points, or in a plane about one (perhaps given twice)."""
     single = len(hinge[0]) == 2 and hinge[1:] in ((), hinge[:1])
     if not single and len(hinge) != 2:
         raise InputError(f"hinge = {shortened(hinge)}: must be two points, or one of two numbers in a plane mesh")

@@ -15,7 +15,7 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE
 from sdm_deflect.deform.surface.surface import TrailingEdge
-from sdm_deflect.deform.volume.deflection import BoxDeflection, mended
+from sdm_deflect.deform.volume.deflection import BoxDeflection, with_repair
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 from sdm_deflect.deform.volume.prepared import Centers, PreparedDeflection
 from sdm_deflect.deform.volume.step import DIRECTIONS
@@ -208,7 +208,7 @@ class InteractiveRun:
             points = self.points
         else:
             for box, factor, changed in zip(self.boxes, self.factors, self.changed, strict=True):
-                found = mended(BoxDeflection.at(box.plan, factor * frame.angle, frame.points))
+                found = with_repair(BoxDeflection.at(box.plan, factor * frame.angle, frame.points))
                 points[changed] = found.points[changed]
         moved = self.moved if points is self.points else points - frame.points
         quality, bad = self._judged(points)
@@ -222,7 +222,7 @@ class InteractiveRun:
 
     def _judged(self, points: FloatArray) -> tuple[FloatArray, IntArray]:
         """Return the quality (L,) of the cells touched, and the rows of the inverted ones."""
-        quality, inverted = self.touched.judged(points)
+        quality, inverted = self.touched.scores(points)
         return quality, np.flatnonzero(inverted)
 
 

@@ -49,7 +49,7 @@ Measure = Callable[[FloatArray, IntArray, float, FloatArray, BoolArray], None]
 def inverted_of(points: FloatArray, block: Cells, rows: IntArray | None, orientation: float) -> BoolArray:
     """Return which cells (R,) of a block, or of R rows of them, are inverted."""
     if block.shape in PLANE:
-        return judged(points, block, rows, orientation)[1]
+        return quality_and_inverted(points, block, rows, orientation)[1]
     corners = np.array(CORNERS[block.shape])
     inverted = np.empty(len(block if rows is None else rows), dtype=np.bool_)
 
@@ -60,7 +60,9 @@ def inverted_of(points: FloatArray, block: Cells, rows: IntArray | None, orienta
     return inverted
 
 
-def judged(points: FloatArray, block: Cells, rows: IntArray | None, orientation: float) -> tuple[FloatArray, BoolArray]:
+def quality_and_inverted(
+    points: FloatArray, block: Cells, rows: IntArray | None, orientation: float
+) -> tuple[FloatArray, BoolArray]:
     """Return the quality (R,) of the cells of a block, or of R rows of them, and which are inverted."""
     quality = np.empty(len(block if rows is None else rows))
     inverted = np.empty(len(quality), dtype=np.bool_)

@@ -149,7 +149,7 @@ class Threads:
 
 
 HERE = Threads()
-"""The runner of whoever names no other."""
+"""The default runner."""
 
 
 class Pieces(Protocol):

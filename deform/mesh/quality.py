@@ -41,7 +41,7 @@ def mean_ratio(points: FloatArray, tets: IntArray) -> FloatArray:
 
     Q = 12 (9 V^2)^(1/3) / (sum of the squared lengths of the six edges), the paper's footnote x.
     """
-    return judged(points, Cells("tetra", tets))[0]
+    return quality_and_inverted(points, Cells("tetra", tets))[0]
 
 
 def quality_of(points: FloatArray, block: Volume, rows: IntArray | None = None, orientation: float = 1.0) -> FloatArray:
@@ -59,7 +59,7 @@ def quality_of(points: FloatArray, block: Volume, rows: IntArray | None = None, 
     that of the ideal cell. VTK adds the axes of a hexahedron, takes the corners of all tetrahedra that a pyramid's
     nodes form with its tip, and sets inverted pyramids to 0. A cell with an edge of no length has 0 (in VTK 1e30).
     """
-    return judged(points, block, rows, orientation)[0]
+    return quality_and_inverted(points, block, rows, orientation)[0]
 
 
 def inverted_of(
@@ -71,14 +71,14 @@ def inverted_of(
     return compiled_quality.inverted_of(points, block, rows, orientation)
 
 
-def judged(
+def quality_and_inverted(
     points: FloatArray, block: Volume, rows: IntArray | None = None, orientation: float = 1.0
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return `quality_of` (R,) and `inverted_of` (R,) at once."""
     if isinstance(block, Polyhedra):
         pyramids = polyhedra.pyramids_of(points, block, rows, orientation)
         return pyramids.quality, pyramids.inverted
-    return compiled_quality.judged(points, block, rows, orientation)
+    return compiled_quality.quality_and_inverted(points, block, rows, orientation)
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,7 +181,7 @@ def by_shape(points: FloatArray, parts: Iterable[tuple[Volume, IntArray | None, 
         if not len(block if rows is None else rows):
             continue
         shape = POLYHEDRON if isinstance(block, Polyhedra) else block.shape
-        value, bad = judged(points, block, rows, orientation)
+        value, bad = quality_and_inverted(points, block, rows, orientation)
         values.setdefault(shape, []).append(value)
         inverted[shape] = inverted.get(shape, 0) + int(np.count_nonzero(bad))
     return tuple(summarise(_joined(values[shape]), shape, inverted[shape]) for shape in values)

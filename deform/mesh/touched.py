@@ -23,7 +23,7 @@ from .cells import Polyhedra, Volume, taken
 from .edges import rows_of
 from .mesh import Mesh
 from .polyhedra import corner_edges
-from .quality import POLYHEDRON, Quality, by_shape, check_most, inverted_of, judged, oriented
+from .quality import POLYHEDRON, Quality, by_shape, check_most, inverted_of, oriented, quality_and_inverted
 
 
 def alone(cells: Polyhedra, rows: IntArray) -> Polyhedra:
@@ -133,8 +133,8 @@ class TouchedCells:
         rows = tuple(touching(block, moved) for block in mesh.cells)
         if mesh.whole:
             return cls(mesh, rows, mesh.whole.orientation, mesh.whole.inverted)
-        judged = [oriented(mesh.points, block) for block in mesh.cells]
-        return cls(mesh, rows, tuple(sign for sign, _ in judged), tuple(count for _, count in judged))
+        found = [oriented(mesh.points, block) for block in mesh.cells]
+        return cls(mesh, rows, tuple(sign for sign, _ in found), tuple(count for _, count in found))
 
     @classmethod
     def together(cls, parts: Sequence[TouchedCells]) -> TouchedCells:
@@ -150,12 +150,12 @@ class TouchedCells:
     @cached_property
     def before(self) -> CellScores:
         """The touched cells as they are in the undeflected mesh."""
-        return self.judged(self.mesh.points)
+        return self.scores(self.mesh.points)
 
-    def judged(self, points: FloatArray) -> CellScores:
+    def scores(self, points: FloatArray) -> CellScores:
         """Judge the touched cells, block by block, with the nodes at `points` (N, 3)."""
         parts = zip(self.mesh.cells, self.rows, self.orientation, strict=True)
-        found = [judged(points, *part) for part in parts if len(part[1])]
+        found = [quality_and_inverted(points, *part) for part in parts if len(part[1])]
         quality = np.concatenate([np.empty(0), *(values for values, _ in found)])
         return CellScores(quality, np.concatenate([np.empty(0, np.bool_), *(bad for _, bad in found)]))
 
@@ -181,7 +181,7 @@ class TouchedCells:
         """
         if all(one.min > 0.0 and not one.inverted for one in self.quality_before):
             return tuple(Least(one.min, one.cells) for one in quality)
-        good, now = ~self.before.inverted & (self.before.quality > 0.0), self.judged(points).quality
+        good, now = ~self.before.inverted & (self.before.quality > 0.0), self.scores(points).quality
         own = [now[good & cells] for _, cells in self.by_shape()]
         return tuple(Least(float(values.min(initial=np.inf)), len(values)) for values in own)
 

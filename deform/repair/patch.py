@@ -94,9 +94,9 @@ class QualityGoal:
             weights[own] *= np.maximum(rise, 1.0) ** (3 if name == "tetra" else 2)
         return replace(self, weights=weights)
 
-    def judged(self, points: FloatArray) -> CellScores:
+    def scores(self, points: FloatArray) -> CellScores:
         """Judge the cells with the nodes at points (N, 3)."""
-        return self.touched.judged(points)
+        return self.touched.scores(points)
 
     def missed(self, found: CellScores, share: float) -> BoolArray:
         """Return which cells (C,) are inverted, or below a share of their floor."""
@@ -147,7 +147,7 @@ class RepairResult:
     ) -> RepairResult:
         """Judge a mesh before and after its repair, which is not carried out; parameters as in `repaired`."""
         goal = QualityGoal.of(touched, freedom)
-        before, after = goal.judged(start), goal.judged(points)
+        before, after = goal.scores(start), goal.scores(points)
         moved = np.flatnonzero((points != start).any(axis=1))
         spoiled, left = (int(goal.missed(one, share).sum()) for one in (before, after))
         inverted = np.flatnonzero(after.inverted & ~touched.before.inverted)
@@ -371,7 +371,7 @@ class RepairPatch:
 
     def below(self, way: FloatArray, level: float) -> int:
         """Return how many cells are inverted, or below a share of their floor."""
-        return int(self.goal.missed(self.goal.judged(self.everywhere(way)), level).sum())
+        return int(self.goal.missed(self.goal.scores(self.everywhere(way)), level).sum())
 
     def least(self, way: FloatArray) -> float:
         """Return the least mean ratio of an element to its target; 0 if one is inverted."""
@@ -403,7 +403,7 @@ class RepairPatch:
         return found.place, found.steps
 
 
-def mended(patch: RepairPatch, level: float, rest: float) -> tuple[FloatArray, int]:
+def improved(patch: RepairPatch, level: float, rest: float) -> tuple[FloatArray, int]:
     """Move a patch until its cells are at a level or nothing more is won; return all points (N, 3), and the steps.
 
     While cells are inverted eps shrinks, from twice the worst determinant; then the power grows. The patch is left to

@@ -17,7 +17,7 @@ from sdm_deflect.deform.mesh.touched import CellScores, TouchedCells
 
 from .elements import Tetrahedra
 from .freedom import FreeNodes
-from .patch import QualityGoal, RepairPatch, RepairResult, mended
+from .patch import QualityGoal, RepairPatch, RepairResult, improved
 
 RINGS = (3, 6, 12, 24)
 """Rings of cells around spoiled ones whose nodes move; then all that may."""
@@ -78,7 +78,7 @@ def _repaired(
     goal = QualityGoal.of(touched, freedom)
     parts = zip(touched.mesh.cells, touched.rows, touched.orientation, strict=True)
     tetrahedra = Tetrahedra.of(touched.mesh.points, parts).of_cells(~touched.before.inverted)
-    here, found, steps, kept = points, goal.judged(points), 0, None
+    here, found, steps, kept = points, goal.scores(points), 0, None
     start = found
     for level, sizes, far in _levels(share, limit, len(points)):
         if level > limit and kept is None:
@@ -154,12 +154,12 @@ def _raised(
             break
         progress(f"repair: {count} cells, {len(unknown)} nodes", nan)
         patch = RepairPatch.of(points, tetrahedra, unknown, freedom, goal.weighted(found, careful))
-        new, taken = mended(patch, level, REST * (size > 0))
+        new, taken = improved(patch, level, REST * (size > 0))
         beyond = freedom.left_by(points, new)
         if beyond:
             freedom, last, steps = freedom.without(beyond), 0, steps + taken
             continue
-        after = found.replaced(patch.cells, patch.goal.judged(new))
+        after = found.replaced(patch.cells, patch.goal.scores(new))
         steps, left = steps + taken, goal.missed(after, level)
         if _is_better(left.sum() < count, goal.least(after) - goal.least(found), level) and goal.keeps(after, spread):
             points, found, below, vain = new, after, left, 0

@@ -33,7 +33,7 @@ Amounts = tuple[float, ...]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PrescribedNodes:
-    """Moving, fixed and sliding nodes of the whole mesh; a node that is several of these moves, else stays.
+    """Moving, fixed and sliding nodes of the whole mesh; of several kinds of one node moving comes first, then fixed.
 
     Attributes
     ----------
@@ -103,7 +103,7 @@ class PrescribedNodes:
 
     @property
     def declared(self) -> tuple[str, ...]:
-        """Every patch that the job names, or the file binds: what becomes of its nodes is known."""
+        """Patches whose motion is known: the job names them, or the file pairs them."""
         return (*self.moving, *self.fixed, *(patch.patch for patch in self.sliding), *self.pairs, *self.covered)
 
     @property
@@ -112,7 +112,7 @@ class PrescribedNodes:
         return (*self.moving, *(patch.patch for patch in self.sliding), *self.pairs, *self.sides, *self.covered)
 
     def displacement(self, amounts: Amounts) -> FloatArray:
-        """Return how far each of `nodes` (K, 3) moves, each of them once.
+        """Return the displacement (K, 3) of `nodes`.
 
         Raises InputError if two surfaces move a shared node differently, a node shared with a fixed patch moves, or one
         shared with a sliding patch leaves its shape.
@@ -136,7 +136,7 @@ class PrescribedNodes:
         return out
 
     def knowing(self, some: Iterable[Amounts]) -> "PrescribedNodes":
-        """Return the same with the displacements at some amounts at hand: each may take a fit."""
+        """Return the same with the displacements at some amounts computed in advance: each may take a fit."""
         return replace(self, known={amounts: self.displacement(amounts) for amounts in some})
 
     def rate(self, amounts: Amounts, ratios: Sequence[float]) -> FloatArray:
@@ -152,7 +152,7 @@ class PrescribedNodes:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What makes it likely that a hinge or the tolerance is wrong."""
+        """Warnings: signs that a hinge or the tolerance is wrong."""
         found = [text for one, _, blended in _placements(self.job, self.surfaces) for text in one.warnings(blended)]
         patches = [name for surface in self.surfaces for name in surface.patches]
         edge, tolerance = median_edge(self.mesh.points, self.mesh.faces_of(patches)), self.job.fitting.tolerance
@@ -196,7 +196,7 @@ class PrescribedNodes:
                 yield patch, rows
 
     def _joined(self, parts: list[FloatArray], fault: str) -> FloatArray:
-        """Return what the surfaces' parts give each of `nodes` (K, 3)."""
+        """Combine the displacements of the surfaces into one for `nodes` (K, 3)."""
         out = np.full((len(self.nodes), 3), np.nan)
         for surface, part in zip(self.surfaces, parts, strict=True):
             rows = np.searchsorted(self.nodes, surface.nodes)
@@ -224,7 +224,7 @@ class PrescribedNodes:
                 )
 
     def _alike(self, displacement: FloatArray) -> FloatArray:
-        """Return the displacement (K, 3) with that of images alike; InputError if the motion makes them differ."""
+        """Make the displacement (K, 3) of periodic images equal; InputError if the motion makes them differ."""
         if not len(self.images.nodes):
             return displacement
         mesh, largest = self.mesh, float(np.abs(displacement).max(initial=0.0))
@@ -247,7 +247,7 @@ class PrescribedNodes:
         return out
 
     def _left_behind(self, displacement: FloatArray) -> float:
-        """Let moving nodes stay whose images are on no moving surface; return how far they would go at most."""
+        """Hold moving nodes whose images are on no moving surface; return their largest displacement."""
         lone = np.isin(self.nodes, self.images.nodes, assume_unique=True)
         lone[self.images.among(self.nodes).nodes] = False
         largest = float(np.abs(displacement[lone]).max(initial=0.0))
@@ -268,14 +268,14 @@ class PrescribedNodes:
         return on_shape
 
     def _ends_on(self, patch: SlidingPatch) -> bool:
-        """Return whether surfaces turn across a plane, such as an outlet, into which their nodes are put back."""
+        """Return whether a surface ends on this plane, such as an outlet: its nodes are projected back onto it."""
         normals = [patch.surface.normal] if isinstance(patch.surface, Plane) else []
         axes = [moving.motion.axis for moving in self.job.surfaces]
         return all(axis and abs(float(axis.direction @ n)) < ACROSS for n in normals for axis in axes) and bool(normals)
 
 
 def _bound(mesh: Mesh, moves: list[str], slides: dict[str, str]) -> tuple[tuple[str, ...], ...]:
-    """Return the patches of periodic pairs, and those of cases one cell thick, that have pairs of nodes.
+    """Return the patches of periodic pairs and of cases one cell thick, as far as they have pairs of nodes.
 
     Third come those of both that shall stay plane. Raises InputError if one moves, or slides on any other shape.
     """
@@ -293,7 +293,7 @@ def _without(names: Iterable[str], others: Container[str]) -> tuple[str, ...]:
 
 
 def _check_bound(mesh: Mesh, names: Iterable[str], moves: list[str], slides: dict[str, str], pairs: set[str]) -> None:
-    """Raise if a patch of images moves, or slides on a shape; one of a pair with nodes may slide on its plane."""
+    """Raise if a periodic patch moves or slides on a shape. If its nodes are paired, it may slide on its plane."""
     for name in names:
         if slides.get(name) == "plane" and name in pairs:
             fitted("plane", mesh.points[mesh.patch(name).nodes], name, mesh.plane)
@@ -326,13 +326,13 @@ def _check_sections(mesh: Mesh, job: Job) -> None:
 
 
 def _symmetry(mesh: Mesh, named: tuple[str, ...]) -> dict[str, str]:
-    """Return the planes of symmetry among the patches that are not named: nodes slide on them without being asked."""
+    """Return the symmetry planes that the job does not name: their nodes slide by default."""
     own = [patch for patch in mesh.patches if patch.constraint == "symmetry" and patch.name not in named]
     return {one.name: "plane" for one in own if plane_of(mesh, one.nodes)}
 
 
 def _covered(mesh: Mesh, named: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the patches that are not named and have no face but those of named ones, such as a group of all walls."""
+    """Return unnamed patches whose faces all belong to named ones, such as a group of all walls."""
     nodes = mesh.on(*named)
     some = [p for p in mesh.patches if p.name not in named and np.isin(p.nodes, nodes, assume_unique=True).all()]
     if not some:
@@ -349,13 +349,13 @@ def _walls(mesh: Mesh) -> tuple[Plane, ...]:
 
 
 def _check_hinges(job: Job, surfaces: Sequence[Surface]) -> None:
-    """Raise if a hinge does not lie beside its surface as it must."""
+    """Raise if a hinge lies too far from its surface."""
     for placement, surface, _ in _placements(job, surfaces):
         placement.check(surface, job.force)
 
 
 def _placements(job: Job, surfaces: Sequence[Surface]) -> Iterator[tuple[Placement, Surface, bool]]:
-    """Yield where hinges lie beside their surfaces, of those that have one, and whether the motion is blended."""
+    """Yield the placement of each hinge beside its surface, and whether the motion is blended."""
     for moving, surface in zip(job.surfaces, surfaces, strict=True):
         if moving.motion.axis is not None:
             yield Placement.of(surface, moving.motion.axis), surface, isinstance(moving.motion, Blended)

@@ -18,7 +18,7 @@ BITS = np.array([[i & 1, i >> 1 & 1, i >> 2 & 1] for i in range(8)], dtype=np.fl
 
 
 class BoxScene(NamedTuple):
-    """What a box has to hold, and what it should keep clear of."""
+    """What a box must contain and what it should avoid."""
 
     moving: FloatArray  # (K, 3) nodes of the moving surfaces
     track: FloatArray  # (T, 3) where they come to be
@@ -28,7 +28,7 @@ class BoxScene(NamedTuple):
 
 
 class Chosen(NamedTuple):
-    """A hexahedron and why it is so, in a sentence or two."""
+    """A hexahedron and a sentence on how it was chosen."""
 
     hexahedron: Hexahedron
     why: str
@@ -193,7 +193,7 @@ def _reach(places: FloatArray, hinge: Axis | None) -> float:
 
 
 def _clear(low: FloatArray, high: FloatArray, wanted: float, obstacles: FloatArray) -> FloatArray:
-    """Return margins (2, 3) of the lower and upper faces that give way to obstacles (O, 3) where they can.
+    """Return the margins (2, 3) of the lower and upper faces, reduced where obstacles (O, 3) are near.
 
     The obstacle that is hardest to avoid is served first, by the face that has to give way least.
     """

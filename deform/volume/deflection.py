@@ -111,7 +111,7 @@ class BoxDeflection:
 
     @classmethod
     def at(cls, plan: BoxPlan, angle: float, points: FloatArray, repair: FloatArray | None = None) -> "BoxDeflection":
-        """Return one of which nothing is known but where its nodes (N, 3) are: it has no steps.
+        """Build a deflection without steps from its final coordinates (N, 3).
 
         `repair` is how far a repair moved each node (N, 3), if there was one.
         """
@@ -132,21 +132,21 @@ class BoxDeflection:
         return self.plan.touched.quality(self.points)
 
     def with_points(self, points: FloatArray) -> "BoxDeflection":
-        """Return it with other points (N, 3), rounded to those of the file; unchanged if they are its own."""
+        """Return the deflection with other points (N, 3), rounded as the file rounds them."""
         rounded = self.plan.precision.rounded(points, self.plan.mesh.points)
         if rounded is self.points:
             return self
         return replace(self, points=rounded, inverted=inverted_count(self.plan.touched, rounded))
 
     def stored(self, precision: Precision) -> "BoxDeflection":
-        """Return the same as another file holds it: it starts from the coordinates before they were rounded."""
+        """Return the same deflection rounded for another file, from its unrounded coordinates."""
         exact = self.steps[-1].points if self.steps else self.points
         exact = self.repaired.points if self.repaired else exact
         return replace(self, plan=replace(self.plan, precision=precision)).with_points(exact)
 
     @property
     def interpolated(self) -> FloatArray:
-        """Coordinates (N, 3) as the interpolants alone have them, without the repair."""
+        """Coordinates (N, 3) before the repair."""
         return self.points if self.repaired is None else self.repaired.start
 
     @cached_property
@@ -177,7 +177,7 @@ class Deflection:
 
     @classmethod
     def at(cls, plan: Plan, points: FloatArray, repair: FloatArray | None = None) -> "Deflection":
-        """Return one at the plan's angle of which nothing is known but where its nodes (N, 3) are.
+        """Build a deflection without steps, at the plan's angle, from its final coordinates (N, 3).
 
         `repair` is how far repairs moved each node (N, 3), if there were any.
         """
@@ -186,7 +186,7 @@ class Deflection:
 
     @property
     def parts(self) -> "tuple[Deflection, ...]":
-        """The deflection in each box as one that knows of no other."""
+        """One deflection for each box."""
         return tuple(Deflection(Plan((box.plan,), (box.angle,)), (box,)) for box in self.boxes)
 
     @property
@@ -237,7 +237,7 @@ class Deflection:
 
     @cached_property
     def faces(self) -> State | None:
-        """What was measured of the faces of touched cells as OpenFOAM's checkMesh does; None without polyhedra."""
+        """Measures of the touched cells' faces, as in OpenFOAM's checkMesh; None without polyhedra."""
         return self.plan.faces.at(self.points) if self.plan.faces else None
 
     @property
@@ -272,7 +272,7 @@ class Deflection:
 
 
 def deflect(plan: Plan, angle: float, progress: Progress = silent, earlier: Deflection | None = None) -> Deflection:
-    """Bring the mesh to an angle of the first surface in every box, on the centres of an earlier one if they do."""
+    """Deflect every box to an angle of the first surface; the centres of an earlier deflection come first."""
     known = earlier.boxes if earlier else [None] * len(plan.boxes)
     pairs = zip(plan.boxes, known, strict=True)
     found = (deflect_box(box, plan.angle_of(box, angle), progress, one) for box, one in pairs)
@@ -282,7 +282,7 @@ def deflect(plan: Plan, angle: float, progress: Progress = silent, earlier: Defl
 def deflect_box(
     plan: BoxPlan, angle: float, progress: Progress = silent, earlier: BoxDeflection | None = None
 ) -> BoxDeflection:
-    """Bring the mesh to an angle in one step, and repair it.
+    """Deflect one box to an angle in one step, and repair the mesh.
 
     Where cells invert that did not before, the angle is taken in twice as many steps while that leaves at most half as
     many such cells, and as long as the repair leaves any. If no number of steps leaves none, the one with the fewest
@@ -294,15 +294,15 @@ def deflect_box(
     while 0 < found[-1].inverted <= allowed and 2 ** len(found) <= most:
         allowed = found[-1].inverted // 2
         found.append(adapted_steps(plan, angle, 2 ** len(found), progress))
-    best = mended(min(found, key=lambda one: one.inverted), progress)
+    best = with_repair(min(found, key=lambda one: one.inverted), progress)
     while best.inverted and 2 ** len(found) <= most:
-        found.append(mended(adapted_steps(plan, angle, 2 ** len(found), progress), progress))
+        found.append(with_repair(adapted_steps(plan, angle, 2 ** len(found), progress), progress))
         best = min(best, found[-1], key=lambda one: one.inverted)
     return best
 
 
-def mended(deflection: BoxDeflection, progress: Progress = silent) -> BoxDeflection:
-    """Return a deflection whose spoiled cells are repaired, where its job wants that and there are any."""
+def with_repair(deflection: BoxDeflection, progress: Progress = silent) -> BoxDeflection:
+    """Repair the mesh if the job asks for it and cells are inverted or too poor."""
     plan, wanted = deflection.plan, deflection.plan.job.repair
     if wanted.mode == "off" or not plan.touched.count:
         return deflection
@@ -324,7 +324,7 @@ def least_of(touched: TouchedCells, points: FloatArray, quality: Sequence[Qualit
 
 
 def stepped(plan: BoxPlan, angle: float, ways: Sequence[Way]) -> BoxDeflection:
-    """Go to an angle in equal steps, each from where the last one ended, and each with its way to find centres."""
+    """Deflect in equal steps, each from the end of the last one; `ways` finds the centres of each."""
     begin, nodes = perf_counter(), plan.sites.moving
     points, steps, reached = plan.mesh.points, [], np.zeros((len(nodes), 3))
     for k, way in enumerate(ways, 1):
@@ -340,7 +340,7 @@ def stepped(plan: BoxPlan, angle: float, ways: Sequence[Way]) -> BoxDeflection:
 def adapted_steps(
     plan: BoxPlan, angle: float, count: int, progress: Progress, earlier: Step | None = None
 ) -> BoxDeflection:
-    """Go to the angle in `count` steps, on centres adapted to each; a single one on those of an earlier step first."""
+    """Deflect in `count` steps with adapted centres; a single step starts from those of an earlier one."""
     return stepped(plan, angle, [Adapting(progress, earlier)] * count)
 
 

@@ -48,7 +48,7 @@ class Window(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScanTask:
-    """What every piece is compared with.
+    """The box and the patches with which each piece is compared.
 
     Attributes
     ----------
@@ -155,7 +155,7 @@ def nodes_inside(task: ScanTask, item: tuple[int, int]) -> tuple[IntArray, Float
 
 
 def check_points(pieces: Pieces, points: FloatArray, numbers: IntArray) -> None:
-    """Refuse (InputError) coordinates (K, 3) that are not finite, or too large, of points with those numbers (K,)."""
+    """Raise InputError if coordinates (K, 3) are not finite or too large; `numbers` (K,) name the points."""
     if not (points.min(initial=0.0) > -LARGEST and points.max(initial=0.0) < LARGEST):
         bad = ~(np.abs(points) < LARGEST).all(axis=1)
         what = f"beyond {LARGEST:g}" if np.isfinite(points).all() else "not finite"
@@ -233,7 +233,7 @@ Block = TypeVar("Block", bound=Faces)
 def excerpt(
     mesh: MeshInPieces, jobs: Sequence[Job], angles: Sequence[float], runner: Runner, progress: Progress = silent
 ) -> Mesh:
-    """Return what the plans for jobs and the first one's angles need of a mesh.
+    """Read the part of a mesh that jobs need at the first one's angles.
 
     All points and cells are read once and judged, piece by piece.
 
@@ -260,7 +260,7 @@ def excerpt(
 def _boxes(
     border: Mesh, jobs: Sequence[Job], angles: Sequence[float]
 ) -> tuple[list[tuple[Hexahedron, tuple[Zone, ...]]], IntArray]:
-    """Return the box of each job with the zones that deform in it, and the nodes in the file that move."""
+    """Return each job's box with its deforming zones, and the moving nodes in the file."""
     mesh, boxes, moving = prepared(border, jobs), [], []
     for job in jobs:
         boundary = PrescribedNodes.of(mesh, job)

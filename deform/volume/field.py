@@ -132,7 +132,7 @@ class FieldBox:
         )
 
     def move(self, given: FloatArray, out: FloatArray) -> None:
-        """Put the ends of the points `given` (M, 3) that the box moves into `out` (M, 3)."""
+        """Write the final positions of the points `given` (M, 3) inside the box into `out` (M, 3)."""
         inside = self.box.contains(given)
         told = np.flatnonzero(inside | self._among(given))
         distance, row = self._tree.query(given[told]) if len(self.places) else (np.ones(len(told)), told)
@@ -151,7 +151,7 @@ class FieldBox:
         out[told[exact]] = self.ends[row[exact]]
 
     def matches(self, points: FloatArray) -> tuple[BoolArray, BoolArray]:
-        """Return which places (K,) have a point (M, 3), and which have one that is but near: `NEAR` of the spacing."""
+        """Return which places (K,) coincide with a point (M, 3), and which only nearly do: `NEAR` of the spacing."""
         found, near = np.zeros((2, len(self.places)), dtype=np.bool_)
         some = points[self._among(points)]
         if len(some):
@@ -196,7 +196,7 @@ class Field:
         return cls(tuple(FieldBox.of(one) for one in deflected.boxes))
 
     def apply(self, points: FloatArray, progress: Progress = silent) -> FloatArray:
-        """Return where nodes at undeflected points (N, 3) come to be, (N, 3); those that stay keep their bits.
+        """Return the deflected coordinates (N, 3) of undeflected points (N, 3); points that stay keep their bits.
 
         The nodes are of zones that deform. Each row depends on nothing but itself: any part of a mesh gives the same
         bits as the whole.

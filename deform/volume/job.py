@@ -57,7 +57,7 @@ class Section:
 
 @dataclass(frozen=True, slots=True)
 class Job(JobOptions):
-    """What moves, what stays, what slides, and in which box; also what `JobOptions` holds.
+    """What moves, stays and slides, in which box, with the settings of `JobOptions`.
 
     Attributes
     ----------
@@ -107,7 +107,7 @@ class Job(JobOptions):
 
     @property
     def ratios(self) -> tuple[float, ...]:
-        """Amount of each surface for one of the first.
+        """Amount of each surface per unit of the first one's.
 
         Raises InputError if the first one's own amount is zero, so that nothing is in proportion to it.
         """
@@ -123,13 +123,13 @@ class Job(JobOptions):
         return self.amounts if angle == self.angle else tuple(angle * ratio for ratio in self.ratios)
 
     def beside(self, first: "Job", angle: float) -> float:
-        """Return the amount of its first surface when that of the first of several jobs is `angle`."""
+        """Return the amount of this job's first surface when that of the first job is `angle`."""
         if self is first:
             return angle
         return replace(self, surfaces=(first.surfaces[0], *self.surfaces)).amounts_at(angle)[1]
 
     def ends(self, angles: Sequence[float]) -> tuple[tuple[float, ...], ...]:
-        """Return the amounts at the least and the largest of the first surface's angles, once if they are equal."""
+        """Return the amounts at the smallest and the largest angle of the first surface."""
         return tuple(dict.fromkeys(self.amounts_at(angle) for angle in (min(angles), max(angles))))
 
     def at(self, angle: float) -> "Job":
@@ -140,7 +140,7 @@ class Job(JobOptions):
 
 
 def prepared(mesh: Mesh, jobs: Sequence[Job]) -> Mesh:
-    """Return a mesh with the selections of jobs as patches, and the periodic pairs that they name: all name the same.
+    """Turn the jobs' selections into patches and their periodic patches into pairs; all jobs name the same.
 
     Cells of a block that are counted in the other hand than most are turned over.
 

@@ -49,7 +49,7 @@ KEPT = 0.005  # largest change of the first height, as a share, by an error of t
 
 
 class Nearby(NamedTuple):
-    """For each of M points the nearest boundary node, its distance, and that of the next part of the boundary."""
+    """For each of M points: the nearest boundary node, its distance, and the distance of the next part."""
 
     node: IntArray
     first: FloatArray
@@ -147,7 +147,7 @@ def first_height(nearby: Nearby, count: int) -> float:
 
 
 class Reach(NamedTuple):
-    """How far from a boundary its motion is known better than the interpolant has it; lengths.
+    """Distances from a boundary within which its own motion is better than the interpolant.
 
     Attributes
     ----------

@@ -145,7 +145,7 @@ class BoxPlan:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """All that is decided before anything is fitted: boxes of one mesh, none of which reaches into another.
+    """All that is decided before the fit: disjoint boxes of one mesh.
 
     Attributes
     ----------

@@ -163,7 +163,7 @@ class GmshFile:
 
 @contextmanager
 def gmsh_file(path: Path) -> Iterator[GmshFile]:
-    """Open a file, of which no more is read than is looked at; errors as of `opened`."""
+    """Memory-map a file; errors as of `opened`."""
     with path.open("rb") as file:
         if not os.fstat(file.fileno()).st_size:
             yield opened(path, b"")

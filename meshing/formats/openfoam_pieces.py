@@ -191,7 +191,7 @@ def _tables(path: Path, what: str, width: int = 1, lists: int = 1) -> list[FileT
 
 @contextmanager
 def _mapped(path: Path) -> Iterator[FoamFile]:
-    """Give a file of which no more is read than is looked at."""
+    """Memory-map a file."""
     with path.open("rb") as file:
         if not (size := os.fstat(file.fileno()).st_size):
             yield headed(b"", path.name, 0)

@@ -100,7 +100,7 @@ def item_of(changes: tuple[Change, ...], begin: int, end: int) -> Item:
 
 
 def copy_range(files: tuple[Path, Path], item: Item) -> None:
-    """Write some bytes of a copy, with their changes: alone, twice or in any order it comes to the same.
+    """Write one byte range of the copy, with its changes. Idempotent and independent of order.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ from .format import MeshFileError
 AXES = {"tetra": (1, 2, 3), "pyramid": (1, 3, 4), "wedge": (2, 1, 3), "hexahedron": (1, 3, 4)}
 """Corners whose edges from corner 0 are a right-handed system in a cell that is not inverted."""
 SAMPLE = 1 << 12
-"""Cells of a block, at equal distances, by which its hand is told."""
+"""Number of cells, equally spaced, that decide whether a block is left-handed."""
 Faces = TypeVar("Faces", bound=Cells | Polygons)
 Whole = TypeVar("Whole", np.intp, np.uint64)
 

@@ -31,7 +31,7 @@ pytestmark = pytest.mark.mesher
 
 def data_of(run):
     """What the page of a run shows, of one that has just ended."""
-    return report_data_of(run.case, run.deflection).judged(run.checks, metrics(run))
+    return report_data_of(run.case, run.deflection).with_verdict(run.checks, metrics(run))
 
 
 def seen(tab):
@@ -169,7 +169,7 @@ def test_names_cannot_inject_markup(aileron_run, opened, tmp_path):
 
 def test_page_is_made_anew_from_the_folder(aileron_run, tmp_path):
     run, folder = aileron_run
-    fresh, stored = data_of(run), FinishedCase.of(folder).judged_again()
+    fresh, stored = data_of(run), FinishedCase.of(folder).fresh_report_data()
     assert stored.checks == fresh.checks
     (own,), (other,) = stored.boxes, fresh.boxes
     assert [(c.box, c.directions, c.centres) for c in own.fits.convergence] == [

@@ -97,12 +97,12 @@ def test_cells_that_were_good_keep_their_quality_beside_one_that_was_inverted(sh
     plan = Plan.of(mesh, [pulled(mesh, 0.1, "off")])
     found = deflect(plan, 1.0)
     (old,) = plan.before
-    quality, was_inverted = plan.touched.judged(mesh.points)
+    quality, was_inverted = plan.touched.scores(mesh.points)
     good = ~was_inverted & (quality > 0.0)
     check = checked(found)[f"quality_min:{shape}"]
     assert old.min <= 0.0
     assert check.limit == 0.1 * quality[good].min() > 0.0
-    assert check.value == plan.touched.judged(found.points).quality[good].min()
+    assert check.value == plan.touched.scores(found.points).quality[good].min()
     assert check.over == good.sum() < plan.touched.count
     assert check.passed
     flat = found.points.copy()

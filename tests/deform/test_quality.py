@@ -14,9 +14,9 @@ from sdm_deflect.deform.mesh.polyhedra import face_centres_and_areas, pyramids_o
 from sdm_deflect.deform.mesh.quality import (
     MEASURES,
     inverted_of,
-    judged,
     mean_ratio,
     oriented,
+    quality_and_inverted,
     quality_of,
     signed_volumes,
     summarise,
@@ -141,7 +141,7 @@ def test_what_is_no_number_stays_none(shape):
     points, cells = distorted(shape, 0.0)
     for corner in range(cells.nodes.shape[1]):
         points[cells.nodes[corner, corner]] = np.nan
-    quality, inverted = judged(points, cells)
+    quality, inverted = quality_and_inverted(points, cells)
     assert not inverted_of(points, cells)[: cells.nodes.shape[1]].any()
     assert not inverted.any()
     assert np.isnan(quality).sum() == cells.nodes.shape[1]
@@ -254,5 +254,5 @@ def test_polyhedra_are_judged_like_the_cells_they_are(block):
 @pytest.mark.parametrize(("shape", "corners"), [("triangle", 3), ("quad", 4)])
 def test_a_plane_cell_whose_corners_are_on_a_line_is_inverted(shape, corners):
     points = np.column_stack([np.arange(float(corners)), np.zeros((corners, 2))])
-    quality, inverted = judged(points, Cells(shape, np.arange(corners)[None]))
+    quality, inverted = quality_and_inverted(points, Cells(shape, np.arange(corners)[None]))
     assert (quality.tolist(), inverted.tolist()) == ([0.0], [True])
