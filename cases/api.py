@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from sdm_deflect.cases.run.metrics import notes_of, warnings_of
 from sdm_deflect.cases.run.progress import in_notebook, of_notebook
-from sdm_deflect.cases.settings.job_settings import FLAT, GONE, IN_PYTHON, angles_of, settings_of, tables_of
+from sdm_deflect.cases.settings.job_settings import BY_NAME, GONE, IN_PYTHON, angles_of, settings_of, tables_of
 from sdm_deflect.cases.settings.jobs import jobs_of
 from sdm_deflect.cases.settings.keywords import Options
 from sdm_deflect.deform.base.arrays import FloatArray
@@ -293,7 +293,9 @@ class Result:
 
 def _with_settings(function: F) -> F:
     """Put what every setting means into a docstring."""
-    settings = (setting for name, setting in FLAT.items() if name not in IN_PYTHON and name not in ("hinge", "angle"))
+    settings = (
+        setting for name, setting in BY_NAME.items() if name not in IN_PYTHON and name not in ("hinge", "angle")
+    )
     if function.__doc__:  # not with python -OO
         function.__doc__ = function.__doc__.replace("{settings}", described(list(settings), " " * 8))
     return function

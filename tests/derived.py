@@ -10,7 +10,7 @@ from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
 from sdm_deflect.cases.cli.options import settings_options
-from sdm_deflect.cases.settings.job_settings import FLAT, IN_PYTHON
+from sdm_deflect.cases.settings.job_settings import BY_NAME, IN_PYTHON
 from sdm_deflect.deform.base.schema import GROUPS, Range, Setting, choices_of
 
 ROOT = Path(__file__).parents[1]
@@ -88,5 +88,5 @@ def guide(settings: Iterable[Setting]) -> str:
 
 
 if __name__ == "__main__":
-    KEYWORDS.write_text(keywords(FLAT.values()), encoding="utf-8")
-    GUIDE.write_text(guide(FLAT.values()), encoding="utf-8")
+    KEYWORDS.write_text(keywords(BY_NAME.values()), encoding="utf-8")
+    GUIDE.write_text(guide(BY_NAME.values()), encoding="utf-8")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sdm_deflect.cases.settings.job_settings import (
-    FLAT,
+    BY_NAME,
     JobSettings,
     angles_of,
     job_settings,
@@ -39,7 +39,7 @@ HELPERS = ("workers", "scheduler", "worker_memory")
 moved = partial(click.option, cls=options.Grouped, group="What moves")
 
 
-@click.command(cls=options.DeflectCommand, params=options.settings_options(FLAT.values()))
+@click.command(cls=options.DeflectCommand, params=options.settings_options(BY_NAME.values()))
 @click.argument("mesh", type=options.FILE)
 @moved("--angles", metavar="A:B:STEP", help="Many angles, a file for each; or a list with commas.")
 @options.gone("--history")
@@ -100,7 +100,7 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
     return options.code_of(done.passed)
 
 
-@click.command(cls=options.DeflectCommand, params=options.settings_options(FLAT.values()))
+@click.command(cls=options.DeflectCommand, params=options.settings_options(BY_NAME.values()))
 @click.argument("place", metavar="CASE|MESH", type=options.CaseName())
 @options.output_option("--scale", type=options.SCALES, help="Of a case: size of the mesh (default: small).")
 @options.output_option("--quality", type=float, help="Of a case: smallest acceptable mean ratio (default: 0.2).")
@@ -184,7 +184,7 @@ def example(folder: Path) -> None:
     click.echo(f"sdm deflect {out} --surface flap --fixed wing --hinge 0.7,0.6,0 0.7,1.4,0 --angle 15 --motion blended")
 
 
-@click.command(params=options.settings_options([FLAT["select"]]))
+@click.command(params=options.settings_options([BY_NAME["select"]]))
 @click.argument("mesh", type=options.FILE)
 @options.json_option
 def quality(mesh: Path, select: tuple[str, ...], as_json: bool) -> None:
@@ -208,7 +208,7 @@ def _search_of_case(case: str, watch: "Stopwatch", given: dict[str, Any]) -> Fou
     threshold, resolution = given.pop("quality") or 0.2, given.pop("resolution") or 1.0
     own = {name: given.pop(name) for name in ("scale", "repair", "assignments")}
     for name in (name for name, value in given.items() if value not in (None, ())):
-        flag = options.flag(FLAT[name]) if name in FLAT else f"--{name}"
+        flag = options.flag(BY_NAME[name]) if name in BY_NAME else f"--{name}"
         raise InputError(f"{flag} is of a mesh, and {case} is a case: replace its settings by --set")
     resolved = resolve(case, **{**own, "scale": own["scale"] or "small"})
 

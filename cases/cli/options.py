@@ -13,7 +13,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from sdm_deflect.cases.settings.conversion import spelled
-from sdm_deflect.cases.settings.job_settings import FLAT, GONE
+from sdm_deflect.cases.settings.job_settings import BY_NAME, GONE
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.schema import GROUPS, ONLY_SET, Setting, choices_of, kind_of
 from sdm_deflect.meshing.formats.known import written
@@ -86,7 +86,7 @@ def flag(setting: Setting) -> str:
 def _help(setting: Setting) -> str:
     """Return what a setting means, with its default, and with options instead of the names of settings."""
     words = setting.doc.text.split("`")
-    text = "".join(flag(FLAT[word]) if i % 2 and word in FLAT else word for i, word in enumerate(words))
+    text = "".join(flag(BY_NAME[word]) if i % 2 and word in BY_NAME else word for i, word in enumerate(words))
     hidden = not setting.default or setting.default is True or not setting.shown
     return text if hidden else f"{text.removesuffix('.')} (default: {setting.shown})."
 
@@ -106,7 +106,7 @@ class DeflectCommand(click.Command):
         for group, records in filter(lambda row: row[1], rows.items()):
             with formatter.section(group):
                 formatter.write_dl(records)
-        others = (setting.name for setting in FLAT.values() if setting.option == ONLY_SET)
+        others = (setting.name for setting in BY_NAME.values() if setting.option == ONLY_SET)
         formatter.write_paragraph()
         formatter.write_text(f"Settings by --set alone, or in a file: {', '.join(others)}.")
 

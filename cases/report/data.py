@@ -33,7 +33,7 @@ Rows = list[tuple[str, str, str, str]]
 """Name, value, unit and meaning of settings."""
 RUN = "whole folder of a run"
 """What a folder is not whose files are damaged."""
-FLAT = 6.0
+OF_POLYHEDRA = 6.0
 """Quality of polyhedra is coloured times this: that of a cube is then 1."""
 AROUND = 0.13
 """Margin around a box of what slices show, by its size."""
@@ -284,10 +284,10 @@ def shape_of(block: Volume) -> str:
 
 
 def drawn_quality(points: FloatArray, block: Volume, rows: IntArray, orientation: float) -> FloatArray:
-    """Return the quality (R,) of cells as it is coloured: that of polyhedra is drawn times `FLAT`."""
+    """Return the quality (R,) of cells as it is coloured: that of polyhedra is drawn times `OF_POLYHEDRA`."""
     if not len(rows):
         return np.empty(0)
-    return (FLAT if isinstance(block, Polyhedra) else 1.0) * quality_of(points, block, rows, orientation)
+    return (OF_POLYHEDRA if isinstance(block, Polyhedra) else 1.0) * quality_of(points, block, rows, orientation)
 
 
 def drawn_measure(mesh: Mesh) -> str:
@@ -297,7 +297,7 @@ def drawn_measure(mesh: Mesh) -> str:
         shapes.setdefault(MEASURES[shape_of(block)], set()).add(shape_of(block))
     alone = len(shapes) == 1
     texts = [one if alone else f"{one} ({', '.join(sorted(own))})" for one, own in sorted(shapes.items())]
-    return ("; ".join(texts) or "quality").replace(MEASURES[POLYHEDRON], f"{FLAT:g} x {MEASURES[POLYHEDRON]}")
+    return ("; ".join(texts) or "quality").replace(MEASURES[POLYHEDRON], f"{OF_POLYHEDRA:g} x {MEASURES[POLYHEDRON]}")
 
 
 def round_length(most: float) -> float:

@@ -250,7 +250,7 @@ GONE = {
 }
 """Settings that are no more, and the ways out."""
 OF_SURFACE, OF_JOB = settings_in(SurfaceSettings), settings_in(JobSettings)
-FLAT = OF_SURFACE | {name: setting for name, setting in OF_JOB.items() if name != "surface"}
+BY_NAME = OF_SURFACE | {name: setting for name, setting in OF_JOB.items() if name != "surface"}
 """All settings of a job with one surface."""
 IDLE = {name: only for name, setting in OF_SURFACE.items() if (only := setting.note(Only))}
 """Settings of a surface that not every motion has a use for."""
@@ -322,8 +322,8 @@ def read_job(path: Path) -> Nested:
     nested = read_toml(path)
     nested.pop("mesh", None)  # of the settings beside a report, which the command names itself
     for table in (nested, *_tables(nested.get("surface"))):
-        for name in table.keys() & FLAT.keys():
-            value, ending = table[name], FLAT[name].spelling.file
+        for name in table.keys() & BY_NAME.keys():
+            value, ending = table[name], BY_NAME[name].spelling.file
             if isinstance(value, str) and ending is not None and value.endswith(ending):
                 table[name] = str(path.parent / value)
     return nested

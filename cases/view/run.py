@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.cases.report.data import FLAT, name_of
+from sdm_deflect.cases.report.data import OF_POLYHEDRA, name_of
 from sdm_deflect.cases.report.finished import Display, FinishedRun
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError, read_arrays
@@ -132,7 +132,7 @@ class InteractiveRun:
         Raises InputError if the centres or the points do not belong to its plan.
         """
         plan, angle, moved = finished.plan, finished.angle, finished.repair
-        flat = [FLAT if isinstance(block, Polyhedra) else 1.0 for block in plan.mesh.cells]
+        flat = [OF_POLYHEDRA if isinstance(block, Polyhedra) else 1.0 for block in plan.mesh.cells]
         run = cls(
             display=finished.display,
             angle=angle,

@@ -10,7 +10,7 @@ from sdm_deflect.deform.base.threads import in_chunks
 
 LEAF = 4  # triangles in a box that is not divided further
 DEPTH = 64  # boxes that wait at a time: twice the levels of any tree
-FLAT = 1e-12  # square of the sine of an angle, below which a triangle is a segment
+DEGENERATE = 1e-12  # square of the sine of an angle, below which a triangle is a segment
 COST = 500  # of one search, in evaluations of a kernel, by which work is shared out
 
 
@@ -173,7 +173,7 @@ def _weights(p: FloatArray, t: FloatArray) -> tuple[float, float, float]:  # pra
         pb += q * b
         pc += q * c
     v, w, area = cc * pb - bc * pc, bb * pc - bc * pb, bb * cc - bc * bc
-    if area > FLAT * bb * cc and v > 0.0 and w > 0.0 and v + w < area:
+    if area > DEGENERATE * bb * cc and v > 0.0 and w > 0.0 and v + w < area:
         return 1.0 - (v + w) / area, v / area, w / area
     return _weights_on_edges(p, t)
 

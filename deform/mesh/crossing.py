@@ -26,7 +26,7 @@ from .mesh import Mesh
 
 TOUCH = 1e-7
 """Of the extent of the faces that moved: faces that reach through others by less only touch them."""
-SAME = 1e-9
+ZERO_LENGTH = 1e-9
 """Of it: nodes nearer to one another in the undeflected mesh are copies of one node."""
 RIM = 1e-9
 """Barycentric coordinate beyond a triangle's edge up to which an edge of another one goes through it."""
@@ -130,7 +130,7 @@ class _NearbyFaces:
         triangles, face = _cut(faces)
         same = np.arange(len(points))
         used = distinct(triangles)
-        same[used] = used[first_coincident(mesh.points[used], SAME * size)]
+        same[used] = used[first_coincident(mesh.points[used], ZERO_LENGTH * size)]
         zone = np.searchsorted([one.stop for one in mesh.zones], triangles[:, :1], side="right")
         labels = np.hstack([same[triangles], zone])
         return cls(faces, patch[rows], moved[rows], triangles, face, labels, size, mesh.plane)

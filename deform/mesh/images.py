@@ -27,7 +27,7 @@ CLOSED = 1e-9
 """Least eigenvalue of what binds a displacement: the square of an angle, of which files with six digits leave 1e-12."""
 WHOLE = 1e-12
 """Entries of matrices that are this near to a whole number are that number, so that bits are kept."""
-FLAT = 1e-5
+PLANE_TOLERANCE = 1e-5
 """Of its size: how far the nodes of a side may be off a plane."""
 
 
@@ -134,7 +134,7 @@ def plane_of(mesh: Mesh, nodes: IntArray) -> Plane | None:
         return None
     plane = Plane.fitted(points, mesh.plane)
     off = float(np.abs(plane.distance(points)).max())
-    return plane if off <= FLAT * float(np.ptp(points, axis=0).max()) else None
+    return plane if off <= PLANE_TOLERANCE * float(np.ptp(points, axis=0).max()) else None
 
 
 def _groups(ends: IntArray, count: int) -> IntArray:

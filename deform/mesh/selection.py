@@ -23,7 +23,7 @@ MARK, REGION = "#", "~"
 """Between the name of a patch and the number of its component, and between that of a selection and its region."""
 LISTED = 6
 """Parts that a message lists."""
-MOST = 1000
+MOST_PARTS = 1000
 """Components of a wildcard, and regions of a selection."""
 
 
@@ -97,7 +97,7 @@ class Part:
         used[self.faces.nodes - low] = True
         return np.flatnonzero(used) + low, (np.cumsum(used) - 1)[self.faces.nodes - low]
 
-    def cut(self, labels: IntArray, mark: str, most: int = MOST) -> list["Part"]:
+    def cut(self, labels: IntArray, mark: str, most: int = MOST_PARTS) -> list["Part"]:
         """Return the parts of equal labels (F,), the first so many of them, numbered from 1 after a mark."""
         order, ends = np.argsort(labels, kind="stable"), np.cumsum(np.bincount(labels))[:most]
         groups = np.split(order[: ends[-1]], ends[:-1]) if len(ends) else []
@@ -262,7 +262,7 @@ class Selection:
     def _regions(self, part: Part, what: str) -> list[Part]:
         degrees = self.sharp or 0.0
         labels = part.regions(degrees)
-        if (count := labels.max() + 1) > MOST:
+        if (count := labels.max() + 1) > MOST_PARTS:
             raise InputError(f"{what} {degrees:g} deg cuts {part.text} into {count} regions; choose a larger angle")
         return part.cut(labels, REGION)
 
@@ -302,7 +302,7 @@ def _numbered(mesh: Mesh, found: dict[str, list[Part]], text: str) -> Iterator[t
     for name in mesh.named([base], f"{text}:"):
         part = Part.of(mesh, mesh.patch(name))
         labels, free = part.components(), np.ones(len(part), dtype=np.bool_)
-        if (count := labels.max(initial=-1) + 1) > MOST:
+        if (count := labels.max(initial=-1) + 1) > MOST_PARTS:
             raise InputError(f"{mesh.name}: {text} stands for {count} components; name those that are meant")
         for one in found.get(name, []):
             free[one.rows] = False

@@ -88,10 +88,10 @@ BASES = {
 BLOCK = 1 << 16
 WEIGHT = 10
 """Work on the nodes of one cell in kernel pairs, by which `in_chunks` shares it out."""
-FLAT, FLAT_POLYHEDRON = 0.2, 0.4
+LAYER_HEIGHT, LAYER_HEIGHT_POLYHEDRON = 0.2, 0.4
 """Height over the longest edge on the wall, below which a cell counts as one of a layer. The layers of snappyHexMesh
 are 0.1 to 0.4 of that edge high, its other cells on a wall 0.6 and more."""
-THICK = 0.1
+THICK_HEIGHT = 0.1
 """The same, above which the heights of polyhedra follow the wall less closely."""
 
 
@@ -242,7 +242,7 @@ class LayerEdges(NamedTuple):
     Attributes
     ----------
     starts, ends : (E,) nodes where they begin and end.
-    thick : (E,) which are of polyhedra that are higher than `THICK` of their longest edge on the wall.
+    thick : (E,) which are of polyhedra that are higher than `THICK_HEIGHT` of their longest edge on the wall.
     """
 
     starts: IntArray
@@ -337,6 +337,6 @@ def _edges(points: FloatArray, base: IntArray, top: IntArray, polyhedra: bool) -
     """Return the edges of flat cells, of nodes (C, k) on a wall and opposite: others over a wall are no layer."""
     around = np.linalg.norm(points[base] - points[np.roll(base, 1, axis=1)], axis=2).max(axis=1)
     height = np.linalg.norm(points[top] - points[base], axis=2).max(axis=1)
-    flat = height < (FLAT_POLYHEDRON if polyhedra else FLAT) * around
-    thick = np.repeat((height > THICK * around)[flat] & polyhedra, base.shape[1])
+    flat = height < (LAYER_HEIGHT_POLYHEDRON if polyhedra else LAYER_HEIGHT) * around
+    thick = np.repeat((height > THICK_HEIGHT * around)[flat] & polyhedra, base.shape[1])
     return LayerEdges(base[flat].ravel(), top[flat].ravel(), thick)

@@ -20,7 +20,7 @@ from sdm_deflect.deform.surface.surface import Surface
 
 from .job import Job
 
-SAME = 1e-9  # of the moving surfaces' size: lengths below are zero
+ZERO_LENGTH = 1e-9  # of the moving surfaces' size: lengths below are zero
 LEAST = 1e-8  # length of the moving surfaces, as a share of the largest coordinate or of 1
 ON_SHAPE = 1e-6  # of it: a moving node this near to a sliding shape is put on it
 ALIKE = 0.01  # of the largest displacement: images on a moving surface that move alike but for this get the mean
@@ -201,7 +201,7 @@ class PrescribedNodes:
         for surface, part in zip(self.surfaces, parts, strict=True):
             rows = np.searchsorted(self.nodes, surface.nodes)
             known = out[rows]
-            apart = np.abs(known - part).max(axis=1) > SAME * self.size  # nan, not known yet, compares false
+            apart = np.abs(known - part).max(axis=1) > ZERO_LENGTH * self.size  # nan, not known yet, compares false
             if apart.any():
                 raise InputError(
                     f"{self.mesh.name}: {int(apart.sum())} nodes of {surface.named} also belong to another moving "
@@ -212,7 +212,7 @@ class PrescribedNodes:
         return out
 
     def _check_fixed(self, displacement: FloatArray) -> None:
-        moves = np.linalg.norm(displacement, axis=1) > SAME * self.size
+        moves = np.linalg.norm(displacement, axis=1) > ZERO_LENGTH * self.size
         for name in self.fixed:
             shared = np.isin(self.nodes, self.mesh.patch(name).nodes, assume_unique=True)
             count = int(np.count_nonzero(shared & moves))
@@ -229,7 +229,7 @@ class PrescribedNodes:
             return displacement
         mesh, largest = self.mesh, float(np.abs(displacement).max(initial=0.0))
         behind = self._left_behind(displacement)
-        if behind > SAME * self.size:
+        if behind > ZERO_LENGTH * self.size:
             raise InputError(
                 f"{mesh.name}: nodes of the moving surface move by up to {behind:.4g}, but their "
                 "images in a periodic pair are on no moving surface; name the patches on both sides"
@@ -237,7 +237,7 @@ class PrescribedNodes:
         out = self.images.among(self.nodes).projected(displacement)
         off = float(np.linalg.norm(out - displacement, axis=1).max(initial=0.0))
         wedge = any(mesh.patch(name).constraint == "wedge" for name in self.sides)
-        if off > max(SAME * self.size, (TILT if wedge else ALIKE) * largest):
+        if off > max(ZERO_LENGTH * self.size, (TILT if wedge else ALIKE) * largest):
             what, hinge = "move unlike their periodic images", "fit to the periodicity"
             if self.sides:
                 what, hinge = "leave the plane of a case one cell thick", "be parallel to its thin direction"

@@ -26,7 +26,7 @@ from .boundary import Amounts, PrescribedNodes
 from .plan import BoxPlan, Plan
 from .step import Adapting, Step, Way, rate, solve
 
-MOST = 20_000
+MOST_MIDPOINTS = 20_000
 """Points that are measured; of more, every n-th."""
 
 
@@ -67,12 +67,12 @@ class ErrorBetween:
 
 
 def _corners(faces: Polygons) -> Polygons:
-    """Return the corners of edges, then of faces, each edge once; of more than `MOST` of both, every n-th."""
+    """Return the corners of edges, then of faces, each edge once; of more than `MOST_MIDPOINTS` of both, every n-th."""
     edges = np.empty((0, 2), dtype=np.intp) if are_lines(faces) else np.sort(edges_of(faces)[0], axis=1)
     edges = np.unique(edges, axis=0)
     sizes = np.concatenate([np.full(len(edges), 2), np.diff(faces.offsets)])
     nodes = np.concatenate([edges.ravel(), faces.nodes])
-    chosen = np.arange(0, len(sizes), max(1, -(-len(sizes) // MOST)))
+    chosen = np.arange(0, len(sizes), max(1, -(-len(sizes) // MOST_MIDPOINTS)))
     starts = (np.cumsum(sizes) - sizes)[chosen]
     offsets = np.concatenate([[0], np.cumsum(sizes[chosen])])
     rows = np.arange(offsets[-1]) + np.repeat(starts - offsets[:-1], sizes[chosen])

@@ -30,7 +30,7 @@ from .near_wall import Nearby, NearWall
 from .region import ON_FACE
 from .step import Step
 
-ROWS = 1 << 18
+POINTS_AT_A_TIME = 1 << 18
 """Nodes moved at a time."""
 NEAR = 1e-6
 """Share of the distance between places within which a point is no other one, but one that was rounded."""
@@ -207,11 +207,11 @@ class Field:
         if given.ndim != 2 or given.shape[1] != 3:
             raise InputError(f"points {given.shape} must be (N, 3)")
         out = given.copy()
-        for start in range(0, len(out), ROWS):
-            rows = slice(start, start + ROWS)
+        for start in range(0, len(out), POINTS_AT_A_TIME):
+            rows = slice(start, start + POINTS_AT_A_TIME)
             for box in self.boxes:
                 box.move(given[rows], out[rows])
-            progress("moving", min(1.0, (start + ROWS) / len(out)))
+            progress("moving", min(1.0, (start + POINTS_AT_A_TIME) / len(out)))
         return out
 
     def save(self, path: str | PathLike[str]) -> None:

@@ -39,7 +39,7 @@ FAR = 0.05, 0.5  # edges of the surface: that distance is between these, so only
 COARSE = 5.0  # times the edge over the surface's size: that distance, in edges
 LAYERS = 8.0  # first heights: that distance, at least
 ALONE = 0.5  # of the distance to another part of the boundary: layer sites are nearer to their own
-MOST = 30_000  # layer sites
+MOST_LAYER_SITES = 30_000  # layer sites
 AROUND, POWER = 32, 5  # boundary nodes whose mean a point follows, and the power of their weights
 LEAST = 2.0**-100  # distance; a power of two, so that a point on a node goes with it to the bit
 BEYOND = 1.001  # times the distance of the next node: where the weight of a node is zero
@@ -187,7 +187,7 @@ def layer_sites(nearby: Nearby, nodes: IntArray, far: float) -> IntArray:
     rows = np.flatnonzero(good)
     rows = rows[np.lexsort((-first[rows], nearby.node[rows]))]
     _, own = np.unique(nearby.node[rows], return_index=True)
-    return rows[own][:: max(1, -(-len(own) // MOST))]
+    return rows[own][:: max(1, -(-len(own) // MOST_LAYER_SITES))]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -21,7 +21,7 @@ from .plan import BoxPlan
 from .region import check_moving
 from .step import Fits, Step, StepStart
 
-SAME = 1e-6  # of the surface's median edge: a centre and its data site are no farther apart
+SITE_TOLERANCE = 1e-6  # of the surface's median edge: a centre and its data site are no farther apart
 
 
 class Centers(NamedTuple):
@@ -198,6 +198,6 @@ def _rows(state: StepStart, sites: DataSites, centers: Mapping[int, FloatArray])
     if found.ndim != 2 or found.shape[1] != 3 or not len(found) or not np.isfinite(found).all():
         raise InputError("no centres")
     distance, rows = cKDTree(sites.points).query(found)
-    if np.any(distance > SAME * state.sites.edge) or len(np.unique(rows)) != len(rows):
+    if np.any(distance > SITE_TOLERANCE * state.sites.edge) or len(np.unique(rows)) != len(rows):
         raise InputError(f"{state.boundary.mesh.name}: the centres are no data sites")
     return np.asarray(rows, dtype=np.intp)

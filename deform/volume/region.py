@@ -13,7 +13,7 @@ from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.cells import Patch, Zone
 from sdm_deflect.deform.mesh.mesh import Mesh
 
-from .boundary import SAME, Amounts, PrescribedNodes
+from .boundary import ZERO_LENGTH, Amounts, PrescribedNodes
 from .box import BoxScene, Chosen
 from .job import Section
 
@@ -145,7 +145,7 @@ def check_moving(boundary: PrescribedNodes, hexahedron: Hexahedron, all_amounts:
     start = boundary.mesh.points[boundary.nodes]
     for amounts in all_amounts:
         move = boundary.displacement(amounts)
-        moves = np.abs(move).max(axis=1) > SAME * boundary.size
+        moves = np.abs(move).max(axis=1) > ZERO_LENGTH * boundary.size
         both = [hexahedron.contains(places[moves], ON_FACE * boundary.size) for places in (start, start + move)]
         out = int(np.count_nonzero(~(both[0] & both[1])))
         if out:

@@ -9,13 +9,13 @@ from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, firs
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.hexahedron import FACES, border_sites, polygon_sites
 from sdm_deflect.deform.mesh.edges import edges_of, median_edge, polygons_of
-from sdm_deflect.deform.mesh.images import FLAT, is_thin
+from sdm_deflect.deform.mesh.images import PLANE_TOLERANCE, is_thin
 from sdm_deflect.deform.mesh.sliding import Plane
 from sdm_deflect.deform.rbf.fitting import KERNELS, Fitting
 from sdm_deflect.deform.rbf.kernels import OF_RADIUS, Kernel
 from sdm_deflect.deform.rbf.problem import DataSites, pinned
 
-from .boundary import SAME, PrescribedNodes
+from .boundary import ZERO_LENGTH, PrescribedNodes
 from .near_wall import LocalRotation
 from .region import BoxNodes
 
@@ -161,7 +161,7 @@ def _distinct(boundary: PrescribedNodes, fixed: IntArray, slid: IntArray) -> tup
 
     Raises InputError if coincident nodes are to move differently.
     """
-    mesh, tol = boundary.mesh, SAME * boundary.size
+    mesh, tol = boundary.mesh, ZERO_LENGTH * boundary.size
     nodes = np.concatenate([boundary.nodes, fixed, slid])
     first = first_coincident(mesh.points[nodes], tol)
     move = np.vstack([boundary.displacement(boundary.job.amounts), np.zeros((len(fixed), 3))])
@@ -290,8 +290,8 @@ def _around_walls(boundary: PrescribedNodes, region: BoxNodes, spacing: float) -
 
 def _in_front(boundary: PrescribedNodes, sites: FloatArray) -> FloatArray:
     """Drop sites behind a plane that bounds the mesh, a sliding one or of a pair: nothing is there to be held."""
-    sliding = [(patch.surface, SAME) for patch in boundary.sliding if isinstance(patch.surface, Plane)]
-    for plane, near in (*sliding, *((wall, FLAT) for wall in boundary.walls)):
+    sliding = [(patch.surface, ZERO_LENGTH) for patch in boundary.sliding if isinstance(patch.surface, Plane)]
+    for plane, near in (*sliding, *((wall, PLANE_TOLERANCE) for wall in boundary.walls)):
         side = plane.distance(boundary.mesh.points[boundary.nodes])
         tol = near * boundary.size
         if (side >= -tol).all() or (side <= tol).all():

@@ -16,7 +16,7 @@ from sdm_deflect.cases.api import Options
 from sdm_deflect.cases.cli.deflect import deflect as command
 from sdm_deflect.cases.cli.options import DeflectCommand, settings_options
 from sdm_deflect.cases.settings.conversion import structured, table_of, to_toml
-from sdm_deflect.cases.settings.job_settings import FLAT, IN_PYTHON, JobSettings, job_settings, read_job
+from sdm_deflect.cases.settings.job_settings import BY_NAME, IN_PYTHON, JobSettings, job_settings, read_job
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.schema import GROUPS, Doc, Option, Range, Spelling, check_settings, described, settings_in
 from tests.derived import GUIDE, KEYWORDS, ROOT, guide, keywords
@@ -41,8 +41,8 @@ class More(JobSettings):
 
 
 def test_what_is_written_of_the_schema_is_as_it_is_made():
-    assert KEYWORDS.read_text(encoding="utf-8") == keywords(FLAT.values())
-    assert GUIDE.read_text(encoding="utf-8") == guide(FLAT.values())
+    assert KEYWORDS.read_text(encoding="utf-8") == keywords(BY_NAME.values())
+    assert GUIDE.read_text(encoding="utf-8") == guide(BY_NAME.values())
 
 
 def test_a_setting_is_added_in_one_place():
@@ -65,7 +65,7 @@ def test_a_setting_is_added_in_one_place():
 
 def test_every_setting_is_told_wherever_settings_are():
     flags = {word for one in command.params if isinstance(one, click.Option) for word in one.opts}
-    for name, setting in FLAT.items():
+    for name, setting in BY_NAME.items():
         doc, flag = setting.note(Doc), (setting.note(Option) or Option()).flag
         assert doc.group in GROUPS
         assert doc.text.endswith(".")
@@ -75,7 +75,7 @@ def test_every_setting_is_told_wherever_settings_are():
             or f"`{name}`: {doc.text[:30]}" in sdm_deflect.deflect.__doc__
         )
         assert flag is None or (flag or f"--{name.replace('_', '-')}") in flags
-    assert set(Options.__annotations__) == FLAT.keys() - IN_PYTHON.keys() - {"hinge", "angle"}
+    assert set(Options.__annotations__) == BY_NAME.keys() - IN_PYTHON.keys() - {"hinge", "angle"}
 
 
 def test_help_is_in_groups_of_80_columns():

@@ -13,7 +13,7 @@ from sdm_deflect.cases.aircraft.registry import case_named, resolve
 from sdm_deflect.cases.api import deflect, read, sweep
 from sdm_deflect.cases.cli.deflect import deflect as command
 from sdm_deflect.cases.settings.conversion import to_toml
-from sdm_deflect.cases.settings.job_settings import FLAT, SectionSettings, read_job
+from sdm_deflect.cases.settings.job_settings import BY_NAME, SectionSettings, read_job
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.schema import inline_in, settings_in
 from sdm_deflect.deform.mesh.cells import Cells, Patch
@@ -60,7 +60,7 @@ def faults(attempt, values):
 
 
 @pytest.mark.filterwarnings("ignore:(hinge|tolerance)")
-@pytest.mark.parametrize("name", [*FLAT, "surface", "surfaces", "fitting", "nosuch"])
+@pytest.mark.parametrize("name", [*BY_NAME, "surface", "surfaces", "fitting", "nosuch"])
 def test_a_keyword_of_python(name, block):
     blended = {"motion": "blended", "held": [0, 1, 2], "driven": [120, 121]}
     base = blended if name in ("held", "driven", "strip") else {}

@@ -6,7 +6,7 @@ import pytest
 
 import sdm_deflect
 from sdm_deflect.cases.cli.commands import cli
-from sdm_deflect.cases.settings.job_settings import FLAT
+from sdm_deflect.cases.settings.job_settings import BY_NAME
 from tests.docs.commands import ROOT, pages
 from tests.docs.prose import faults, sentences
 
@@ -41,7 +41,7 @@ def test_helps_are_in_short_sentences_and_plain_words(name):
 
 
 def test_settings_are_in_short_sentences_and_plain_words():
-    assert faults("\n\n".join(f"{one.doc.text} {one.doc.more}" for one in FLAT.values())) == []
+    assert faults("\n\n".join(f"{one.doc.text} {one.doc.more}" for one in BY_NAME.values())) == []
 
 
 @pytest.mark.parametrize("name", [name for name in sdm_deflect.__all__ if name != "__version__"])

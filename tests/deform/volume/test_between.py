@@ -61,7 +61,7 @@ def test_a_finer_mesh_has_less_of_it():
 def test_points_are_bounded_and_the_same_each_time(monkeypatch):
     whole = turn(block_with_body(16), angle=20.0, near_wall=False)
     measured = whole.boxes[0].error_between
-    monkeypatch.setattr(between, "MOST", 50)
+    monkeypatch.setattr(between, "MOST_MIDPOINTS", 50)
     amounts = whole.plan.boxes[0].boundary.displacement(whole.amounts)
     few, again = (ErrorBetween.of(whole.plan.boxes[0].boundary, whole.boxes[0].steps, amounts) for _ in range(2))
     assert few == again

@@ -168,7 +168,7 @@ def test_layer_sites_keep_away_from_another_part():
 
 
 def test_too_many_layer_sites_are_thinned(monkeypatch):
-    monkeypatch.setattr(near_wall, "MOST", 30)
+    monkeypatch.setattr(near_wall, "MOST_LAYER_SITES", 30)
     wall = np.column_stack([np.arange(100.0), np.zeros(100), np.zeros(100)])
     nearby = Nearby.of(wall + np.array([0.0, 0.0, 0.3]), wall, [np.arange(100)])
     rows = layer_sites(nearby, np.arange(100), 0.5)
