@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from sdm_deflect.cases.aircraft.job import BLOCK, panel_of
 from sdm_deflect.cases.aircraft.metrics import Run
 from sdm_deflect.cases.report.figures import bars
-from sdm_deflect.cases.report.slices import BLUE, COMPONENTS, DARK, GREY, MAGENTA, ORANGE, components_of, quality_rgb
+from sdm_deflect.cases.report.slices import BLUE, COMPONENTS, DARK, GREY, MAGENTA, ORANGE
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
@@ -19,7 +19,7 @@ from sdm_deflect.geometry.datum import ends, ribs
 from sdm_deflect.meshing.generate.attachment import cell_faces, edges_of
 from sdm_deflect.meshing.mesh import tets_of, touching, triangles_of
 from studies import rendering
-from studies.rendering import Layer, Picture, View
+from studies.rendering import Layer, Picture, View, components_of, quality_rgb
 
 BINS = np.linspace(0.0, 1.0, 51)
 WHOLE, GAP, TAIL = (900, 620), (900, 700), (900, 640)

@@ -2,8 +2,10 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from math import floor, log10
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 import pyvista as pv
 from matplotlib.axes import Axes
@@ -12,15 +14,17 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from sdm_deflect.cases.report.data import METRES, Length, round_length
+from sdm_deflect.cases.report.data import METRES, Length
 from sdm_deflect.cases.report.slices import (
     BOX_EDGES,
+    COMPONENTS,
     MAGENTA,
     QUALITY_MAP,
     QUALITY_RANGE,
     Colour,
     Direction,
     by_size,
+    component,
     patch_colour,
 )
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
@@ -235,3 +239,20 @@ def _scale(axes: Axes, view: View, unit: Length) -> None:
     right, low = 0.97 * width, 0.95 * height
     axes.plot([right - length / pixel, right], [low, low], color="black", lw=2.5)
     axes.annotate(unit.text(length, "g"), (right, low - 0.015 * height), fontsize="small", va="bottom", ha="right")
+
+
+def round_length(most: float) -> float:
+    """Return the largest of 1, 2, 5 times a power of ten that is not above `most`."""
+    power = 10.0 ** floor(log10(most))
+    return max(first * power for first in (1.0, 2.0, 5.0) if first * power <= most * (1.0 + 1e-12))
+
+
+def components_of(patches: Iterable[str]) -> list[str]:
+    """Return the components among patches that have a colour, in the order of `COMPONENTS`."""
+    present = {component(patch) for patch in patches}
+    return [name for name in COMPONENTS if name in present]
+
+
+def quality_rgb(quality: FloatArray) -> IntArray:
+    """Return the colours (F, 3) of qualities (F,)."""
+    return np.asarray(np.rint(255.0 * mpl.colormaps[QUALITY_MAP](QUALITY_RANGE(quality))[:, :3]), dtype=np.intp)

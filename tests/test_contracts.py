@@ -159,7 +159,7 @@ def test_no_class_has_the_name_of_another():
 
 
 BUDGETS = {
-    "cases": (622, 6),
+    "cases": (624, 6),
     "cases/aircraft": (2088, 13),
     "cases/cli": (1284, 7),
     "cases/compare": (519, 5),

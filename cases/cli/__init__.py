@@ -24,7 +24,11 @@ def main() -> NoReturn:
             raise
     if came:
         code = 128 + came[0]
-        _say_interrupted()
+        files = sys.modules.get("sdm_deflect.meshing.files")
+        placed = ", ".join(map(str, files.placed)) if files else ""
+        became = f"{placed} written already, and whole" if placed else "earlier results are as they were"
+        with suppress(OSError, AttributeError):
+            sys.stderr.write(f"interrupted; {became}\n")
     with suppress(OSError, AttributeError):  # a stream that is closed, or that was never there
         sys.stdout.flush()
     os._exit(code)  # nothing is left to do, and libraries take up to a second to be unloaded
@@ -43,12 +47,3 @@ def _requests() -> list[int]:
         if signal.getsignal(one) != signal.SIG_IGN:  # nohup's stays ignored
             signal.signal(one, asked)
     return came
-
-
-def _say_interrupted() -> None:
-    """Say what became of the results."""
-    files = sys.modules.get("sdm_deflect.meshing.files")
-    placed = ", ".join(map(str, files.placed)) if files else ""
-    became = f"{placed} written already, and whole" if placed else "earlier results are as they were"
-    with suppress(OSError, AttributeError):
-        sys.stderr.write(f"interrupted; {became}\n")

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cached_property
 from itertools import groupby, takewhile
-from math import floor, log10
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -300,12 +299,6 @@ def drawn_measure(mesh: Mesh) -> str:
     return ("; ".join(texts) or "quality").replace(MEASURES[POLYHEDRON], f"{OF_POLYHEDRA:g} x {MEASURES[POLYHEDRON]}")
 
 
-def round_length(most: float) -> float:
-    """Return the largest of 1, 2, 5 times a power of ten that is not above `most`."""
-    power = 10.0 ** floor(log10(most))
-    return max(first * power for first in (1.0, 2.0, 5.0) if first * power <= most * (1.0 + 1e-12))
-
-
 def name_of(patches: Sequence[str]) -> str:
     """Return a name for patches together: their own, or what their names begin with."""
     alike = takewhile(lambda letters: len(set(letters)) == 1, zip(*patches, strict=False))
@@ -327,7 +320,9 @@ def read_courses(folder: Path) -> dict[str, list[Convergence]]:
     """Return the adaptations that convergence.csv tells of, by surface; InputError if it is missing or damaged."""
     path, courses = folder / "convergence.csv", {}  # type: tuple[Path, dict[str, list[Convergence]]]
     with damaged(path, "history of a run"), path.open(newline="", encoding="utf-8") as file:
-        for key, group in groupby(csv.DictReader(file, strict=True), _course):
+        for key, group in groupby(
+            csv.DictReader(file, strict=True), lambda r: (text_of(r["surface"]), int(r["step"]), r["direction"])
+        ):
             rows, name = list(group), ", ".join(map(str, key))
             if [int(row["iteration"]) for row in rows] != list(range(len(rows))):
                 raise InputError(f"the iterations of {name} do not count up")
@@ -367,15 +362,6 @@ def measured(checks: Sequence[Check]) -> tuple[Check, ...]:
     return tuple(replace(check, where=f"{check.where}; measured by the run") for check in own)
 
 
-def _directions(courses: Sequence[Convergence]) -> list[str]:
-    """Return the directions in which a box was fitted: a plane mesh has no z."""
-    return sorted({direction for course in courses for direction in course.directions})
-
-
-def _course(row: dict[str, str]) -> tuple[str, int, str]:
-    return text_of(row["surface"]), int(row["step"]), row["direction"]
-
-
 def _check(row: Json) -> Check:
     own = {item.name: row[item.name] for item in fields(Check) if item.name in row}
     return Check(**{**own, "value": float("nan") if row["value"] is None else row["value"]})
@@ -395,3 +381,8 @@ def shown(value: Any) -> str:
     if is_dataclass(value):
         return " ".join(shown(getattr(value, one.name)) for one in fields(value))
     return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _directions(courses: Sequence[Convergence]) -> list[str]:
+    """Return the directions in which a box was fitted: a plane mesh has no z."""
+    return sorted({direction for course in courses for direction in course.directions})

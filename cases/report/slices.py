@@ -9,7 +9,6 @@ from itertools import chain
 from typing import Any
 from zlib import crc32
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -79,17 +78,6 @@ def patch_colour(patch: str, moving: bool = False) -> Colour:
 def hexadecimal(colour: Colour) -> str:
     """Return a colour as a web page wants it."""
     return "#{:02x}{:02x}{:02x}".format(*colour)
-
-
-def components_of(patches: Iterable[str]) -> list[str]:
-    """Return the components among patches that have a colour, in the order of `COMPONENTS`."""
-    present = {component(patch) for patch in patches}
-    return [name for name in COMPONENTS if name in present]
-
-
-def quality_rgb(quality: FloatArray) -> IntArray:
-    """Return the colours (F, 3) of qualities (F,)."""
-    return np.asarray(np.rint(255.0 * mpl.colormaps[QUALITY_MAP](QUALITY_RANGE(quality))[:, :3]), dtype=np.intp)
 
 
 CHANGE_MAP = "RdBu"

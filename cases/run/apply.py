@@ -56,7 +56,8 @@ def apply_field(
         If a mesh cannot be read or written.
     """
     field = Field.load(path)
-    states = states_of(file for mesh in meshes for file in _files(mesh))
+    parts = (sorted((m / "constant" / "polyMesh").iterdir()) if is_part(m) else files_of(m) for m in meshes)
+    states = states_of(file for files in parts for file in files)
     places, found = sum(len(box.places) for box in field.boxes), _found(field, path, meshes, zones, progress)
     files = []
     with _writers(meshes, out) as writers:
@@ -89,10 +90,6 @@ def _found(field: Field, path: Path, meshes: Sequence[Path], zones: Sequence[str
     if not (count := sum(int(exact.sum()) for exact, _ in known)):
         raise InputError(f"{path}: is of another mesh: none of its places is a point of {_names(meshes)}")
     return count
-
-
-def _files(mesh: Path) -> Sequence[Path]:
-    return sorted((mesh / "constant" / "polyMesh").iterdir()) if is_part(mesh) else files_of(mesh)
 
 
 def _points(mesh: Path) -> tuple[FloatArray, tuple[Zone, ...]]:

@@ -165,13 +165,9 @@ def _deflected(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: R
             names.append(wanted.field)
         check_unchanged(plan.mesh.files)
         wanted.keep_tables(scratch)
-    return Outcome(plan, tuple(found), tuple(names), wanted.reports, lost, notes=_without_page(wanted))
-
-
-def _without_page(wanted: Targets) -> tuple[str, ...]:
-    """Return a note if a report was asked for, and has no page."""
-    text = report_lacks() if wanted.reported else ""
-    return (f"there is no report.html: {text}",) if text else ()
+    lacking = report_lacks() if wanted.reported else ""
+    notes = (f"there is no report.html: {lacking}",) if lacking else ()
+    return Outcome(plan, tuple(found), tuple(names), wanted.reports, lost, notes)
 
 
 def write_angle(wanted: Targets, one: Deflection, out: Path, progress: Progress) -> tuple[str, ...]:

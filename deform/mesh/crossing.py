@@ -256,7 +256,11 @@ def _in_leaf(
         if (tree.moved[other] and other <= row) or _neighbours(tree.labels[row], tree.labels[other]):
             continue
         one, two = tree.corners[row], tree.corners[other]
-        if _cross(one, two, tolerance) if plane else _pierce(one, two, tolerance):
+        if plane:
+            through = _parted(one, two, tolerance) and _parted(two, one, tolerance)
+        else:
+            through = _edges_through(one, two, tolerance) or _edges_through(two, one, tolerance)
+        if through:
             if len(pairs):
                 pairs[found, 0], pairs[found, 1] = row, other
             found += 1
@@ -280,12 +284,6 @@ def _neighbours(one: IntArray, other: IntArray) -> bool:  # pragma: no cover - c
         for j in range(3):
             shared |= one[i] == other[j]
     return bool(shared)
-
-
-@compiled_exactly
-def _pierce(one: FloatArray, other: FloatArray, tolerance: float) -> bool:  # pragma: no cover - compiled
-    """Return whether an edge of one of two triangles (9,) goes through the other one."""
-    return _edges_through(one, other, tolerance) or _edges_through(other, one, tolerance)
 
 
 @compiled_exactly
@@ -317,12 +315,6 @@ def _edges_through(s: FloatArray, t: FloatArray, tolerance: float) -> bool:  # p
         if within:
             return True
     return False
-
-
-@compiled_exactly
-def _cross(s: FloatArray, t: FloatArray, tolerance: float) -> bool:  # pragma: no cover - compiled
-    """Return whether two segments (9,) in a plane of constant z cross, their ends farther than `tolerance` apart."""
-    return _parted(s, t, tolerance) and _parted(t, s, tolerance)
 
 
 @compiled_exactly

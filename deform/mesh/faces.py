@@ -56,7 +56,10 @@ class BoundaryGaps:
         keys = node_keys(len(mesh.points))
         parts = zip(mesh.cells, touched.rows, strict=True)
         known, count = counted(_joined([_keys_of(*part, marked, keys) for part in parts]))
-        held = {patch.name: _patch_keys(patch, keys, marked) for patch in mesh.patches}
+        held = {
+            patch.name: _joined([face_keys(faces, keys)[_with_any(faces, marked)] for faces in patch.faces])
+            for patch in mesh.patches
+        }
         every = distinct(_joined(list(held.values())))
         missed = np.setdiff1d(known[count == 1], every, assume_unique=True)
         loose = sum(int(np.count_nonzero(~_among(own, known))) for own in held.values())
@@ -112,10 +115,6 @@ def _among(own: Keys, known: Keys) -> Marks:
 
 def _joined(parts: list[Keys]) -> Keys:
     return np.concatenate([np.empty(0, np.uint64), *parts])
-
-
-def _patch_keys(patch: Patch, keys: Keys, marked: Marks) -> Keys:
-    return _joined([face_keys(faces, keys)[_with_any(faces, marked)] for faces in patch.faces])
 
 
 def _with_any(faces: Cells | Polygons, marked: Marks) -> Marks:

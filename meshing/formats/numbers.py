@@ -250,7 +250,7 @@ def _lines(text: Bytes, first: IntArray, begin: IntArray, end: IntArray) -> int:
         if text[i] == 10:
             lines += words > first[lines]
             first[lines] = words
-        elif not _blank(text[i]):
+        elif not (text[i] == 32 or 9 <= text[i] <= 13):
             return -1
     return lines
 
@@ -273,11 +273,6 @@ def _decimals(text: Bytes, begin: IntArray, end: IntArray, values: FloatArray) -
         if values[i] == np.inf:
             return False
     return True
-
-
-@compiled_exactly
-def _blank(letter: int) -> bool:  # pragma: no cover - machine code
-    return letter == 32 or 9 <= letter <= 13
 
 
 @compiled_exactly

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases.report.pictures import write_png
-from sdm_deflect.cases.report.slices import BLUE, MAGENTA, ORANGE, QUALITY_RANGE, patch_colour, quality_rgb
+from sdm_deflect.cases.report.slices import BLUE, MAGENTA, ORANGE, QUALITY_RANGE, patch_colour
 from sdm_deflect.deform.mesh.quality import signed_volumes
 from sdm_deflect.meshing.mesh import tets_of
 from studies import pictures as aircraft
 from studies.pictures import cells_by_quality, histograms, shell
-from studies.rendering import figure_of, rendered
+from studies.rendering import figure_of, quality_rgb, rendered
 from tests.pictures import differing, inked, pixels, share
 
 
@@ -49,7 +49,7 @@ def test_better_cells_are_brighter():
 def test_histograms_hold_every_cell_before_and_after(tail_run):
     run, _ = tail_run
     figure, text = histograms([run], ["+12 deg"])
-    near = np.isin(tets_of(run.mesh), run.deflection.boxes[0].plan.boxes[0].region.inside).any(axis=1)
+    near = np.isin(tets_of(run.mesh), run.deflection.boxes[0].plan.region.inside).any(axis=1)
     counts = [patch.get_data().values.sum() for patch in figure.axes[0].patches]
     assert counts == [len(near), len(near), near.sum(), near.sum()]
     assert "smallest" in text

@@ -9,7 +9,19 @@ import pytest
 from sdm_deflect.cases.report.pictures import write_png
 from sdm_deflect.cases.report.slices import BLUE, MAGENTA, patch_colour
 from studies.pictures import walls
-from studies.rendering import MARGIN, Layer, Picture, View, dots, figure_of, framed, legible, plain, rendered
+from studies.rendering import (
+    MARGIN,
+    Layer,
+    Picture,
+    View,
+    dots,
+    figure_of,
+    framed,
+    legible,
+    plain,
+    rendered,
+    round_length,
+)
 from tests.pictures import pixels, shades, share
 
 TRIANGLE = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
@@ -86,3 +98,7 @@ def test_png_is_written_small(tmp_path):
     assert shades(image) > 256  # the scale of the quality
     assert (tmp_path / "two.png").stat().st_size < 50_000
     assert len(figure.axes) == 3
+
+
+def test_a_scale_has_a_round_length():
+    assert [round_length(most) for most in (0.9, 1.0, 4.99, 7e-4, 2100.0)] == [0.5, 1.0, 2.0, 5e-4, 2000.0]
