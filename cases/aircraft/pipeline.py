@@ -166,7 +166,7 @@ def pinned_quality(case: Case, mesh: Mesh, progress: Progress) -> Quality:
     return deflect(plan, plan.angle, progress).quality[0]
 
 
-def search_of(case: Case, mesh: Mesh, threshold: float, resolution: float) -> Search:
+def case_search(case: Case, mesh: Mesh, threshold: float, resolution: float) -> Search:
     """Return how the largest angles of a case are found, given its mesh and the smallest acceptable mean ratio."""
 
     def plan(angle: float, repair: RepairMode) -> Plan:

@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from sdm_deflect.deform.rbf.fitting import RepairMode
     from sdm_deflect.deform.volume.plan import Plan
 
-BEYOND = 3.0
-"""Times its amount a table is scaled at most."""
 HELPERS = ("workers", "scheduler", "worker_memory")
 """Options of work that others do."""
 moved = partial(click.option, cls=options.Grouped, group="What moves")
@@ -212,20 +210,18 @@ def _search_of_case(case: str, watch: "Stopwatch", given: dict[str, Any]) -> Fou
         raise InputError(f"{flag} is of a mesh, and {case} is a case: replace its settings by --set")
     resolved = resolve(case, **{**own, "scale": own["scale"] or "small"})
 
-    from sdm_deflect.cases.aircraft.pipeline import meshed, search_of
+    from sdm_deflect.cases.aircraft.pipeline import case_search, meshed
 
-    search = search_of(resolved, meshed(resolved, watch)[0], threshold, resolution)
+    search = case_search(resolved, meshed(resolved, watch)[0], threshold, resolution)
     figures = {"case": case, "scale": resolved.scale, "quality": threshold, "resolution_deg": resolution}
     return search, resolved.repair, Path("runs") / f"{case}-limit", figures
 
 
 def _search_of_mesh(name: str, watch: "Stopwatch", given: dict[str, Any]) -> Found:
     """Return how the limits of surfaces of a mesh are found, the mesh read."""
-    from sdm_deflect.cases.run.limit import Search
+    from sdm_deflect.cases.run.limit import search_of
     from sdm_deflect.cases.run.mesh_files import Targets
     from sdm_deflect.cases.settings.jobs import jobs_of
-    from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE
-    from sdm_deflect.deform.volume.plan import Plan
     from sdm_deflect.meshing.formats.registry import read
 
     for option in ("scale", "quality"):
@@ -235,22 +231,12 @@ def _search_of_mesh(name: str, watch: "Stopwatch", given: dict[str, Any]) -> Fou
     if not (given["config"] or given["table"] or given["angle"]):
         given["angle"] = 1.0
     jobs = jobs_of(_settings(given)[0])
-    first, unit = jobs[0], jobs[0].surfaces[0].motion.unit
-    ratios = [moving.amount / first.angle for job in jobs for moving in job.surfaces]
-    top = LARGEST_ANGLE / max(map(abs, ratios)) if unit == "deg" else BEYOND * abs(first.angle)
-    step = resolution or (1.0 if unit == "deg" else 0.02 * abs(first.angle))
     targets = Targets.of(path, None, ())
     with watch.stage("read") as progress:
         mesh = read(path, progress)
-
-    def plan(angle: float, repair: "RepairMode") -> Plan:
-        own = (job.at(job.beside(first, angle)) for job in jobs)
-        repaired = [replace(job, repair=replace(job.repair, mode=repair)) for job in own]
-        return Plan.of(mesh, repaired, (angle,)).keeping(targets.precision(mesh))
-
-    search = Search(f"{', '.join(first.surfaces[0].patches)} of {mesh.name}", unit, plan, top, step)
-    figures = {"mesh": name, "min_quality": first.repair.min_quality, "unit": unit, "resolution": step}
-    return search, first.repair.mode, targets.limits, figures
+    search, asked = search_of(mesh, jobs, resolution, targets.precision(mesh)), jobs[0].repair
+    figures = {"mesh": name, "min_quality": asked.min_quality, "unit": search.unit, "resolution": search.resolution}
+    return search, asked.mode, targets.limits, figures
 
 
 def _runner(helpers: Sequence[Any], *where: Any) -> AbstractContextManager["Runner"]:

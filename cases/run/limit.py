@@ -1,7 +1,7 @@
 """The largest deflection of each sign that inverts no cell and keeps the quality of the others, and what ends it."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,10 +13,12 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import Progress
 from sdm_deflect.deform.checks import run
 from sdm_deflect.deform.mesh.cells import Polyhedra
+from sdm_deflect.deform.mesh.mesh import EVERY_BIT, Mesh, Precision
 from sdm_deflect.deform.mesh.polyhedra import nodes_of
 from sdm_deflect.deform.mesh.quality import quality_and_inverted
-from sdm_deflect.deform.rbf.fitting import RepairMode
+from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE, RepairMode
 from sdm_deflect.deform.volume.deflection import Deflection
+from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.plan import Plan
 
 from .output import report_lacks, write_table
@@ -26,6 +28,8 @@ if TYPE_CHECKING:
 
 DECISIVE = ("inverted_cells", "quality_min")
 """Checks that a mesh must keep to be acceptable."""
+BEYOND = 3.0
+"""Times its amount a table is scaled at most."""
 STEPS = 3
 """Amounts of the curve are so many times the resolution apart."""
 COLOURS = ("#0072b2", "#d55e00")
@@ -161,6 +165,30 @@ class Search:
         ordered = tuple(trials[size] for size in sorted(trials))
         end = next((trials[size].fault for size in sorted(trials) if size > limit), "")
         return Limit(repair, trials[limit].angle, end, ordered)
+
+
+def search_of(mesh: Mesh, jobs: Sequence[Job], resolution: float = 0.0, precision: Precision = EVERY_BIT) -> Search:
+    """Return how the limits of surfaces of any mesh are found; several keep their proportion to the first one.
+
+    Parameters
+    ----------
+    jobs : One for each box.
+    resolution : Of the limits; 0: a degree, or a fiftieth of a table.
+    precision : How the file of a deflected mesh keeps coordinates.
+    """
+    first, unit = jobs[0], jobs[0].surfaces[0].motion.unit
+    ratios = [amount for job in jobs for amount in job.amounts_at(job.beside(first, 1.0))]
+    whole = abs(first.angle) or 1.0
+
+    def plan(angle: float, repair: RepairMode) -> Plan:
+        own = (job.at(job.beside(first, angle)) for job in jobs)
+        repaired = [replace(job, repair=replace(job.repair, mode=repair)) for job in own]
+        return Plan.of(mesh, repaired, (angle,)).keeping(precision)
+
+    title = f"{', '.join(first.surfaces[0].patches)} of {mesh.name}"
+    if unit != "deg":
+        return Search(title, unit, plan, BEYOND * whole, resolution or whole / 50.0)
+    return Search(title, unit, plan, LARGEST_ANGLE / max(map(abs, ratios)), resolution or 1.0)
 
 
 def where_worst(one: Deflection) -> str:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.aircraft.pipeline import search_of
+from sdm_deflect.cases.aircraft.pipeline import case_search
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.limit import STEPS, write_limits
 from sdm_deflect.deform.base.threads import silent
@@ -20,7 +20,7 @@ MODES = ("off", "auto")
 def test_limits_bracket_the_threshold(aileron_mesh, tmp_path):
     mesh, _ = aileron_mesh
     case, threshold, resolution = replace(case_named("tail"), repair="auto"), 0.25, 10.0
-    search = search_of(case, mesh, threshold, resolution)
+    search = case_search(case, mesh, threshold, resolution)
     limits = search.limits(case.repair, silent)
     assert [(limit.repair, np.sign(limit.angle)) for limit in limits] == [(m, s) for m in MODES for s in (-1.0, 1.0)]
     for limit in limits:
@@ -52,7 +52,7 @@ def test_limits_bracket_the_threshold(aileron_mesh, tmp_path):
 def test_no_surface_is_tried_beyond_what_any_can_turn(aileron_mesh):
     case = case_named("all")
     case = replace(case, deflections=tuple(one for one in case.deflections if one.surface == "rudder"))
-    limits = search_of(case, aileron_mesh[0], 0.01, 30.0).limits("off", silent)
+    limits = case_search(case, aileron_mesh[0], 0.01, 30.0).limits("off", silent)
     assert [limit.repair for limit in limits] == ["off", "off"]
     assert max(abs(trial.angle) for limit in limits for trial in limit.trials) == LARGEST_TURN / 1.25
     with pytest.raises(ValueError, match=r"turns the rudder by 86\.25 deg; at most 85 deg"):
@@ -60,7 +60,7 @@ def test_no_surface_is_tried_beyond_what_any_can_turn(aileron_mesh):
 
 
 def tried(case, mesh, angle):
-    return search_of(case, mesh, 0.2, 1.0).tried(angle, case.repair)
+    return case_search(case, mesh, 0.2, 1.0).tried(angle, case.repair)
 
 
 def test_a_tail_whose_root_misses_the_fuselage_is_no_limit_but_has_a_reason(aileron_mesh):
