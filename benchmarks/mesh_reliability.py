@@ -16,7 +16,7 @@ from statistics import median
 from sdm_deflect.geometry.aircraft import build
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.geometry.parameters import Fighter
-from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.child import MeshingError
 from sdm_deflect.meshing.generate.generation import generate
 from sdm_deflect.meshing.generate.parameters import SCALES, MeshParameters
 from sdm_deflect.meshing.mesh import tets_of

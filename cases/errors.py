@@ -9,8 +9,8 @@ def is_reported(error: Exception) -> bool:
         return True
     from sdm_deflect.cases.run.output import OutputError
     from sdm_deflect.deform.rbf.interpolant import SolveError
-    from sdm_deflect.geometry.errors import CadError
-    from sdm_deflect.meshing.errors import MeshingError
+    from sdm_deflect.geometry.quantity import CadError
+    from sdm_deflect.meshing.child import MeshingError
     from sdm_deflect.meshing.formats.format import MeshFileError
 
     return isinstance(error, OutputError | SolveError | CadError | MeshingError | MeshFileError)

@@ -12,7 +12,6 @@ from .assemble import assemble, preflight
 from .confinement import BlockParameters, block_corners
 from .datum import SURFACES, ends, hinge_line, hinged, ribs
 from .deflected import CadTurn, deflected_wedge, turned, wedge
-from .errors import CadError
 from .fuse import (
     NamedSolid,
     both_sides,
@@ -37,6 +36,7 @@ from .polyhedra import (
     ventral_polyhedron,
     wing_polyhedra,
 )
+from .quantity import CadError
 
 CHIMERA = "chimera"
 

@@ -14,10 +14,10 @@ from OCP.TopTools import TopTools_IndexedMapOfShape
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from .errors import CadError
 from .model import CadEdge, CadFace, CadModel
 from .parameters import MIN_FEATURE, FloatArray
 from .projection import coordinates, curve_of
+from .quantity import CadError
 
 # Degrees. Flatter creases need an internal face behind them, or the volume mesher rounds them off.
 WEAK_CREASE = 6.0

@@ -26,9 +26,9 @@ from OCP.TopoDS import TopoDS_Shape
 from OCP.TopTools import TopTools_FormatVersion
 from OCP.XCAFDoc import XCAFDoc_ColorType, XCAFDoc_DocumentTool
 
-from .errors import CadError
 from .parameters import FloatArray
 from .projection import coordinates
+from .quantity import CadError
 
 Named = Mapping[str, Sequence[Face]]
 """The faces of a solid by patch."""

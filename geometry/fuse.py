@@ -14,10 +14,10 @@ from cadquery import Edge, Face, Shape, Shell, Solid, Vector, Wire
 from OCP.BOPAlgo import BOPAlgo_Builder
 from OCP.TopTools import TopTools_IndexedMapOfShape
 
-from .errors import CadError
 from .model import CadFace
 from .parameters import MIRROR, Canopy, FloatArray, Fuselage, Inlet
 from .polyhedra import Loops
+from .quantity import CadError
 
 # Decimals of a metre to which positions are rounded where they order faces: far finer than any two are apart.
 ORDER_DECIMALS = 7

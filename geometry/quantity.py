@@ -54,3 +54,7 @@ def _check(name: str, value: object, declared: Field[Any]) -> None:
     number = float(value)
     if not isfinite(number) or not low <= number <= high:
         raise ValueError(f"{name} = {number:g}{suffix} is outside {expected}")
+
+
+class CadError(RuntimeError):
+    """The CAD kernel gave no usable solid, or the solid cannot be meshed; the message names the place."""

@@ -22,8 +22,12 @@ from numpy.typing import NDArray
 
 from sdm_deflect.meshing.formats.format import written
 
-from .errors import MeshingError
 from .files import hidden_folder
+
+
+class MeshingError(RuntimeError):
+    """No usable mesh could be made; the message says which step failed and why."""
+
 
 Array = NDArray[np.generic]
 Arrays = Mapping[str, Array]

@@ -20,10 +20,9 @@ from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.compiled import default_folder
 from sdm_deflect.geometry.datum import hinged
 from sdm_deflect.geometry.deflected import CadTurn
-from sdm_deflect.geometry.errors import CadError
+from sdm_deflect.geometry.quantity import CadError
 from sdm_deflect.meshing.cache import ArrayCache, cache_key
-from sdm_deflect.meshing.child import Arrays, serve, started
-from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.child import Arrays, MeshingError, serve, started
 from sdm_deflect.meshing.formats.format import MeshFileError
 
 if TYPE_CHECKING:

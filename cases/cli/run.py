@@ -150,8 +150,8 @@ def compare(folders: tuple[Path, ...], out: Path, as_json: bool, quiet: bool, ve
     A run may also be the folder beside a deflected mesh. The page shows the settings and figures that differ, and
     pictures of the same mesh over each other.
     """
+    from sdm_deflect.cases.compare.figures import read_runs
     from sdm_deflect.cases.compare.page import write_page
-    from sdm_deflect.cases.compare.runs import read_runs
     from sdm_deflect.deform.base.errors import InputError
 
     if out.suffix != ".html":

@@ -10,9 +10,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from sdm_deflect.cases.report.page import inline, pixels, policy, read, style
 from sdm_deflect.meshing.files import fresh, hidden_folder, permitted_as
 
-from .figures import FigureTable, Row, differing_settings, tables
+from .figures import ComparedRun, FigureTable, Row, alike, differing_settings, tables
 from .pictures import Shown, drawn
-from .runs import ComparedRun, alike
 
 HERE = "sdm_deflect.cases.compare"
 

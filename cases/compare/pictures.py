@@ -17,7 +17,7 @@ from sdm_deflect.cases.report.slices import AXES, QUALITY_MAP, QUALITY_RANGE, Cu
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.mesh.quality import MEASURES, POLYHEDRON, quality_of
 
-from .runs import ComparedRun, alike
+from .figures import ComparedRun, alike
 
 BEFORE = "undeflected"
 MOST = 60

@@ -1,6 +1,6 @@
 """Sections through the cells around a surface, coloured by quality.
 
-Colours of patches, qualities and displacements, and faces as arrays.
+Also the colours of patches, qualities and displacements, and faces as arrays.
 """
 
 from collections.abc import Iterable

@@ -1,6 +1,6 @@
 """The files of a run: written into a folder that replaces the old one as a whole.
 
-What the program runs on: libraries and their versions, interpreter, machine.
+Also what the program runs on: libraries and their versions, interpreter, machine.
 """
 
 import csv

@@ -1,6 +1,6 @@
 """What users set becomes a job of the engine: files are read, and words become motions, nodes and boxes.
 
-What is chosen of patches, as users write it: ``flap=wall#2 box:0.6,-1,-1,1,1,1``.
+Selections of patches are written so: ``flap=wall#2 box:0.6,-1,-1,1,1,1``.
 """
 
 import re

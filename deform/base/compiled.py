@@ -1,9 +1,4 @@
-"""How this package compiles its loops.
-
-The user's cache folder, and in it the one of compiled code.
-
-Vectors of three numbers in compiled loops.
-"""
+"""How this package compiles its loops, where compiled code is kept, and vectors of three numbers in such loops."""
 
 import hashlib
 import os

@@ -1,6 +1,6 @@
 """What a user is told in one sentence instead of a traceback.
 
-How much memory a file may take, and arrays read from .npz files within that.
+Also how much memory a file may take, and arrays read from .npz files within that.
 """
 
 import lzma

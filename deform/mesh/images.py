@@ -1,7 +1,5 @@
 """Nodes that move as images of one another: those of periodic pairs, and both sides of a case one cell thick.
 
-Which node of one periodic patch is the image of which of the other, and by which rigid motion.
-
 Files give pairs, or a motion, or neither, and a motion in single precision is 1e-7 off. So the motion is always fitted
 to the pairs, and pairs that no rigid motion carries into one another are refused.
 """

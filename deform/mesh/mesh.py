@@ -1,8 +1,6 @@
-"""A mesh of any cells with named boundary patches, as CFD files hold it.
+"""A mesh of any cells with named boundary patches, as CFD files hold it: in memory, or read in pieces.
 
-A mesh that is read in pieces, because it may be larger than memory, and whoever works on the pieces.
-
-How a file keeps coordinates, and that files which were read stay what they were.
+Also: the runner that works on pieces, how a file rounds coordinates, and whether it has changed since it was read.
 """
 
 from __future__ import annotations

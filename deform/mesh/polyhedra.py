@@ -2,7 +2,7 @@
 
 The formulas are those of OpenFOAM's primitiveMesh, so that a cell is inverted here if checkMesh says so.
 
-Faces and cells of polyhedra, compiled: centres, areas, volumes, and what OpenFOAM's checkMesh measures of them.
+The compiled loops give centres, areas, volumes, and what OpenFOAM's checkMesh measures of faces.
 """
 
 from collections.abc import Sequence

@@ -3,7 +3,7 @@
 A selection begins with the faces of a patch, and each of its conditions leaves some of them. Where the faces of a
 patch are lines, those of a mesh in a plane, nodes do for them what edges do for other faces.
 
-Some faces of a patch: how they hang together, and where sharp edges divide them.
+A part is some faces of a patch that hang together, or that sharp edges divide from others.
 """
 
 from collections.abc import Iterable, Iterator, Sequence

@@ -1,6 +1,6 @@
 """Shapes on which boundary nodes slide: planes and cylinders, fitted and verified, and any surface as it is.
 
-Any surface as a shape to slide on: the undeformed faces of a patch, cut into triangles.
+Any other surface is the undeformed faces of its patch, cut into triangles.
 """
 
 from collections.abc import Callable

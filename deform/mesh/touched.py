@@ -1,6 +1,6 @@
 """The cells that a deformation may change: their quality, and the height of prism layers, before and after.
 
-Polyhedra that are prisms on a wall, as layers of OpenFOAM's snappyHexMesh are: their nodes on it, and opposite.
+Layers may be polyhedra that are prisms on a wall, as those of OpenFOAM's snappyHexMesh.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Greedy centre adaptation (paper section 4): the loop, its course, and why it ended.
 
-Which sites become centres next: step (5) of the algorithm (paper section 4), as a value that 'adapt' is given.
+A rule, given to `adapt` as a value, says which sites become centres next: step (5) of the algorithm.
 """
 
 from collections.abc import Callable, Sequence

@@ -1,7 +1,4 @@
-"""The mesh at one angle or at many, deflected as a plan says.
-
-How far the interpolant is from the moving surface between its sites: at midpoints of edges and centres of faces.
-"""
+"""The mesh at one angle, deflected as a plan says, and the error of the interpolants between their sites."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace

@@ -13,7 +13,7 @@ from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import signed_volumes
 from sdm_deflect.geometry.model import CadModel
-from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.child import MeshingError
 from sdm_deflect.meshing.mesh import Skin, tetrahedral
 
 from .attachment import TRIANGLE_EDGES, CellFaces, attach, cell_faces, snapped

@@ -12,7 +12,7 @@ from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.geometry.model import CadModel
-from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.child import MeshingError
 from sdm_deflect.meshing.mesh import Skin, skin, tetrahedral, tets_of
 
 from .assembly import assemble

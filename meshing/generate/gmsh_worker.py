@@ -3,8 +3,7 @@
 import gmsh
 import numpy as np
 
-from sdm_deflect.meshing.child import Array, Arrays, serve
-from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.child import Array, Arrays, MeshingError, serve
 
 FRONTAL_DELAUNAY = 6
 

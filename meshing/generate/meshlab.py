@@ -9,7 +9,7 @@ from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import signed_volumes
 from sdm_deflect.meshing import child
-from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.child import MeshingError
 from sdm_deflect.meshing.mesh import skin, tets_of
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.mesh.quality import signed_volumes
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing import child
-from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.child import MeshingError
 from sdm_deflect.meshing.files import hidden_folder
 from sdm_deflect.meshing.formats.format import written
 

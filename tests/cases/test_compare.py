@@ -12,10 +12,9 @@ from PIL import Image
 
 from sdm_deflect import deflect, read
 from sdm_deflect.cases.compare import pictures
-from sdm_deflect.cases.compare.figures import Row, differing_settings, tables
+from sdm_deflect.cases.compare.figures import Row, alike, differing_settings, read_runs, tables
 from sdm_deflect.cases.compare.page import page, write_page
 from sdm_deflect.cases.compare.pictures import drawn
-from sdm_deflect.cases.compare.runs import alike, read_runs
 from sdm_deflect.cases.report.folder import folder_of, write_run_folder
 from sdm_deflect.cases.report.pictures import Gallery
 from sdm_deflect.cases.run.mesh_files import write_mesh

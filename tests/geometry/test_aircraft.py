@@ -11,7 +11,6 @@ from sdm_deflect.geometry.assemble import preflight
 from sdm_deflect.geometry.confinement import BlockParameters, block_corners, gap_faces
 from sdm_deflect.geometry.datum import ends
 from sdm_deflect.geometry.deflected import CadTurn
-from sdm_deflect.geometry.errors import CadError
 from sdm_deflect.geometry.fuse import fuselage_parts
 from sdm_deflect.geometry.parameters import (
     HINGE_LOWER,
@@ -29,6 +28,7 @@ from sdm_deflect.geometry.parameters import (
     VentralFin,
     Wing,
 )
+from sdm_deflect.geometry.quantity import CadError
 
 SIDED = ("fuselage_panel", "strake", "wing", "aileron", "tail", "ventral")
 CENTRED = ("fuselage", "fuselage_rear", "canopy", "inlet", "pedestal", "fin", "rudder")

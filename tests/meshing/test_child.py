@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.meshing import child
-from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.child import MeshingError
 
 WORKER = """
 import os, sys, time

@@ -12,7 +12,7 @@ from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import signed_volumes
 from sdm_deflect.geometry.model import CadModel
-from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.child import MeshingError
 from sdm_deflect.meshing.generate import generation
 from sdm_deflect.meshing.generate.assembly import unit_normals
 from sdm_deflect.meshing.generate.generation import Generated, generate, harder

@@ -10,7 +10,7 @@ from sdm_deflect.cases.aircraft.cad import undeflected_cad
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing import child
-from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.child import MeshingError
 from sdm_deflect.meshing.generate import meshlab, meshlab_worker
 from sdm_deflect.meshing.generate.attachment import attach
 from sdm_deflect.meshing.generate.meshlab import DEFLECTION, meshlab_failures, surface_failures

@@ -3,7 +3,7 @@ import pytest
 
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing import child
-from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.child import MeshingError
 from sdm_deflect.meshing.generate import volume
 from sdm_deflect.meshing.generate.attachment import TRIANGLE_EDGES, encode
 from sdm_deflect.meshing.generate.sizing import background, size_field
