@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.run import deflect_file
 from sdm_deflect.deform.mesh import polyhedra
 from sdm_deflect.deform.mesh.cells import Cells, Patch
 from sdm_deflect.deform.mesh.mesh import Mesh, Threads
@@ -79,7 +78,8 @@ def written(mesh: Mesh, path: Path) -> Path:
 def called(monkeypatch, sdm):
     """Run a command; return its code, what it printed, and how many meshes were read in pieces."""
     taken = []
-    monkeypatch.setattr(deflect_file, "excerpt", lambda *all_: taken.append(1) or excerpt.excerpt(*all_))
+    whole = excerpt.excerpt
+    monkeypatch.setattr(excerpt, "excerpt", lambda *all_: taken.append(1) or whole(*all_))
 
     def call(large, *words):
         taken.clear()
