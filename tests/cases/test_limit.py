@@ -27,7 +27,7 @@ MESHES = {
 
 @pytest.mark.parametrize("name", MESHES)
 def test_runs_on_both_sides_confirm_it(name, sdm, tmp_path):
-    (make, words), resolution = MESHES[name], 20.0 if "wing" in name else 6.0
+    (make, words), resolution = MESHES[name], 12.0 if "wing" in name else 6.0
     path = tmp_path / name
     format_of(path).write(make(), path)
     code, text, err = sdm("limit", path, *words, "--resolution", resolution, "--json")
