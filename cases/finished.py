@@ -52,7 +52,7 @@ def export_run(
     if target.exists() and any(path.samefile(target) for path in folder.iterdir()):
         raise InputError(f"--out {target} is a file of the run; export to another name")
     mesh = run.plan.mesh if which == "undeflected" else run.plan.mesh.with_points(run.points)
-    if run.background is not None and known.zoned:
-        mesh = joined(("block", "background"), (mesh, run.background))
+    if known.zoned and (background := run.background) is not None:
+        mesh = joined(("block", "background"), (mesh, background))
     with permitted_as(folder):
         return target, known.write(mesh, target, progress)
