@@ -50,12 +50,6 @@ def divided(a: FloatArray, b: FloatArray, spacing: float) -> FloatArray:
     return np.asarray(a + np.arange(n)[:, None] / n * (b - a))
 
 
-def without_coincident(points: FloatArray, tol: float) -> FloatArray:
-    """Return points (N, 3) without those within `tol` of an earlier one."""
-    distinct = first_coincident(points, tol) == np.arange(len(points))
-    return np.asarray(points[distinct])
-
-
 def plane_axes(polygon: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the first corner of the longest edge and orthonormal axes (2, 3), the first along that edge."""
     edges = np.roll(polygon, -1, axis=0) - polygon
@@ -133,7 +127,11 @@ class Hexahedron:
         object.__setattr__(self, "corners", bounded(self.corners, "corners"))
         if self.corners.shape != (8, 3):
             raise InputError(f"corners {self.corners.shape} must be 8 points of 3 coordinates")
-        _check_distinct(self.corners)
+        size = float(np.ptp(self.corners, axis=0).max())
+        for i in range(8):
+            for j in range(i):
+                if np.linalg.norm(self.corners[i] - self.corners[j]) <= COINCIDENT * size:
+                    raise InputError(f"corners {j} and {i} of the hexahedron coincide at {self.corners[i]}")
         object.__setattr__(self, "planes", _triangle_planes(self.corners))
         _check_faces(self.corners, self.planes)
 
@@ -171,7 +169,8 @@ class Hexahedron:
         nothing = np.empty((0, 3))
         borders = np.vstack([nothing, *(border_sites(face, spacing) for face in faces)])
         inner = np.vstack([nothing, *(inner_sites(face, spacing) for face in faces)])
-        return np.vstack([without_coincident(borders, SAME_SITE * spacing), inner])
+        distinct = first_coincident(borders, SAME_SITE * spacing) == np.arange(len(borders))
+        return np.vstack([borders[distinct], inner])
 
     def section(self, point: FloatArray, normal: FloatArray) -> FloatArray:
         """Return the polygon (k, 3) in which a plane cuts the hexahedron.
@@ -208,14 +207,6 @@ def _triangle_planes(corners: FloatArray) -> FloatArray:
             n = n / size if size > 0.0 else n
             planes.append([*n, n @ corners[i]])
     return np.array(planes)
-
-
-def _check_distinct(corners: FloatArray) -> None:
-    size = float(np.ptp(corners, axis=0).max())
-    for i in range(8):
-        for j in range(i):
-            if np.linalg.norm(corners[i] - corners[j]) <= COINCIDENT * size:
-                raise InputError(f"corners {j} and {i} of the hexahedron coincide at {corners[i]}")
 
 
 def _check_faces(corners: FloatArray, planes: FloatArray) -> None:

@@ -213,7 +213,8 @@ class Fighter:
     rudder: Rudder = field(default_factory=Rudder)
 
     def __post_init__(self) -> None:
-        check_consistency(self)
+        for check in (_fuselage, _wing, _aileron, _tail, _fin, _rudder, _under_side):
+            check(self)
 
 
 def hexagon(leading: FloatArray, chord: float, bevel: float, half_thickness: float, up: FloatArray) -> FloatArray:
@@ -296,12 +297,6 @@ def rudder_span(fighter: Fighter) -> tuple[float, float]:
 
 def _snapped(station: float, target: float) -> float:
     return target if abs(station - target) < SAME_STATION else station
-
-
-def check_consistency(fighter: Fighter) -> None:
-    """Raise ValueError with one sentence on the first two components that do not fit."""
-    for check in (_fuselage, _wing, _aileron, _tail, _fin, _rudder, _under_side):
-        check(fighter)
 
 
 def _require(holds: bool, message: str) -> None:

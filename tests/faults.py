@@ -87,7 +87,7 @@ FAULTS = (
     Fault("a file is not brought to the disk", "os.fsync(handle)", "_ = handle", "tests/meshing/test_files.py"),
     Fault("the mesh that is read may be written over",
           "if source is not None and out.exists() and out.samefile(source):", "if source is None and out is None:",
-          "tests/meshing/formats/test_pieces.py"),
+          "tests/meshing/formats/test_every_format.py"),
     Fault("a copy may be nearly what was judged", "same = (points[:, :axes] == found[:, :axes])",
           "same = np.isclose(points[:, :axes], found[:, :axes])", "tests/cases/test_judged_as_written.py"),
     Fault("others may read a copy", "shared = path.stat().st_mode & 0o066", "shared = path.stat().st_mode | 0o066",

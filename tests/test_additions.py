@@ -1,6 +1,6 @@
 """A setting and a check are added in one file each: what a command does with a line more in it.
 
-A motion, a kernel and a mesh format are those of the guide's examples: one file each (tests/docs, test_own_format).
+A motion, a kernel and a mesh format are those of the guide's examples: one file each (docs/tests, test_own_format).
 """
 
 import json

@@ -40,13 +40,6 @@ def write_png(figure: Figure, path: Path) -> None:
     path.write_bytes(data.getvalue())
 
 
-def write_sharp_png(figure: Figure, path: Path) -> None:
-    """Write a figure with fine lines in the colours that represent it best; white stays white."""
-    pixels = pixels_of(figure, SHARP).quantize(160, method=ImageFile.Quantize.FASTOCTREE, dither=ImageFile.Dither.NONE)
-    pixels.putpalette([shade if shade < WHITE else 255 for shade in pixels.getpalette() or ()])
-    pixels.save(path, "png", optimize=True)
-
-
 def pixels_of(figure: Figure, dpi: int) -> ImageFile.Image:
     """Return a figure as coloured pixels."""
     figure.set_dpi(dpi)
@@ -111,5 +104,7 @@ def saved(folder: Path, part: str, name: str, figure: Figure, alternative: str) 
     """Write a figure of one part of the page, such as of one surface, into a folder."""
     harmless = re.sub(r"[^\w.+-]", "_", f"{part}_{name}" if name else part)
     path = folder / f"{harmless}.png"
-    write_sharp_png(figure, path)
+    pixels = pixels_of(figure, SHARP).quantize(160, method=ImageFile.Quantize.FASTOCTREE, dither=ImageFile.Dither.NONE)
+    pixels.putpalette([shade if shade < WHITE else 255 for shade in pixels.getpalette() or ()])
+    pixels.save(path, "png", optimize=True)
     return Exhibit(part, path, alternative, figure)

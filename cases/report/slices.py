@@ -238,7 +238,11 @@ def cut_cells(
 
     Cells of a plane mesh lie in it.
     """
-    rows = _crossed(points, block, plane)
+    above = points[:, plane.axis] >= plane.station
+    (right, up), window = plane.across, plane.window
+    beyond = [] if isinstance(block, Cells) and block.shape in PLANE else [above, ~above]
+    beyond += [points[:, c] > window[0, c] for c in (right, up)] + [points[:, c] < window[1, c] for c in (right, up)]
+    rows = np.flatnonzero(np.all([with_node(block, mask) for mask in beyond], axis=0))
     if isinstance(block, Cells) and block.shape in PLANE:
         return list(points[block.nodes[rows]][:, :, plane.across]), drawn_quality(points, block, rows, orientation)
     cell, edges = cell_edges(block, rows)
@@ -262,15 +266,6 @@ def cut_walls(mesh: Mesh, points: FloatArray, plane: CutPlane) -> FloatArray:
     walls = places[straight][:, plane.across].reshape(-1, 2, 2)
     low, high = plane.window[:, plane.across]
     return np.asarray(walls[((walls.min(axis=1) <= high) & (walls.max(axis=1) >= low)).all(axis=1)])
-
-
-def _crossed(points: FloatArray, block: Volume, plane: CutPlane) -> IntArray:
-    """Rows of the cells that the plane cuts in its window."""
-    above = points[:, plane.axis] >= plane.station
-    (right, up), window = plane.across, plane.window
-    beyond = [] if isinstance(block, Cells) and block.shape in PLANE else [above, ~above]
-    beyond += [points[:, c] > window[0, c] for c in (right, up)] + [points[:, c] < window[1, c] for c in (right, up)]
-    return np.flatnonzero(np.all([with_node(block, mask) for mask in beyond], axis=0))
 
 
 def with_node(block: Volume, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:

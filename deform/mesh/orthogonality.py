@@ -200,7 +200,8 @@ class Ring:
     @classmethod
     def of(cls, cells: Polyhedra, rows: IntArray, sign: float, couples: Couples) -> Ring:
         """Collect the faces of rows (C,) of cells, and those that are coupled with them."""
-        meant = _mask(len(cells), rows)
+        meant = np.zeros(len(cells), dtype=np.bool_)
+        meant[rows] = True
         wanted = _faces_of(cells, meant)
         wanted[couples.partners[wanted[couples.faces]]] = True
         couples = couples.among(wanted)
@@ -323,12 +324,6 @@ def _newly(before: FloatArray, after: FloatArray, limit: float) -> int:
 
 def _degrees(cosines: FloatArray) -> FloatArray:
     return np.asarray(np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0))))
-
-
-def _mask(count: int, rows: IntArray) -> BoolArray:
-    mask = np.zeros(count, dtype=np.bool_)
-    mask[rows] = True
-    return mask
 
 
 def _faces_of(cells: Polyhedra, some: BoolArray) -> BoolArray:

@@ -133,7 +133,6 @@ class Cgns(Format):
     """
 
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
-        """See `Format.read`."""
         with about(path), _opened(path) as file:
             return read_base(file, partial(progress, f"reading {path.name}")).mesh
 
@@ -141,16 +140,13 @@ class Cgns(Format):
     zoned = True
 
     def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshInPieces | None:
-        """See `Format.layout`."""
         with about(path), _opened(path) as file:
             return in_pieces(path.resolve(), file)
 
     def finer(self, out: Path, mesh: Mesh) -> str:
-        """See `Format.finer`."""
         return "" if any(isinstance(block, Polyhedra) for block in mesh.cells) else ".su2"
 
     def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
-        """See `Format.real`."""
         if source is None:
             return DOUBLE
         with about(source), _opened(source) as file:

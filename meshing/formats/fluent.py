@@ -56,12 +56,10 @@ class Fluent(Format):
     """
 
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
-        """See `Format.read`."""
         with about(path), opened(path, KIND) as file:
             return read_mesh(_group(file), partial(progress, f"reading {path.name}"))
 
     def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
-        """See `Format.real`."""
         with about(source or out), opened(source or out, KIND) as file:
             return fewest_bits(own.node.dtype for own in coordinates(_group(file)))
 

@@ -281,16 +281,11 @@ def _nodes41(cursor: Cursor) -> Iterator[tuple[FileTable | Held, FileTable | Hel
         dimension, _, parametric = cursor.ints(3).tolist()
         count = int(cursor.sizes(1)[0])
         tags = cursor.columns(count, 1, "i8", slice(1))
-        points = cursor.columns(count, node_width(dimension, parametric), REAL, slice(3))
+        if not 0 <= dimension <= 3:
+            raise MeshFileError(f"$Nodes has an entity of dimension {dimension}; the file is damaged")
+        points = cursor.columns(count, 3 + (dimension if parametric else 0), REAL, slice(3))
         if count:
             yield tags, points
-
-
-def node_width(dimension: int, parametric: int) -> int:
-    """Return how many numbers there are for a node of an entity: its coordinates, and its parameters on the entity."""
-    if not 0 <= dimension <= 3:
-        raise MeshFileError(f"$Nodes has an entity of dimension {dimension}; the file is damaged")
-    return 3 + (dimension if parametric else 0)
 
 
 def periodic(file: GmshFile, dimension: int) -> Iterator[tuple[str, IntArray]]:

@@ -200,7 +200,6 @@ class OpenFoam(Format):
     for_workers = "OpenFOAM cases in binary"
 
     def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshInPieces | None:
-        """See `Format.layout`."""
         return in_pieces(path)
 
     def files(self, path: Path) -> list[Path]:
@@ -208,7 +207,6 @@ class OpenFoam(Format):
         return [file for file in sorted(mesh_folder(path).iterdir()) if file.is_file()]
 
     def size(self, path: Path) -> int:
-        """See `Format.size`."""
         lists = ("points", "faces", "owner", "neighbour")
         return sum(file.stat().st_size for name in lists for file in mesh_folder(path).glob(f"{name}*"))
 
@@ -217,7 +215,6 @@ class OpenFoam(Format):
         return case_folder(path)
 
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
-        """See `Format.read`."""
         folder = mesh_folder(path)
         points = stored(folder, "points", vectors).values
         progress("reading faces", 0.3)
@@ -233,7 +230,6 @@ class OpenFoam(Format):
             return replace(mesh, periodic=pairs_of(patches, named, lambda nodes: points[nodes]))
 
     def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
-        """See `Format.real`."""
         if source is None:
             return DOUBLE
         plain = points_folder(source) / "points"

@@ -88,11 +88,9 @@ class FoamPieces(TablePieces):
 
     @property
     def blocks(self) -> tuple[tuple[str, int], ...]:
-        """See `Pieces.blocks`."""
         return ((POLYHEDRON, self.count),)
 
     def cells_of(self, block: int, start: int, stop: int) -> Cells | SomePolyhedra:
-        """See `Pieces.cells_of`."""
         check_unchanged(self.files, elsewhere=True)
         with about(self.given):
             return joined([self._some(low, high, start, stop) for low, high in self._ranges(start, stop)])

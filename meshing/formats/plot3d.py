@@ -54,7 +54,6 @@ class Plot3d(Format):
     """
 
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
-        """See `Format.read`."""
         return self._read(path, path, progress)
 
     def read_copy(self, path: Path, source: Path) -> Mesh:
@@ -67,11 +66,9 @@ class Plot3d(Format):
             return put_together(found.points(), found.sizes, map_of(mapped, found.sizes)).mesh
 
     def files(self, path: Path) -> Iterable[Path]:
-        """See `Format.files`."""
         return path, *maps(path)
 
     def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
-        """See `Format.real`."""
         with about(source or out), (source or out).open("rb") as file:
             real = Plot3dFile.opened(file, lambda _: None).layout.real if b"\0" in file.read(HEAD) else None
             return fewest_bits([real] if real else [])

@@ -47,7 +47,6 @@ class Su2(Format):
             return _layout(path.resolve(), source, *zones.popitem(), scratch)
 
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
-        """See `Format.read`."""
         with about(path), path.open("rb") as file:
             source = Su2File.opened(file, partial(progress, f"reading {path.name}"))
             zones = zones_of(source.sections)
@@ -55,7 +54,6 @@ class Su2(Format):
             return replace(joined(list(zones), parts), notes=notes_of(source.sections))
 
     def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
-        """See `Format.real`."""
         return DOUBLE
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
@@ -96,7 +94,6 @@ class Su2Pieces(TablePieces):
     def rewrite(
         self, nodes: IntArray, points: FloatArray, out: Path, progress: Progress = silent, runner: Runner = HERE
     ) -> None:
-        """See `Pieces.rewrite`."""
         source = Path(self.source)
         with about(source), source.open("rb") as file:
             text = Su2File.opened(file, lambda _: None)

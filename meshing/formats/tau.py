@@ -112,7 +112,6 @@ class Tau(Format):
     """
 
     def files(self, path: Path) -> Iterable[Path]:
-        """See `Format.files`."""
         return path, *mappings(path)
 
     def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshInPieces | None:
@@ -129,7 +128,6 @@ class Tau(Format):
         return MeshInPieces(path.resolve().name, pieces, patches, (Zone("", 0, points.points),))
 
     def stored(self, path: Path) -> TablePieces:
-        """See `Format.stored`."""
         with opened(path) as grid:
             return _points(grid, path)
 
@@ -152,7 +150,6 @@ class Tau(Format):
             return _write(mesh, file)
 
     def holds(self, path: Path) -> bool:
-        """See `Format.holds`."""
         with suppress(MeshFileError, *DAMAGE), opened(path) as grid:
             return AXES[0] in grid.arrays
         return False

@@ -84,16 +84,13 @@ class Ugrid(Format):
         return MeshInPieces(path.resolve().name, pieces, border, (Zone("", 0, count),))
 
     def stored(self, path: Path) -> TablePieces:
-        """See `Format.stored`."""
         return _pieces(path, _tables(path, lambda _: None))
 
     def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
-        """See `Format.real`."""
         own = encoding_of(out)
         return fewest_bits([ENCODINGS[own].real] if own else [])
 
     def finer(self, out: Path, mesh: Mesh) -> str:
-        """See `Format.finer`."""
         return ending(out).replace("4", "8")
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
@@ -124,26 +121,21 @@ class Ugrid(Format):
                 copy_text(file, stored.placed(), points.ravel(), copy)
 
     def files(self, path: Path) -> Iterable[Path]:
-        """See `Format.files`."""
         return path, mapbc(path)
 
     def ending(self, path: Path) -> str:
-        """See `Format.ending`."""
         return ending(path)
 
     def named(self, path: Path) -> tuple[Path, ...]:
-        """See `Format.named`."""
         return (mapbc(path),)
 
     def check_named(self, mesh: Mesh, out: Path) -> None:
-        """See `Format.check_named`."""
         names = fitting_names(mesh.names, r"\s")
         wanted = {number: names[name] for name, number in _ids(mesh).items()}
         if mapbc(out).exists() and any(surface_names(out).get(i, str(i)) != name for i, name in wanted.items()):
             raise _other_names(mapbc(out))
 
     def named_otherwise(self, source: Path, out: Path) -> bool:
-        """See `Format.named_otherwise`."""
         return stands_otherwise(source, out)
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:

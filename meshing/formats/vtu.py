@@ -60,7 +60,6 @@ class Vtu(Format):
     """Any linear cells and polyhedra, and faces with the patch of each, as `write_vtu` writes them."""
 
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
-        """See `Format.read`."""
         progress(f"reading {path.name}", 0.0)
         with _opened(path) as grid:
             mesh = grid.mesh()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import sdm_deflect
-from sdm_deflect import Blended, Hexahedron, InputError, OnPatches, Rotation, deflect, sweep
+from sdm_deflect import Blended, Hexahedron, InputError, OnPatches, Rotation, deflect
 from sdm_deflect.deform.mesh.cells import Cells
 from sdm_deflect.meshing.formats.registry import format_of
 from tests.limits import limited
@@ -18,11 +18,6 @@ BOX = [[-1.2, -1.2, -1.2], [1.2, 1.2, 1.2]]
 @pytest.fixture(scope="module")
 def turned(block):
     return deflect(block, "body", HINGE, 10.0, box=BOX)
-
-
-def test_patches_may_be_one_name_a_wildcard_or_several(block, turned):
-    for surfaces in (("body",), ["body"], "bod*"):
-        assert np.array_equal(deflect(block, surfaces, HINGE, 10.0, box=BOX).points, turned.points)
 
 
 def test_words_of_the_command_give_what_objects_give(inboard_wing):
@@ -53,12 +48,6 @@ def test_every_setting_reaches_the_fit(options, block):
         assert max(chosen) == 61
     if name == "spacing":
         assert result.plan.boxes[0].sites.spacing == value
-
-
-def test_a_sweep_refuses_what_deflect_refuses(block):
-    for angles in ((), (5.0, np.nan), "abc"):
-        with pytest.raises(InputError, match="angles"):
-            sweep(block, "body", HINGE, angles)
 
 
 def notes(result):

@@ -102,18 +102,6 @@ def test_the_folder_makes_report_and_view_again(home, run):
     np.testing.assert_allclose(shown.points[nodes], one.points[nodes], atol=2.0 * one.plan.boxes[0].sites.tolerance)
 
 
-def test_the_folder_is_validated_by_its_files(run):
-    checks = FinishedRun.of(run).validated()
-    assert [check.name for check in checks if not check.passed] == []
-    assert {"site_error:left", "inverted_cells", "mesh_file"} < {c.name for c in checks}
-
-
-def test_settings_of_a_report_repeat_the_run(home, run):
-    again = home / "again.su2"
-    assert code_of(home / "two.su2", "--config", run / "settings.toml", "--out", again, "--no-report") == 0
-    assert again.read_bytes() == (home / "two-deflected.su2").read_bytes()
-
-
 def test_boxes_that_overlap_end_with_one_sentence(home, capsys):
     words = ("--box-each", "--margin", 0.9, "--out", home / "no.su2")
     assert code_of(home / "two.su2", "--config", home / "two.toml", *words) == 2

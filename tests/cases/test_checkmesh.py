@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 from sdm_deflect.cases.run.inspection import inspect, inspected
 from sdm_deflect.cases.run.metrics import deflection_figures, face_rows
 from sdm_deflect.deform.checks import checks_of
-from sdm_deflect.deform.mesh import orthogonality
 from sdm_deflect.deform.mesh.cells import Cells, Patch, Periodic
 from sdm_deflect.deform.mesh.faces import FACES as OF_SHAPES
 from sdm_deflect.deform.mesh.mesh import Mesh
@@ -191,16 +190,6 @@ def test_faces_at_fault_before_do_not_excuse_others():
             name for name in found if any(name.startswith(one) for one in failing)
         ]
     assert "1 newly above 4" in {row[0]: row[4] for row in known.verdicts(other)}["skewness_max"]
-
-
-def test_faces_are_the_same_in_parts(monkeypatch):
-    mesh = wing(cells=3).mesh
-    mesh = replace(mesh, cells=(bounded(mesh).cells,))
-    whole, touched = face_quality(mesh), TouchedFaces.of(TouchedCells.of(mesh, np.arange(len(mesh.points))))
-    monkeypatch.setattr(orthogonality, "ROWS", 100)
-    monkeypatch.setattr(orthogonality, "PARTS", 7)
-    for found in (face_quality(mesh), touched.before.quality()):
-        assert found.as_dict() == pytest.approx(whole.as_dict(), rel=1e-12)
 
 
 def test_figures_of_a_deflection_are_of_the_touched_cells_before_and_after(turned):

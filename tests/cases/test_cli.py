@@ -6,8 +6,8 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
+import psutil
 import pytest
 
 from sdm_deflect.cases.cli.commands import cli
@@ -262,34 +262,23 @@ def test_interrupt_leaves_previous_results(tmp_path, request_to_end):
         words, env=environment, stderr=subprocess.PIPE, stdout=subprocess.PIPE,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as process:  # fmt: skip
-        wait_until_meshing(process.pid)
-        descendants = children(process.pid)
+        descendants = wait_until_meshing(process.pid)
         process.send_signal(request_to_end)
         _, said = process.communicate(timeout=120)
     assert process.returncode == 128 + request_to_end
     assert said.decode().endswith("interrupted; earlier results are as they were\n")
     assert (folder / "metrics.json").read_text() == "previous"
     assert [path.name for path in folder.iterdir()] == ["metrics.json"]
-    assert not any(Path(f"/proc/{child}").exists() for child in descendants)
+    assert psutil.wait_procs(descendants, timeout=5)[1] == []
 
 
-def wait_until_meshing(pid: int) -> None:
-    """Wait until the mesher's subprocess runs."""
+def wait_until_meshing(pid: int) -> list[psutil.Process]:
+    """Wait until the mesher's subprocess runs; return the processes below one."""
     deadline = time.monotonic() + 300.0
-    while not any(b"meshing.generate" in Path(f"/proc/{child}/cmdline").read_bytes() for child in children(pid)):
+    while True:
+        found = psutil.Process(pid).children(recursive=True)
+        if any("meshing.generate" in " ".join(child.cmdline()) for child in found):
+            time.sleep(2.0)
+            return found
         assert time.monotonic() < deadline, "the mesher did not start within five minutes"
         time.sleep(0.2)
-    time.sleep(2.0)
-
-
-def children(pid: int) -> list[int]:
-    """Process ids of the living children of a process, and of theirs."""
-    found: list[int] = []
-    for path in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            fields = path.read_text().rpartition(")")[2].split()
-        except OSError:
-            continue
-        if int(fields[1]) == pid and fields[0] != "Z":
-            found += (child := int(path.parent.name), *children(child))
-    return found

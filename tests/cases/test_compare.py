@@ -18,7 +18,6 @@ from sdm_deflect.cases.compare.pictures import drawn
 from sdm_deflect.cases.report.folder import folder_of, write_run_folder
 from sdm_deflect.cases.report.pictures import Gallery
 from sdm_deflect.cases.run.mesh_files import write_mesh
-from tests.deform.plates import plate
 from tests.meshing.formats.wing import wing
 
 EVIL = "x<b id=injected>"
@@ -141,23 +140,6 @@ def test_another_mesh_is_compared_by_figures_alone(folders, tmp_path):
     assert "coarse-8-report" in sentence
     assert not rows_of(runs)["points"].same
     assert "coarse-8-report" in page(runs, tables(runs), differing_settings(runs), found)
-
-
-def test_a_plane_mesh_has_two_views_and_no_surface(tmp_path, monkeypatch):
-    monkeypatch.setattr("sdm_deflect.cases.report.pictures.drawn", lambda *_: Gallery(()))
-    mesh = plate()
-    write_mesh(None, mesh, mesh.points, tmp_path / "plate.su2")
-    own = []
-    for angle in (5.0, 12.0):
-        one = deflect(read(tmp_path / "plate.su2"), "hole", [0.0, 0.0], angle)
-        own.append(folder_of(tmp_path / f"{angle:g}.su2"))
-        write_run_folder(own[-1], one.deflection, one.checks, tmp_path / f"{angle:g}.su2", {})
-    runs = read_runs(own)
-    found = drawn(runs, tmp_path)
-    assert [one.title for one in found.overlays] == [
-        f"hole: {what}, z = 0 mesh units" for what in ("the plane", "at the hinge", "at the trailing edge")
-    ]
-    assert "centres, z" not in rows_of(runs)
 
 
 def test_surfaces_without_room_are_named(runs, tmp_path, monkeypatch):

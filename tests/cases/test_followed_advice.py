@@ -41,18 +41,6 @@ def strip(nx=20, ny=8):
     return Mesh(points, (Cells("quad", cells),), tuple(patches))
 
 
-@pytest.mark.parametrize("more", [" 7", " 0.0", " 7 7", " 0.0 7"])
-def test_numbers_after_a_point_are_read_past_and_kept(sdm, tmp_path, more):
-    path, out = tmp_path / "mesh.su2", tmp_path / "out.su2"
-    format_of(path).write(plate(), path)
-    text = path.read_text()
-    head, points, rest = re.fullmatch(r"(.*NPOIN= \d+\n)(.*?)(NMARK.*)", text, re.DOTALL).groups()
-    path.write_text(head + re.sub(r"^(\S+ \S+).*$", rf"\1{more}", points, flags=re.MULTILINE) + rest)
-    words = ["--surface", "hole", "--hinge", "0,0", "--angle", "3", "--out", out]
-    assert sdm("deflect", path, *words, *QUIET)[0] == 0
-    assert out.read_text().count(f"{more}\n") == path.read_text().count(f"{more}\n") > 0
-
-
 def test_a_group_of_patches_that_are_named_needs_no_name(run):
     mesh = block_with_body()
     walls = tuple(faces for patch in mesh.patches for faces in patch.faces)

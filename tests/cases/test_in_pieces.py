@@ -14,12 +14,10 @@ from sdm_deflect.deform.volume import excerpt
 from sdm_deflect.meshing.formats import openfoam_pieces, rewriting, tables
 from sdm_deflect.meshing.formats.registry import format_of, in_pieces
 from sdm_deflect.meshing.formats.shapes import mirrored
-from tests.calls import files_of_at_most
 from tests.deform.blocks import two_bodies
-from tests.deform.repair.meshes import lattice
 from tests.limits import limited
 from tests.meshing.formats.gmsh_files import gmsh_data
-from tests.meshing.formats.wing import boundary_faces, wing
+from tests.meshing.formats.wing import wing
 
 CASE = pytest.param("", id="case")
 
@@ -29,8 +27,6 @@ def nightly(*values):
     return (pytest.param(value, marks=pytest.mark.nightly) for value in values)
 
 
-SUFFIXES = (".cgns", ".su2", ".lb8.ugrid", *nightly(".r4.ugrid", ".b8l.ugrid"), ".msh", CASE)
-SOME = (".cgns", *nightly(".lb8.ugrid"), ".msh", CASE)
 FLAP = [
     "--surface", "flap_*", "--fixed", "wing_*", "--slide", "symmetry:plane", "--motion", "blended",
     "--hinge", "0.7,0.3,0", "0.7,0.7,0",
@@ -215,27 +211,6 @@ def test_nodes_by_their_numbers_in_the_file(suffix, small, alike, tmp_path):
     assert found["/sites/surface"] > 0
 
 
-def body_among_tetrahedra() -> Mesh:
-    """A cube of length 4 around a box: patches ``body`` and ``far``."""
-    mesh = lattice((4.0, 4.0, 4.0), (12, 12, 12))
-    cells = mesh.cells[0].nodes
-    cells = cells[(np.abs(mesh.points[cells].mean(axis=1) - 2.0) > [0.7, 0.7, 0.35]).any(axis=1)]
-    used, rows = np.unique(cells, return_inverse=True)
-    own = (Cells("tetra", rows.reshape(-1, 4)),)
-    faces, points = boundary_faces(own)["triangle"], mesh.points[used]
-    inner = (np.abs(points[faces].mean(axis=1) - 2.0) < 1.5).all(axis=1)
-    patches = (Patch("body", (Cells("triangle", faces[inner]),)), Patch("far", (Cells("triangle", faces[~inner]),)))
-    return Mesh(points, own, patches)
-
-
-@pytest.mark.parametrize("suffix", SOME)
-def test_tetrahedra_swept_and_mended(suffix, alike, tmp_path):
-    path = written(body_among_tetrahedra(), tmp_path / f"body{suffix}")
-    words = ["--surface", "body", "--fixed", "far", "--hinge", "2,0,2", "2,4,2", "--margin", "0.9", "--steps", "1"]
-    found = alike(path, *words, "--repair", "always", "--angles", "10,35")
-    assert any("repair" in key for key in found)
-
-
 def put(path: Path, block: int, row: int, values) -> None:
     """Replace the nodes, numbered as in the file, of a cell: whatever the format."""
     with in_pieces(path) as found:
@@ -294,16 +269,3 @@ def test_what_is_wrong_is_said_in_one_line(suffix, shared, damage, small, called
         complaints.append(complaint)
     assert complaints[0] == complaints[1] or damage != "inverted"
     assert {own.suffix for own in tmp_path.iterdir()} <= {path.suffix, ".mapbc"}
-
-
-@pytest.mark.parametrize("suffix", SOME)
-def test_a_disk_that_is_full_leaves_nothing(suffix, small, called, tmp_path):
-    path = written(small, tmp_path / f"wing{suffix}")
-    before = {own: own.read_bytes() for own in tmp_path.rglob("*") if own.is_file()}
-    with files_of_at_most(max(map(len, before.values())) // 2):
-        words = ["--angle", "8", "--quiet", "--no-report", "--out", tmp_path / f"out{suffix}"]
-        code, _, complaint, taken = called(0, "deflect", path, *FLAP, *words)
-    assert (code, taken, complaint.count("\n")) == (2, 1, 1), complaint
-    assert "cannot be written" in complaint
-    assert {own: own.read_bytes() for own in tmp_path.rglob("*") if own.is_file()} == before
-    assert not (tmp_path / f"out{suffix}").exists()

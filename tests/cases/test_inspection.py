@@ -9,7 +9,7 @@ import pytest
 
 from sdm_deflect.cases.run.inspection import inspect, inspected
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.cells import Cells, Patch
+from sdm_deflect.deform.mesh.cells import Cells
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import MEASURES, mean_ratio
 from sdm_deflect.meshing.formats.cgns import Cgns
@@ -56,15 +56,6 @@ def test_the_same_as_data(tmp_path):
         assert f"{one['measure']} min {one['min']:.3f}, 1 % {one['p01']:.3f}" in inspect(tmp_path / "mesh.su2")
 
 
-def test_left_handed_files_are_judged_accordingly(tmp_path):
-    mesh = hybrid()
-    FORMATS["openfoam"].write(mesh.with_points(mesh.points * [1.0, 1.0, -1.0]), tmp_path / "case")
-    assert inspected(tmp_path / "case")["left_handed"]
-    text = inspect(tmp_path / "case")
-    assert "7 polyhedra, 0 inverted" in text
-    assert "left-handed" in text
-
-
 def test_a_file_most_of_whose_cells_are_inverted_is_refused(tmp_path):
     mesh = hybrid()
     FORMATS["vtu"].write(mesh.with_points(mesh.points * [1.0, 1.0, 0.0]), tmp_path / "mesh.vtu")
@@ -82,15 +73,6 @@ def test_older_files_of_fluent_and_packed_files_say_how_to_convert_them(name, tm
     assert (f"unpack it first: gunzip {name}" in str(said.value)) == name.endswith("gz")
     with pytest.raises(MeshFileError, match=re.escape(str(said.value))):
         read(tmp_path / name)
-
-
-def test_names_do_not_command_the_terminal(tmp_path):
-    mesh = hybrid()
-    first, *others = mesh.patches
-    name = "\x1b[31mflügel\x07"
-    Cgns().write(Mesh(mesh.points, mesh.cells, (Patch(name, first.faces), *others)), tmp_path / "mesh.cgns")
-    assert inspected(tmp_path / "mesh.cgns")["patches"][name] == 3
-    assert "\n" + r"  \x1b[31mflügel\x07 3, (" in inspect(tmp_path / "mesh.cgns")
 
 
 def test_zones_are_listed(tmp_path):

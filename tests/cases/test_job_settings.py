@@ -1,7 +1,6 @@
 """Jobs from options, TOML and keywords: the same names mean the same, and a mistake is one sentence."""
 
 from dataclasses import replace
-from pathlib import Path
 from tomllib import loads
 
 import numpy as np
@@ -127,59 +126,24 @@ def test_python_takes_the_words_of_the_command():
     assert job(box=hexahedron).box.hexahedron is hexahedron
 
 
-def test_surfaces_with_hinges_of_their_own():
-    tables = [
-        {"patches": "left", "hinge": HINGE, "angle": 12},
-        {"patches": ["right"], "hinge": np.array(HINGE), "angle": -6, "motion": "blended", "strip": 0.3},
-    ]
-    job = jobs_of(settings_of(tables, None, None, {"fixed": "wing"}))[0]
-    assert job.amounts == (12.0, -6.0)
-    assert [one.patches for one in job.surfaces] == [("left",), ("right",)]
-    assert job.surfaces[1].motion.rib.share == 0.3
-
-
-def test_files_may_be_paths(tmp_path):
-    (tmp_path / "held.txt").write_text("1\n2\n")
-    (tmp_path / "box.toml").write_text("corners = [[0, 0, 0], [1, 1, 1]]")
-    options = {"motion": "blended", "held": tmp_path / "held.txt", "box": tmp_path / "box.toml"}
-    job = jobs_of(settings_of("a", HINGE, 5.0, options))[0]
-    assert job.surfaces[0].motion.held.nodes.tolist() == [1, 2]
-    assert job.box.hexahedron.corners.max() == 1.0
-
-
 @pytest.mark.parametrize(
     ("arguments", "options", "message"),
     [
         (("a", HINGE, "15"), {}, "angle = '15' is not a number"),
         (("a", HINGE, None), {}, "the angle of a is missing"),
         (("a", HINGE, float("nan")), {}, "angle = nan is not a finite number"),
-        (("a", HINGE, True), {}, "angle = True is not a number"),
         (("a", None, 5), {}, "the hinge is missing"),
         (("a", [[0, 0, 0]], 5), {}, "hinge = ((0.0, 0.0, 0.0),): must be two points"),
-        (("a", [0, 0, 0], 5), {}, "hinge[0] = 0 is not a list"),
-        (("a", [[0, 0], [0, 1]], 5), {}, "must be two points of three numbers, or one of two"),
-        (("a", "hinge", 5), {}, "hinge = 'hinge' is not a list"),
-        (("a", [[0, 0, 0], [0, 0, float("inf")]], 5), {}, "hinge[1][2] = inf is not a finite number"),
         ((5, HINGE, 5), {}, "surfaces = 5 is no list of names"),
-        (("", HINGE, 5), {}, "surfaces = '' is empty"),
         (([], HINGE, 5), {}, "no surface to move"),
-        (("a", HINGE, 5), {"xyzzy": 1}, "unknown setting xyzzy"),
         (("a", HINGE, 5), {"tolerence": 1}, "unknown setting tolerence; did you mean tolerance?"),
         (("a", HINGE, 5), {"tolerance": "abc"}, "tolerance = 'abc' is not a number"),
-        (("a", HINGE, 5), {"tolerance": float("nan")}, "tolerance = nan is not a finite number"),
         (("a", HINGE, 5), {"strategy": "both"}, "strategy = 'both' is not one of squv, mv"),
-        (("a", HINGE, 5), {"max_steps": 1.5}, "max_steps = 1.5 is not a whole number"),
-        (("a", HINGE, 5), {"max_centers": 3}, "max_centers = 3 must be a number of at least 8"),
         (("a", HINGE, 5), {"min_quality": 2}, "min_quality = 2 must be a number from 0 to 1"),
-        (("a", HINGE, 5), {"min_quality": "none"}, "min_quality = 'none' is not a number"),
         (("a", HINGE, 5), {"allow_inverted": "false"}, "allow_inverted = 'false' is neither true nor false"),
-        (("a", HINGE, 5), {"box": 5}, "box = 5 is not a list"),
         (("a", HINGE, 5), {"box": "none.toml"}, "none.toml"),
         (("a", HINGE, 5), {"box": [[0, 0, 0]]}, "the box"),
-        (("a", HINGE, 5), {"fixed": 5}, "fixed = 5 is no list of names"),
-        (("a", HINGE, 5), {"fixed": ["a", ""]}, "fixed = '' is empty"),
         (("a", HINGE, 5), {"slide": "symmetry"}, "slide = symmetry: must be NAME:plane"),
-        (("a", HINGE, 5), {"slide": 5}, "slide = 5 is no table"),
         (("a", HINGE, 5), {"surface": []}, "unknown setting surface; did you mean surfaces?"),
         (("a", HINGE, 5), {"patches": "b"}, "unknown setting patches; did you mean surfaces?"),
         (("a", HINGE, 5), {"amount": 0.5}, "unknown setting amount; did you mean angle?"),
@@ -194,12 +158,9 @@ def test_files_may_be_paths(tmp_path):
         (([{"patches": "a"}, {"patches": "b", "angel": 3}], None, None), {}, "unknown setting surfaces[1].angel"),
         (("a", HINGE, 5), {"slide": {"symmetry": "ball"}}, "slide.symmetry = 'ball' is not one of plane, cylinder"),
         (("a", HINGE, 5), {"motion": "bent"}, "motion = 'bent' is not one of rigid, blended"),
-        (("a", HINGE, 5), {"motion": 5}, "motion = 5 is not one of rigid, blended"),
         (("a", HINGE, 5), {"motion": "blended", "held": ""}, "held = '' is empty"),
         (("a", HINGE, 5), {"motion": "blended", "held": [1, "a"]}, "held must be patches, or indices of nodes"),
-        (("a", HINGE, 5), {"motion": "blended", "held": [1.5]}, "held = 1.5 is not a whole number"),
         (("a", HINGE, 5), {"motion": "blended", "driven": "edges:x"}, "driven = edges:x"),
-        (("a", HINGE, 5), {"fitting": 5}, "fitting = 5 is no table"),
         (("a", None, 5), {"table": "none.csv"}, "none.csv"),
     ],
 )
@@ -239,13 +200,6 @@ def test_a_motion_of_ones_own_cannot_be_written():
         to_toml(settings)
 
 
-def test_paths_are_text():
-    settings = structured(
-        {"surface": [{"patches": "a", "table": Path("bend.csv")}], "box": Path("b.toml")}, JobSettings
-    )
-    assert (settings.surface[0].table, settings.box) == ("bend.csv", "b.toml")
-
-
 @pytest.mark.parametrize(
     ("text", "angles"),
     [
@@ -262,23 +216,6 @@ def test_ranges_of_angles(text, angles):
 def test_angles_of_python_keep_their_order():
     assert angles_of([5, -3.0, np.float64(5.0)]) == (5.0, -3.0, 5.0)
     assert angles_of(np.array([0.0, 2.0])) == angles_of(range(0, 3, 2)) == angles_of(x for x in (0, 2)) == (0.0, 2.0)
-
-
-@pytest.mark.parametrize(
-    ("angles", "message"),
-    [
-        (5.0, "angles = 5.0 is not a list"),
-        ([], "angles is empty"),
-        ([1.0, "15"], "angles[1] = '15' is not a number"),
-        ([[1.0]], "angles[0] = [1.0] is not a number"),
-        ([float("nan")], "angles[0] = nan is not a finite number"),
-        (None, "angles = None is not a list"),
-    ],
-)
-def test_sequences_that_are_no_angles(angles, message):
-    with pytest.raises(InputError) as caught:
-        angles_of(angles)
-    assert message in str(caught.value)
 
 
 @pytest.mark.parametrize("text", ["1:2:0", "1:2:-1", "a", "", "1:2:3:4", "0:1:1e-9", "nan", "5,nan", "0:100:50"])

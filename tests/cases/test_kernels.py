@@ -6,15 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sdm_deflect import Field, InputError, deflect, read
+from sdm_deflect import InputError, deflect
 from sdm_deflect.cases.aircraft.registry import case_named, resolve
-from sdm_deflect.cases.report.finished import FinishedRun
 from sdm_deflect.cases.report.folder import settings_of
-from sdm_deflect.cases.run.mesh_files import write_mesh
 from sdm_deflect.cases.run.metrics import fit_text, kernel_text
-from sdm_deflect.cases.view.run import InteractiveRun
 from sdm_deflect.deform.rbf.fitting import KERNELS
-from tests.cases.view.conftest import written
 
 HINGE = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
 
@@ -38,33 +34,6 @@ def test_every_kernel_deflects_and_says_what_it_is(name, turned):
     assert re.fullmatch(r"interpolation: condition \S+, error at the sites \S+, between them .*", fit_text(figures))
     assert figures["error_between_sites"]["max"] > figures["error_between_sites"]["p99"] > 0.0
     assert settings_of(result.deflection, Path(), Path())["kernel_radius"] == sites.radius
-
-
-def test_kernels_differ(turned):
-    points = [result.points for result in turned.values()]
-    for i, one in enumerate(points):
-        assert all(np.abs(one - other).max() > 1e-6 for other in points[:i])
-
-
-def test_without_a_choice_it_is_the_thin_plate_spline(turned, block):
-    assert deflect(block, "body", HINGE, 10.0).points.tobytes() == turned["tps"].points.tobytes()
-
-
-@pytest.mark.parametrize("name", KERNELS)
-def test_a_field_moves_the_mesh_to_the_bit(name, turned, block, tmp_path):
-    turned[name].field.save(tmp_path / "field.npz")
-    moved = Field.load(tmp_path / "field.npz").apply(block.points)
-    assert moved.tobytes() == turned[name].points.tobytes()
-
-
-@pytest.mark.parametrize("name", KERNELS)
-def test_the_view_turns_with_the_kernel_of_the_run(name, hybrid_wing, tmp_path):
-    """It refuses a folder whose points are not those of its own interpolant."""
-    write_mesh(None, hybrid_wing.mesh, hybrid_wing.mesh.points, tmp_path / "wing.su2")
-    options = {"motion": "blended", "fixed": "wing_*", "slide": "symmetry:plane", "repair": "off", "kernel": name}
-    one = deflect(read(tmp_path / "wing.su2"), "flap_*", hybrid_wing.hinge, 5.0, **options)
-    run = InteractiveRun.of(FinishedRun.of(written(tmp_path / "report", one.deflection)))
-    assert np.abs(run.at(5.0).points - one.points).max() < 1e-9
 
 
 def test_a_run_takes_the_kernel_with_its_table_and_without():

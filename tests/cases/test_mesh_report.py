@@ -9,7 +9,6 @@ from itertools import chain
 
 import numpy as np
 import pytest
-import pyvista as pv
 
 from sdm_deflect.cases.report import folder as folders
 from sdm_deflect.cases.report.data import MESH_UNITS, METRES, in_view, name_of
@@ -181,18 +180,6 @@ def blended(hinge):
 
     surface = {"patches": ["flap_*"], "hinge": hinge.tolist(), "angle": 3.0, "motion": "blended"}
     return jobs_of(job_settings({"surface": [surface], "fixed": ["wing_*"]}))[0]
-
-
-def test_arrays_of_the_whole_mesh_are_in_the_vtu_file(coarse_wing, tmp_path):
-    one = deflect(Plan.of(coarse_wing.mesh, [blended(coarse_wing.hinge)]), 3.0)
-    write_arrays(tmp_path, one, whole=True)
-    grid = pv.read(tmp_path / "deflected.vtu")
-    np.testing.assert_array_equal(grid.points, one.points)
-    np.testing.assert_array_equal(grid.point_data["displacement"], one.points - coarse_wing.mesh.points)
-    cells = sum(len(block) for block in coarse_wing.mesh.cells)
-    expected = np.concatenate([quality_of(one.points, block) for block in coarse_wing.mesh.cells])
-    np.testing.assert_array_equal(grid.cell_data["quality"][:cells], expected)
-    assert list(grid.field_data["patch_names"]) == ["volume", *coarse_wing.mesh.names]
 
 
 @pytest.mark.nightly

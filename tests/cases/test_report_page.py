@@ -3,7 +3,6 @@
 import re
 from base64 import b64decode
 from collections import Counter
-from dataclasses import replace
 from io import BytesIO
 
 import numpy as np
@@ -15,14 +14,10 @@ from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.aircraft.report import report_data_of
 from sdm_deflect.cases.aircraft.run_folder import FinishedCase
 from sdm_deflect.cases.report.page import LARGEST, page
-from sdm_deflect.cases.report.pictures import Gallery, drawn
+from sdm_deflect.cases.report.pictures import drawn
 from sdm_deflect.cases.report.slices import triangles_of
 from sdm_deflect.cases.report.turnable import thinned, turnable
-from sdm_deflect.deform.mesh.quality import mean_ratio
-from sdm_deflect.meshing.mesh import tets_of
-from tests import labelled
 
-EVIL = "</script><script>document.title='broken'</script><img src=x onerror=\"document.title='broken'\">"
 PICTURE = re.compile(r"data:image/(?:png|webp);base64,([\w+/=]+)")
 DRAWN = "#turnable[data-state={}]"
 
@@ -126,19 +121,6 @@ def test_nothing_is_closed_on_paper(aileron_run, opened):
     assert tab.locator("details:not([open])").count() == closed
 
 
-def test_threshold_shows_the_cells_below_it(aileron_run, opened):
-    run, folder = aileron_run
-    tab, _, complaints = opened(folder / "report.html")
-    before = seen(tab)
-    tab.locator("#scene-threshold").fill("0.8")
-    assert changed(before, seen(tab)) > 500
-    near = run.deflection.boxes[0].plan.touched.rows[0]
-    expected = np.count_nonzero(mean_ratio(run.deflected.points, tets_of(run.mesh)[near]) < 0.8)
-    said = f"{expected} of {len(near)} cells below 0.80, 0 inverted"
-    assert tab.locator("#scene-count").inner_text() == said
-    assert complaints == []
-
-
 def test_every_picture_says_what_it_shows(aileron_run, opened):
     tab, _, _ = opened(aileron_run[1] / "report.html")
     for image in tab.locator("img:not(#still)").all():
@@ -150,21 +132,6 @@ def test_every_picture_says_what_it_shows(aileron_run, opened):
     assert tab.locator("figure:not(.paper)").count() == 5
     linked = [link.get_attribute("href") for link in tab.locator("nav a").all()]
     assert all(tab.locator(target).count() == 1 for target in linked)
-
-
-def test_names_cannot_inject_markup(aileron_run, opened, tmp_path):
-    run, _ = aileron_run
-    names = tuple(EVIL if name == "fin" else name for name in run.mesh.names)
-    data = data_of(replace(run, case=replace(run.case, title=EVIL, name=EVIL)))
-    drawn = tuple(EVIL if name == "fin" else name for name in data.drawn)
-    data = replace(data, mesh=labelled.changed(run.mesh, names=names), drawn=drawn)
-    (tmp_path / "report.html").write_text(page(data, Gallery(())), encoding="utf-8")
-    tab, _, complaints = opened(tmp_path / "report.html")
-    assert "broken" not in tab.title().replace(EVIL, "")
-    assert tab.locator("img:not(#still)").count() == 0
-    assert tab.locator("script").count() == 5
-    assert EVIL[0].upper() + EVIL[1:] in tab.locator("h1").inner_text()
-    assert complaints == []
 
 
 def test_page_is_made_anew_from_the_folder(aileron_run, tmp_path):

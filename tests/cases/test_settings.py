@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sdm_deflect.cases.aircraft.registry import CASES, case_named, resolve
-from sdm_deflect.cases.settings.conversion import assigned, changed, read_toml, structured, to_toml
+from sdm_deflect.cases.settings.conversion import assigned, changed, structured, to_toml
 from sdm_deflect.deform.base.errors import InputError
 
 AILERON = CASES["aileron"]
@@ -39,34 +39,23 @@ def test_toml_repeats_the_case(name, scale, tmp_path):
     [
         ("wing.half_span=-1", "wing.half_span = -1 m is outside"),
         ("wing.half_span=nan", "wing.half_span = nan is not a finite number"),
-        ("wing.half_span=-inf", "wing.half_span = -inf is not a finite number"),
-        (f"wing.half_span={10**400}", "is not a finite number"),
         ("wing.half_span=0.3\nangle=3", "wing.half_span = '0.3\\nangle=3' is not a number"),
         ("wing.half_span=wide", "wing.half_span = 'wide' is not a number"),
-        ("wing.half_span=true", "wing.half_span = True is not a number"),
-        ("wing.half_span=[0.3]", "wing.half_span = [0.3] is not a number"),
         ("wing.halfspan=0.3", "unknown setting wing.halfspan; did you mean half_span?"),
         ("wng.half_span=0.3", "unknown setting wng; did you mean wing?"),
         ("adaptation.n_add=1.5", "adaptation.n_add = 1.5 is not a whole number"),
-        ("adaptation.n_add=0", "adaptation.n_add = 0 must be a number of at least 1"),
         ("adaptation.max_centers=9", "adaptation.max_centers = 9 is fewer than the 20 initial centres"),
-        ("adaptation.rule=best", "adaptation.rule = 'best' is not one of separated, worst"),
         ("aileron.gap=0.5", "gap"),
         ("angle=95", "angle = 95 deg is outside -85 ... 85 deg"),
         ("adaptation.strategy=both", "adaptation.strategy = 'both' is not one of squv, mv"),
-        ("adaptation.strategy=", "adaptation.strategy = '' is not one of squv, mv"),
         ("strategy=mv", "unknown setting strategy; did you mean adaptation.strategy?"),
         ("half_span=0.3", "unknown setting half_span; did you mean wing.half_span, tail.half_span?"),
         ("domain=moon", "domain = 'moon' is not one of aircraft, block"),
-        ("title=", "title = '' is empty"),
-        ("title=5", "title = 5 is not text"),
         ("name=foo", "name = 'foo': a case keeps its name, aileron"),
         ("scale=huge", "unknown scale 'huge'; there are small, medium, paper"),
         ("wing=3", "wing = 3 is no table"),
         ("confinement.slide=1", "confinement.slide = 1 is neither true nor false"),
-        ("confinement.corners=5", "confinement.corners = 5 is not a list"),
         ("confinement.corners=[[0, 1]]", "confinement.corners[0] = [0, 1] must hold 3 values"),
-        ("confinement.corners=[[0, 1, nan]]", "confinement.corners[0][2] = nan is not a finite number"),
         ("deflections=[]", "deflections is empty; a case turns at least one control surface"),
         ("deflections=[{surface='ruder'}]", "unknown control surface 'ruder'; did you mean rudder?"),
         ("deflections=[{surface='rudder', factr=2}]", "unknown setting deflections[0].factr; did you mean factor"),
@@ -92,10 +81,3 @@ def test_a_configuration_keeps_its_sizes(tmp_path):
     with pytest.raises(InputError, match="holds the sizes of medium"):
         resolve("", scale="paper", config=path)
     assert resolve("", scale="medium", angle=3.0, config=path) == replace(case_named("aileron", "medium"), angle=3.0)
-
-
-@pytest.mark.parametrize("content", [b"\xff\xfe", b"angle = ", b"a = " + 5000 * b"["])
-def test_a_file_that_is_no_toml_is_named(content, tmp_path):
-    (tmp_path / "case.toml").write_bytes(content)
-    with pytest.raises(InputError, match=r"case\.toml"):
-        read_toml(tmp_path / "case.toml")

@@ -30,11 +30,3 @@ def test_faces_that_walk_along_their_edge_the_same_way_meet_at_the_same_angle():
         assert not len(sharp_edges(points, faces, 91.0))
     for ahead in ([1, 6, 7, 2], [2, 7, 6, 1]):
         assert not len(sharp_edges(points, polygons_of((Cells("quad", np.array([[0, 1, 2, 3], ahead])),)), 1.0))
-
-
-def test_no_faces_no_edges():
-    none = polygons_of(())
-    assert len(none) == 0
-    assert area_vectors(np.zeros((1, 3)), none).shape == (0, 3)
-    assert len(edges_of(none)[0]) == 0
-    assert not len(sharp_edges(np.zeros((1, 3)), none, 40.0))

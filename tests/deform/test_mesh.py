@@ -37,22 +37,6 @@ def test_moved_points_keep_all_else():
         mesh.with_points(POINTS[:7])
 
 
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        ({"points": np.zeros((3, 2))}, r"points \(3, 2\) must be \(N, 3\)"),
-        ({"points": np.where(POINTS > 20.0, np.nan, POINTS)}, "1 points are not finite, the first is point 7"),
-        ({"patches": (Patch("a", ()), Patch("b", ()), Patch("a", ()))}, "names must be distinct; given twice: a"),
-        ({"patches": (Patch("a", (), np.array([0, 9])),)}, "patch a: nodes 0 to 9, but there are 8 points"),
-        ({"patches": (Patch("a", (Cells("triangle", np.array([[0, 1, -1]])),)),)}, "patch a: nodes -1 to 1"),
-        ({"cells": (Cells("tetra", np.array([[0, 1, 2, 8]])),)}, "tetra: nodes 0 to 8, but there are 8 points"),
-    ],
-)
-def test_what_is_no_mesh(given, words):
-    with pytest.raises(InputError, match=words):
-        Mesh(**{"points": POINTS, "cells": (), "patches": (), **given})
-
-
 def test_cells_and_faces_have_the_corners_of_their_shape():
     with pytest.raises(ValueError, match="shape 'prism' is not one of line, triangle"):
         Cells("prism", np.zeros((1, 6), dtype=int))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.mesh import polyhedra
-from sdm_deflect.deform.mesh.cells import Polygons, Polyhedra
+from sdm_deflect.deform.mesh.cells import Polyhedra
 from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra, joined, pyramids_of
 from sdm_deflect.meshing.formats.polyhedra import bounded
 from tests.deform.repair.meshes import lattice
@@ -80,11 +80,3 @@ def test_a_mesh_of_some_of_them_keeps_their_order(mesh):
     assert (
         pyramids_of(points[nodes], found, rows).volume.tobytes() == pyramids_of(points, cells).volume[100:130].tobytes()
     )
-
-
-def test_none_of_them():
-    none = SomePolyhedra(
-        np.arange(0), Polyhedra(Polygons(np.arange(0), np.zeros(1, np.intp)), np.arange(0), np.arange(0))
-    )
-    assert len(joined([none, none]).numbers) == 0
-    assert len(none.within(np.arange(3))[0]) == 0

@@ -18,7 +18,6 @@ from sdm_deflect.deform.mesh.quality import (
     oriented,
     quality_and_inverted,
     quality_of,
-    signed_volumes,
     summarise,
 )
 from sdm_deflect.deform.mesh.touched import TouchedCells
@@ -120,19 +119,6 @@ def test_rows_are_those_of_the_whole_across_blocks(shape):
     assert np.array_equal(quality_of(points, cells, rows), quality_of(points, cells)[rows])
     assert np.array_equal(inverted_of(points, cells, rows), inverted_of(points, cells)[rows])
     assert len(quality_of(points, cells, rows[:0])) == 0
-
-
-def test_the_volume_of_the_regular_tetrahedron():
-    assert signed_volumes(REGULAR, ONE) == pytest.approx(8.0 / 3.0)
-    assert signed_volumes(REGULAR, ONE[:, [1, 0, 2, 3]]) == -signed_volumes(REGULAR, ONE)
-
-
-def test_volumes_of_the_cells_fill_a_box_across_blocks():
-    mesh = block_with_body(12)
-    split = np.array([[0, 1, 2, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 7, 4, 6], [0, 4, 5, 6], [0, 5, 1, 6]])
-    tets = mesh.cells[0].nodes[:, split].reshape(-1, 4)
-    assert len(tets) > BLOCK
-    assert signed_volumes(mesh.points, tets).sum() == pytest.approx(4.0**3 - 1.0)
 
 
 @pytest.mark.parametrize("shape", VOLUMES)

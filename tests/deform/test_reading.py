@@ -82,12 +82,3 @@ def test_what_unpacks_to_far_more_than_the_file_is_refused_before(tmp_path):
     np.savez_compressed(tmp_path / "bomb.npz", points=np.zeros((ALWAYS // 24 + 1, 3)))
     with pytest.raises(InputError, match=rf"bomb\.npz: what is packed in it would take .* set {RATIO_VARIABLE}"):
         read_arrays(tmp_path / "bomb.npz")
-
-
-def test_other_files_are_no_archives(tmp_path):
-    np.save(tmp_path / "array.npy", np.zeros(3))
-    (tmp_path / "array.npy").rename(tmp_path / "array.npz")
-    (tmp_path / "empty.npz").touch()
-    for name in ("array.npz", "empty.npz", "none.npz", "."):
-        with pytest.raises(InputError, match="no archive of arrays"):
-            read_arrays(tmp_path / name)

@@ -1,11 +1,10 @@
 """Random parameters of a case, in their declared ranges: each set gives a valid solid, or a sentence that says why not.
 
 ``python -m tests.fuzz.parameters 120 --processes 2`` builds the CAD of 120 sets, each in a process of its own, and
-counts; ``--runs 20 --out FOLDER`` hands the first 20 that gave a solid to ``sdm run`` as well.
+counts.
 """
 
 import argparse
-import json
 import subprocess
 import sys
 from collections import Counter
@@ -13,11 +12,11 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields, is_dataclass
 from itertools import islice
-from multiprocessing import get_context
-from multiprocessing.connection import Connection
-from pathlib import Path
 from random import Random
+from tempfile import TemporaryDirectory
 from typing import Any
+
+import click
 
 CASES = ("aileron", "tail")
 TABLES = ("fuselage", "canopy", "inlet", "pedestal", "strake", "wing", "aileron", "tail", "ventral", "fin", "rudder")
@@ -27,8 +26,6 @@ NEAR = 0.15
 """Share of a default by which a value near it differs, at most."""
 SECONDS = 600.0
 """Time that one set may take to be built."""
-RUN_SECONDS = 3600.0
-"""Time that one run may take."""
 SOLID, SENTENCE, TRACEBACK, STUCK = "valid solid", "clear error", "traceback", "too long"
 
 
@@ -75,71 +72,21 @@ def assignments(changed: dict[str, float]) -> list[str]:
     return [f"{name}={value!r}" for name, value in changed.items()]
 
 
-def build(name: str, changed: dict[str, float]) -> tuple[str, str]:
-    """Return what becomes of a set, and the sentence or the traceback."""
-    from traceback import format_exc
-
-    from sdm_deflect.cases.aircraft.cad import deflected_cad, undeflected_cad
-    from sdm_deflect.cases.aircraft.registry import resolve
-    from sdm_deflect.cases.errors import is_reported
-
-    try:
-        case = resolve(name, assignments=assignments(changed))
-        model = undeflected_cad(case)
-        deflected_cad(case)
-    except (ValueError, RuntimeError) as error:
-        return (SENTENCE, " ".join(str(error).split())) if is_reported(error) else (TRACEBACK, format_exc())
-    return SOLID, f"{len(model.faces)} faces"
-
-
-def _answer(pipe: Connection, name: str, changed: dict[str, float]) -> None:
-    pipe.send(build(name, changed))
-
-
-def built(name: str, changed: dict[str, float], seconds: float = SECONDS) -> tuple[str, str]:
-    """Return what becomes of a set in a process of its own, which may crash."""
-    context = get_context("forkserver")
-    context.set_forkserver_preload(["sdm_deflect.cases.aircraft.cad", "sdm_deflect.cases.aircraft.registry"])
-    mine, other = context.Pipe(duplex=False)
-    child = context.Process(target=_answer, args=(other, name, changed))
-    child.start()
-    other.close()
-    try:
-        if not mine.poll(seconds):
-            return STUCK, f"more than {seconds:g} s"
-        return mine.recv()  # type: ignore[no-any-return]
-    except EOFError:
-        child.join()
-        return TRACEBACK, f"ended with code {child.exitcode}"
-    finally:
-        child.kill()
-        child.join()
-
-
-def run(name: str, changed: dict[str, float], folder: Path) -> tuple[str, str]:
-    """Return what becomes of a run: its exit code, and the failed checks or the sentence."""
-    words = [sys.executable, "-m", "sdm_deflect", "run", name, "--no-report", "--quiet", "--out", str(folder)]
-    words += [word for text in assignments(changed) for word in ("--set", text)]
-    try:
-        done = subprocess.run(words, capture_output=True, text=True, timeout=RUN_SECONDS, check=False)
-    except subprocess.TimeoutExpired:
-        return STUCK, f"more than {RUN_SECONDS:g} s"
+def built(name: str, changed: dict[str, float]) -> tuple[str, str]:
+    """Return what becomes of a set, and the sentence or the traceback: the CAD is built in a process that may crash."""
+    with TemporaryDirectory() as folder:
+        words = ["--case", name, "--angle", str(changed.get("angle", 12.0)), "--out", f"{folder}/sdm.brep", "--quiet"]
+        for text in assignments({key: value for key, value in changed.items() if key != "angle"}):
+            words += ["--set", text]
+        command = [sys.executable, "-m", "sdm_deflect", "geometry", *words]
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS, check=False)
+        except subprocess.TimeoutExpired:
+            return STUCK, f"more than {SECONDS:g} s"
     said = done.stderr.strip()
-    if "Traceback" in said or done.returncode not in (0, 1, 2) or (done.returncode == 2 and said.count("\n")):
-        return TRACEBACK, said
-    if done.returncode == 2:
-        return f"{SENTENCE}, exit 2", said
-    checks = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))["validation"]["checks"]
-    failed = [one["name"] for one in checks if not one["passed"]]
-    if bool(failed) != bool(done.returncode):
-        return TRACEBACK, f"exit {done.returncode}, failed: {failed}"
-    return f"exit {done.returncode}", ", ".join(failed)
-
-
-def told(line: str) -> None:
-    """Write a line at once."""
-    sys.stdout.write(f"{line}\n")
-    sys.stdout.flush()
+    if done.returncode == 0:
+        return SOLID, ""
+    return (SENTENCE if done.returncode == 2 and said.count("\n") == 0 else TRACEBACK), said
 
 
 def main() -> int:
@@ -148,23 +95,14 @@ def main() -> int:
     parser.add_argument("count", type=int)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--processes", type=int, default=1)
-    parser.add_argument("--runs", type=int, default=0)
-    parser.add_argument("--out", type=Path, default=Path("runs/parameters"))
     given = parser.parse_args()
-    wanted = list(islice(sets(given.seed), given.count))
-    found: list[str] = []
-    ran: list[str] = []
+    wanted, found = list(islice(sets(given.seed), given.count)), Counter[str]()
     with ThreadPoolExecutor(given.processes) as pool:
-        for one, (kind, text) in zip(wanted, pool.map(lambda one: built(*one), wanted), strict=True):
-            found.append(kind)
-            told(f"{len(found):4} {one[0]} {' '.join(assignments(one[1]))}: {kind}: {text}")
-            if kind == SOLID and len(ran) < given.runs:
-                code, text = run(*one, given.out / f"{len(ran):02}")
-                ran.append(code)
-                told(f"run {len(ran):2} {one[0]}: {code}: {text}")
-    for what in (found, ran):
-        told(", ".join(f"{kind}: {count}" for kind, count in sorted(Counter(what).items())))
-    return int(any(kind in (TRACEBACK, STUCK) for kind in (*found, *ran)))
+        for (name, changed), (kind, text) in zip(wanted, pool.map(lambda one: built(*one), wanted), strict=True):
+            found[kind] += 1
+            click.echo(f"{found.total():4} {name} {' '.join(assignments(changed))}: {kind}: {text}")
+    click.echo(", ".join(f"{kind}: {count}" for kind, count in sorted(found.items())))
+    return int(found[TRACEBACK] + found[STUCK] > 0)
 
 
 if __name__ == "__main__":

@@ -88,14 +88,6 @@ def test_left_mirrors_right(plain_model):
     assert left == pytest.approx(right, rel=1e-6)
 
 
-def test_the_reference_values_of_the_three_view(fighter):
-    """Wing area 0.1239 m2 and mean aerodynamic chord 0.2300 m (Chung et al. 2022)."""
-    w = fighter.wing
-    taper = w.tip_chord / w.root_chord
-    assert w.half_span * (w.root_chord + w.tip_chord) == pytest.approx(0.1239, abs=1e-4)
-    assert 2 / 3 * w.root_chord * (1 + taper + taper**2) / (1 + taper) == pytest.approx(0.2300, abs=1e-4)
-
-
 def test_the_fuselage_s_volume_is_that_of_ogive_and_cylinder(fighter):
     f = fighter.fuselage
     rho = (f.radius**2 + f.nose_length**2) / (2 * f.radius)

@@ -5,8 +5,6 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from sdm_deflect.geometry.datum import (
     SURFACES,
@@ -84,15 +82,3 @@ def test_the_cylinder_is_that_of_the_rear_fuselage(fighter):
     assert radius == fighter.fuselage.radius
     assert np.array_equal(axis, [1.0, 0.0, 0.0])
     assert np.array_equal(point[1:], [0.0, 0.0])
-
-
-@given(st.floats(-180.0, 180.0), st.floats(-90.0, 90.0))
-def test_turning_is_an_isometry_that_keeps_the_axis(one, other):
-    axis = np.array([[0.1, 0.2, 0.3], [0.5, -0.2, 0.4]])
-    points = np.array([[1.0, 0.0, 0.0], [0.0, 2.0, 0.5], [-1.0, 0.3, 0.2]])
-    turned = rotated(points, axis, one)
-    assert rotated(axis, axis, one) == pytest.approx(axis, abs=1e-14)
-    assert np.diff(turned, axis=0) @ np.diff(turned, axis=0).T == pytest.approx(
-        np.diff(points, axis=0) @ np.diff(points, axis=0).T, abs=1e-13
-    )
-    assert rotated(turned, axis, other) == pytest.approx(rotated(points, axis, one + other), abs=1e-13)

@@ -5,8 +5,7 @@ import pytest
 from scipy.spatial import Delaunay
 
 from sdm_deflect.cases.aircraft.overset import has_donor
-from sdm_deflect.deform.mesh.quality import mean_ratio
-from sdm_deflect.meshing.mesh import Skin, tetrahedral, tets_of
+from sdm_deflect.meshing.mesh import Skin, tetrahedral
 
 NOTHING = np.empty(0, dtype=np.intp)
 
@@ -29,15 +28,6 @@ def test_a_donor_is_found_where_the_triangulation_has_a_cell(cells):
     expected = cells.find_simplex(points) >= 0
     assert 300 < np.count_nonzero(expected) < 2700
     np.testing.assert_array_equal(has_donor(points, mesh_of(cells.points, cells.simplices)), expected)
-
-
-def test_cells_that_are_missing_leave_orphans(cells):
-    left = np.arange(len(cells.simplices)) % 7 != 0
-    whole, rest = (mesh_of(cells.points, cells.simplices[rows]) for rows in (slice(None), left))
-    shaped = mean_ratio(whole.points, tets_of(whole)) > 0.3
-    centroids = whole.points[tets_of(whole)].mean(axis=1)
-    assert np.count_nonzero(shaped & ~left) > 300
-    np.testing.assert_array_equal(has_donor(centroids[shaped], rest), left[shaped])
 
 
 def test_no_node_needs_no_donor(cells):

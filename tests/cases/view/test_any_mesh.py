@@ -13,7 +13,6 @@ from sdm_deflect.cases.view.page import View
 from sdm_deflect.cases.view.run import InteractiveRun, Spans
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.quality import quality_of
 from sdm_deflect.deform.surface.motions import Moving, Rotation
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.job import Job
@@ -37,13 +36,6 @@ def test_a_hybrid_mesh_that_slides_is_reproduced(hybrid, wing_folder):
     assert np.array_equal(hybrid.at(0.0).points, hybrid.mesh.points)
     symmetry = hybrid.mesh.patch("symmetry").nodes
     assert np.abs(hybrid.at(7.0).points[symmetry, 1]).max() == 0.0
-
-
-def test_the_quality_has_the_measure_of_each_type_of_cell(hybrid):
-    frame = hybrid.at(10.0)
-    parts = zip(hybrid.mesh.cells, hybrid.touched.rows, strict=True)
-    expected = np.concatenate([quality_of(frame.points, block, rows) for block, rows in parts])
-    assert np.array_equal(frame.quality, expected)
 
 
 @pytest.mark.parametrize("many", [False, True])

@@ -1,7 +1,5 @@
 """Coincident points, and subsets that are nearly equidistant."""
 
-from time import process_time
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -58,15 +56,3 @@ def test_blocks_choose_the_same_points(few, monkeypatch):
             with monkeypatch.context() as patch:
                 patch.setattr(points, "FEW", few)
                 np.testing.assert_array_equal(farthest(cloud, n), expected)
-
-
-def test_a_million_points_take_seconds():
-    """Also if a third of them are at one place."""
-    x = np.random.default_rng(3).random((1_000_000, 3))
-    x[::3] = x[0]
-    begin = process_time()
-    first = first_coincident(x)
-    assert first[::3].max() == 0
-    assert np.count_nonzero(first == np.arange(len(x))) == 666_667
-    assert len(farthest(x, 500)) == 500
-    assert process_time() - begin < 10.0

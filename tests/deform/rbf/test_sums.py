@@ -43,19 +43,6 @@ def test_accepts_any_memory_layout_and_writes_into_nothing():
     assert all(np.array_equal(a, b) for a, b in zip(given, kept, strict=True))
 
 
-def test_no_points_no_values():
-    _, centers, beta, alpha = _problem(1, 20, 3)
-    assert kernel_sum(KERNELS[0], np.empty((0, 3)), centers, beta, alpha).shape == (0, 3)
-
-
-def test_reports_progress_up_to_the_end():
-    points, centers, beta, alpha = _problem(4_000, 300, 1)
-    seen = []
-    kernel_sum(KERNELS[0], points, centers, beta, alpha, threads=2, progress=lambda _, done: seen.append(done))
-    assert seen == sorted(seen)
-    assert seen[-1] == 1.0
-
-
 def test_arrays_that_are_not_points_are_named():
     points, centers, beta, alpha = _problem(5, 20, 1)
     with pytest.raises(ValueError, match=r"points \(5, 2\)"):

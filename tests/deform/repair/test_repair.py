@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.mesh.cells import Cells
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.repair import patch as goal
@@ -126,19 +125,6 @@ def test_other_cells_get_their_own_shape_back(block):
     assert not len(found.inverted)
     assert np.abs(found.points - points).max() < 0.25
     assert touched.quality(found.points)[0].min > 0.9
-
-
-def test_left_handed_cells_are_repaired_as_well():
-    mesh = lattice(counts=(5, 5, 5))
-    tets = mesh.cells[0].nodes[:, [0, 2, 1, 3]]
-    other = Mesh(mesh.points, (Cells("tetra", tets),), mesh.patches)
-    points, rng = mesh.points.copy(), np.random.default_rng(2)
-    nodes = inner(mesh)
-    points[nodes] += rng.uniform(-0.2, 0.2, (len(nodes), 3))
-    touched, freedom = all_of(other)
-    assert touched.orientation == (-1.0,)
-    assert touched.newly_inverted(points).sum() > 10
-    assert not len(repaired(points, touched, freedom, 0.9).inverted)
 
 
 def test_the_same_bits_for_any_number_of_threads(monkeypatch):

@@ -39,21 +39,6 @@ def test_a_positive_angle_is_right_handed_from_the_first_hinge_point_to_the_seco
     np.testing.assert_allclose(axis.rotated(np.array([[1.0, 0.0, 5.0]]), 90.0), [[0.0, 1.0, 5.0]], atol=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("ends", "words"),
-    [
-        (([1, 2, 3], [1, 2, 3]), "the hinge has no length: both its points are at 1, 2, 3"),
-        (([1e300, 0, 0], [1e300, 0, 1]), "hinge: a coordinate is not finite, or beyond"),
-        (([0, 0], [1, 0, 0]), "must be two points of three numbers"),
-        (([0, 0, 0], [0, np.nan, 0]), "hinge: a coordinate is not finite"),
-        (("a", [0, 0, 1]), "hinge must be real numbers"),
-    ],
-)
-def test_what_is_no_hinge(ends, words):
-    with pytest.raises(InputError, match=words):
-        Rotation.about(*ends)
-
-
 def test_rates_are_derivatives_of_displacements(flap):
     table = Table(rng.random((40, 3)), rng.random((40, 3)))
     for motion in (HINGE, Blended(HINGE), table):
@@ -118,16 +103,6 @@ def test_a_table_that_is_none(content, match, tmp_path):
         Table.read(tmp_path / "bad.csv")
 
 
-def test_arrays_that_are_no_table(tmp_path):
-    with pytest.raises(InputError, match=r"points \(9, 3\) and vectors \(8, 3\) must be \(P, 3\) both"):
-        Table(np.zeros((9, 3)), np.zeros((8, 3)))
-    with pytest.raises(InputError, match="not finite"):
-        Table(np.full((9, 3), np.nan), np.zeros((9, 3)))
-    np.savez(tmp_path / "other.npz", points=np.zeros((9, 3)))
-    with pytest.raises(InputError, match=r"other\.npz: no table of points"):
-        Table.read(tmp_path / "other.npz")
-
-
 @pytest.mark.parametrize("suffix", [".npz", ".csv"])
 def test_a_point_of_two_displacements_is_named(suffix, tmp_path):
     places = rng.random((6, 3))
@@ -140,27 +115,6 @@ def test_a_point_of_two_displacements_is_named(suffix, tmp_path):
     table = Table.read(path)
     with pytest.raises(InputError, match=re.escape(f"the point {places[1].tolist()} is given twice, with")):
         table.law(cloud(places))
-
-
-@pytest.mark.parametrize(
-    ("arrays", "said"),
-    [
-        ({"points": np.zeros((9, 3)), "vectors": 1j * np.zeros((9, 3))}, "vectors must be real numbers"),
-        ({"points": np.full((9, 3), "text"), "vectors": np.zeros((9, 3))}, "points must be real numbers"),
-        ({"points": np.full((9, 3), None), "vectors": np.zeros((9, 3))}, "no archive of arrays"),
-        ({"points": np.zeros((9, 2)), "vectors": np.zeros((9, 2))}, "must be (P, 3) both"),
-        ({"points": np.zeros(9), "vectors": np.zeros(9)}, "must be (P, 3) both"),
-        ({"points": np.zeros((9, 3)), "vectors": np.full((9, 3), np.inf)}, "not finite"),
-        ({"points": np.zeros((9, 3))}, "'vectors'"),
-    ],
-)
-def test_archives_that_are_no_table(arrays, said, tmp_path):
-    np.savez(tmp_path / "table.npz", **arrays)
-    with pytest.raises(InputError, match=rf"table\.npz: .*{re.escape(said)}"):
-        Table.read(tmp_path / "table.npz")
-    if "vectors" in arrays and arrays["points"].dtype.kind == "f":
-        with pytest.raises(InputError, match=re.escape(said)):
-            Table(**arrays)
 
 
 @pytest.mark.parametrize("content", [b"", b"x,y,z,dx,dy,dz\n", b"\xff\xfe\x00", b"x\n1,2,3,4,5,1e999\n" * 5, b"\n" * 9])

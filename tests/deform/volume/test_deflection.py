@@ -227,9 +227,3 @@ def test_a_mesh_numbered_left_handed_gives_the_same_points(block):
     assert result.plan.touched.orientation == (-1.0,)
     assert all(check.passed for check in checks_of(result))
     assert np.array_equal(result.points, turn(block).points)
-
-
-def test_planning_tells_what_it_does(block):
-    seen = []
-    Plan.of(block, [job(("body",))], progress=lambda text, fraction: seen.append(text))
-    assert seen == ["surfaces", "box", "cells"]

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.checks import checks_of, run
+from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.mesh.cells import Cells, Patch, Periodic
 from sdm_deflect.deform.mesh.images import Images
-from sdm_deflect.deform.mesh.mesh import MeshInPieces
 from sdm_deflect.deform.mesh.selection import Selection, Within, selected
 from sdm_deflect.deform.repair import patch as goal
 from sdm_deflect.deform.surface.blended import Blended
@@ -17,15 +16,12 @@ from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.surface.surface import OnPatches
 from sdm_deflect.deform.volume.box import Outline
 from sdm_deflect.deform.volume.deflection import deflect
-from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.field import Field
 from sdm_deflect.deform.volume.plan import Plan
-from sdm_deflect.deform.volume.prepared import Centers, PreparedDeflection
 from tests.deform.blocks import block_with_body
 from tests.deform.jobs import job, placed
 from tests.deform.paired import about_x, airfoil, bound, sector, wedge
 from tests.deform.plates import plate
-from tests.deform.volume.test_excerpt import Elsewhere, Held
 
 SMALL = {"around": 32, "outwards": 8}
 AIRFOIL = [[0.7, 0.0, 0.0], [0.7, 0.3, 0.0]]
@@ -151,17 +147,6 @@ def test_sensitivities_are_central_differences(name, turned):
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_an_excerpt_gives_the_same_bits(name, turned):
-    mesh, wanted = made(name)
-    pieces = MeshInPieces(mesh.name, Held(mesh), mesh.patches, mesh.zones, periodic=mesh.periodic)
-    some = excerpt(pieces, (wanted,), (), Elsewhere())
-    found = deflect(Plan.of(some, [wanted]), 10.0)
-    points = mesh.points.copy()
-    points[some.whole.nodes] = found.points
-    assert np.array_equal(points, turned(name).points)
-
-
-@pytest.mark.parametrize("name", KINDS)
 def test_a_field_has_the_nodes_of_pairs_to_the_bit(name, turned):
     result = turned(name)
     mesh = result.plan.mesh
@@ -169,19 +154,6 @@ def test_a_field_has_the_nodes_of_pairs_to_the_bit(name, turned):
     found = Field.of(result).apply(mesh.points)
     assert np.array_equal(found[nodes], result.points[nodes])
     np.testing.assert_allclose(found, result.points, atol=1e-12)
-
-
-def test_sweeps_and_prepared_angles_keep_pairs(turned):
-    plan = turned("sector").plan
-    for one, _ in run(plan, [4.0, -6.0]):
-        assert apart(plan.mesh, one.points) < 2e-15
-    fits = turned("sector").boxes[0].steps[0]
-    centers = [
-        {d: one.interpolant.centers for one in found.adaptations for d in one.components}
-        for found in (fits.first, fits.fits)
-    ]
-    prepared = PreparedDeflection.of(plan.boxes[0], 10.0, [Centers(*centers)])
-    assert apart(plan.mesh, prepared.at(7.0).points) < 2e-15
 
 
 @pytest.mark.parametrize(("name", "angle"), [("cyclic", 45.0), ("empty", 45.0), ("sector", 25.0), ("wedge", 30.0)])

@@ -11,7 +11,6 @@ from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.mesh.cells import Cells, Patch
 from sdm_deflect.deform.mesh.edges import polygons_of, rim, sharp_edges
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import inverted_of, quality_of
 from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import Multiquadric, ThinPlateSpline
@@ -98,13 +97,6 @@ def test_hinges_that_do_not_suit(hinge, message):
         deflect(plate(), "hole", hinge=hinge, angle=5, box=BOX)
 
 
-def test_a_hinge_of_two_points_along_z_is_the_same():
-    mesh = plate(z=2.0)
-    one = deflect(mesh, "hole", hinge=[0.1, 0.2], angle=5, box=BOX)
-    two = deflect(mesh, "hole", hinge=[[0.1, 0.2, 0.0], [0.1, 0.2, 1.0]], angle=5, box=BOX)
-    assert one.points.tobytes() == two.points.tobytes()
-
-
 def test_lines_around_slide_on_lines_circles_and_any_curve():
     mesh = plate()
     job = Job(
@@ -173,17 +165,6 @@ def test_a_large_angle_is_repaired(backward):
     assert mended.quality[0].inverted == 0
     assert mended.quality[0].min > 0.2
     assert (mended.points[:, 2] == 0.0).all()
-
-
-def test_quality_of_plane_cells():
-    points = np.array([[0, 0, 1], [1, 0, 1], [0.5, np.sqrt(0.75), 1], [0, 1, 1], [1, 1, 1]], dtype=float)
-    triangles = Cells("triangle", np.array([[0, 1, 2], [0, 1, 3], [1, 0, 3]]))
-    assert quality_of(points, triangles) == pytest.approx([1.0, np.sqrt(0.75), 0.0])
-    assert inverted_of(points, triangles).tolist() == [False, False, True]
-    quads = Cells("quad", np.array([[0, 1, 4, 3], [0, 1, 2, 3], [3, 4, 1, 0]]))
-    assert quality_of(points, quads)[[0, 2]] == pytest.approx([1.0, -1.0])
-    assert 0.0 < quality_of(points, quads)[1] < 1.0
-    assert inverted_of(points, quads).tolist() == [False, False, True]
 
 
 def test_a_mesh_is_plane_or_solid():

@@ -242,15 +242,6 @@ def test_polyhedra_make_the_round_trip(version, tmp_path):
         assert sorted(map(sorted, own)) == sorted(sorted(row) for faces in patch.faces for row in rows(faces))
 
 
-def test_polyhedra_are_rewritten(tmp_path):
-    mesh = polyhedral(hybrid())
-    Cgns().write(mesh, tmp_path / "mesh.cgns")
-    Cgns().rewrite(tmp_path / "mesh.cgns", mesh.points * 2.0, tmp_path / "moved.cgns")
-    again = Cgns().read(tmp_path / "moved.cgns")
-    assert same_polyhedra(again, mesh)
-    np.testing.assert_array_equal(again.points, mesh.points * 2.0)
-
-
 def test_large_counts_take_eight_bytes(tmp_path, monkeypatch):
     monkeypatch.setattr("sdm_deflect.meshing.formats.cgns_write.FITS", 10)
     Cgns().write(hybrid(), tmp_path / "mesh.cgns")

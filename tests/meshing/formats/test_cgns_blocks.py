@@ -15,7 +15,6 @@ from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.cgns_nodes import AXES, create
 from sdm_deflect.meshing.formats.cgns_read import PLANE
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.su2 import Su2
 from tests.meshing.formats.alike import content, replace_data
 from tests.meshing.formats.blocks import (
     FLAP,
@@ -83,15 +82,6 @@ def test_a_flap_in_blocks_turns_and_the_blocks_still_fit(made, tmp_path):
     _, first = np.unique(place, return_index=True)
     assert len(first) < len(before)
     np.testing.assert_array_equal(after, after[first][place.ravel()])
-
-
-def test_the_deflection_is_that_of_the_same_mesh_in_su2(made, tmp_path):
-    mesh = Cgns().read(made)
-    assert Su2().write(mesh, tmp_path / "wing.su2") == ()
-    same = Su2().read(tmp_path / "wing.su2")
-    np.testing.assert_array_equal(same.points, mesh.points)
-    assert content(same)["cells"] == content(mesh)["cells"]
-    np.testing.assert_array_equal(deflected(made).points, deflected(tmp_path / "wing.su2").points)
 
 
 def test_blocks_become_one_mesh_in_the_order_of_the_file(made):
@@ -306,17 +296,3 @@ def test_what_could_not_be_read_is_said_by_the_commands_and_matters_where_it_is_
             sdm_deflect.InputError, match=r"'lost' cannot be taken: patch upper/lost is absent: zone upper"
         ):
             sdm_deflect.deflect(tmp_path / "plane.cgns", surface, **given, **fixed)
-
-
-def test_plane_blocks_are_deflected_as_in_su2(tmp_path):
-    write_blocks(tmp_path / "plane.cgns", plane_blocks(), dimension=2)
-    Su2().write(Cgns().read(tmp_path / "plane.cgns"), tmp_path / "plane.su2")
-    box = [[-2.05, -2.05], [2.05, 2.05]]
-    own, other = (
-        sdm_deflect.deflect(tmp_path / name, "wall", [[0.0, 0.0]], 10.0, box=box)
-        for name in ("plane.cgns", "plane.su2")
-    )
-    assert own.passed
-    np.testing.assert_array_equal(own.points, other.points)
-    own.save(tmp_path / "turned.cgns")
-    np.testing.assert_array_equal(Cgns().read(tmp_path / "turned.cgns").points, own.points)

@@ -107,20 +107,6 @@ def test_a_block_round_an_axis_has_prisms_there(tmp_path):
     np.testing.assert_array_equal(Cgns().read(tmp_path / "moved.cgns").points, moved)
 
 
-@pytest.mark.parametrize(("at_one_point", "shape"), [((4, 5, 6, 7), "pyramid"), ((2, 3), "hexahedron")])
-def test_a_collapsed_cell_is_what_it_is(at_one_point, shape, tmp_path):
-    order = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
-    points = np.array(order, dtype=float)
-    points[list(at_one_point)] = points[list(at_one_point)].mean(axis=0)
-    own = np.empty((2, 2, 2, 3))
-    for corner, place in zip(order, points, strict=True):
-        own[corner] = place
-    write_blocks(tmp_path / "one.cgns", [Block("one", own, np.arange(8).reshape(2, 2, 2))])
-    mesh = Cgns().read(tmp_path / "one.cgns")
-    assert [block.shape for block in mesh.cells] == [shape]
-    assert grid(mesh).compute_cell_sizes()["Volume"][0] > 0.0
-
-
 def test_a_block_that_meets_itself_is_closed(tmp_path):
     """An O-grid of one block: its first and last points round the body are the same."""
     angle, radius, y = np.linspace(0.0, 2.0 * np.pi, 13), np.linspace(1.0, 3.0, 4), np.linspace(0.0, 1.0, 3)
@@ -134,20 +120,6 @@ def test_a_block_that_meets_itself_is_closed(tmp_path):
     assert len(mesh.points) == 12 * 3 * 4
     assert sorted(mesh.names) == ["jmax", "jmin", "kmax", "kmin"]
     assert grid(mesh).compute_cell_sizes()["Volume"].min() > 0.0
-
-
-def test_packed_coordinates_of_blocks_stay_packed(tmp_path):
-    write_blocks(tmp_path / "two.cgns", two_blocks())
-    with h5py.File(tmp_path / "two.cgns", "r+") as file:
-        node = file["Base#1/right/GridCoordinates/CoordinateX"]
-        values = node[" data"][()]
-        del node[" data"]
-        node.create_dataset(" data", data=values, chunks=(2, 3, 4), compression="gzip")
-    moved = Cgns().read(tmp_path / "two.cgns").points * np.pi
-    Cgns().rewrite(tmp_path / "two.cgns", moved, tmp_path / "moved.cgns")
-    np.testing.assert_array_equal(Cgns().read(tmp_path / "moved.cgns").points, moved)
-    with h5py.File(tmp_path / "moved.cgns") as file:
-        assert file["Base#1/right/GridCoordinates/CoordinateX/ data"].compression == "gzip"
 
 
 def test_copies_of_a_point_keep_their_bits_until_they_move(tmp_path):

@@ -40,23 +40,6 @@ def test_cgnscheck_has_no_error_in_polyhedra(tmp_path):
     assert [line for line in complaints(tmp_path / "mesh.cgns") if line.startswith("ERROR")] == []
 
 
-@needs_tools
-def test_cgns_to_vtk_has_the_same_cells(tmp_path):
-    mesh = hybrid()
-    Cgns().write(mesh, tmp_path / "mesh.cgns")
-    subprocess.run(["cgns_to_vtk", "-e", tmp_path / "mesh.cgns", tmp_path], capture_output=True, check=True)
-    volume = pv.read(tmp_path / "Zone.vtk")
-    np.testing.assert_allclose(volume.points, mesh.points, rtol=1e-6, atol=1e-6)  # it writes single precision
-    for block in mesh.cells:
-        name = f"cells{block.shape}.vtk"
-        assert pv.read(tmp_path / name).n_cells == len(block)
-    counts = {p.stem: pv.read(p).n_cells for p in tmp_path.glob("*.vtk")}
-    for patch in mesh.patches:
-        name = patch.name.replace(" ", "")
-        extra = sum(counts.get(f"{name}{shape}", 0) for shape in ("triangle", "quad"))
-        assert counts[name] + extra == len(patch)
-
-
 @pytest.mark.parametrize("zones", [1, 2])
 def test_vtk_has_the_same_points_cells_and_patches(zones, tmp_path):
     mesh = hybrid(zones)

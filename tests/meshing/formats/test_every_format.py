@@ -1,13 +1,22 @@
 """What holds for the files of every format, however they store numbers."""
 
+from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import sdm_deflect
+from sdm_deflect.cases.run.mesh_files import Targets
+from sdm_deflect.deform.mesh.cells import Polyhedra
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.known import entries
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of, read
+from sdm_deflect.meshing.formats.ugrid_file import ENCODINGS
+from tests.deform.blocks import block_with_body
 from tests.meshing.formats import fluent_files, netcdf_files, plot3d_files
 from tests.meshing.formats.examples import hybrid
 from tests.meshing.formats.gmsh_files import gmsh_data
@@ -22,19 +31,44 @@ MADE = {
 SINGLE = [name for name in MADE if name != "openfoam"]
 
 
-def made(name: str, folder: Path) -> Path:
+def made(name: str, folder: Path, mesh: Mesh | None = None) -> Path:
     """Write a small mesh of one of `MADE`."""
-    path = folder / MADE[name]
+    path, mesh = folder / MADE[name], mesh or hybrid()
     if name == "gmsh 4.1":
-        path.write_bytes(gmsh_data(hybrid()))
+        path.write_bytes(gmsh_data(mesh))
     elif name.startswith("fluent"):
-        fluent_files.written(hybrid(), path, **({"compression": "gzip", "chunks": True} if "packed" in name else {}))
+        fluent_files.written(mesh, path, **(fluent_files.PACKED if "packed" in name else {}))
     elif name.startswith("tau "):
-        netcdf_files.written(hybrid(), path, name.split()[1])
+        netcdf_files.written(mesh, path, name.split()[1])
     elif name.startswith("plot3d"):
         plot3d_files.written(path, [plot3d_files.box()], "text" if "text" in name else "<f8")
     else:
-        format_of(path).write(hybrid(), path)
+        format_of(path).write(mesh, path)
+    return path
+
+
+def stored_otherwise() -> Iterator[tuple[str, Callable[[Path], Path]]]:
+    """Yield every other way to store numbers: a name, and what writes a small mesh into a folder."""
+    for name in ENCODINGS:
+        yield f"mesh.{name}.ugrid", lambda folder, name=name: write(folder / f"mesh.{name}.ugrid")
+    for kind in netcdf_files.KINDS:
+        yield f"{kind}.grid", lambda folder, kind=kind: netcdf_files.written(hybrid(), folder / f"{kind}.grid", kind)
+    for own in product(fluent_files.LAYOUTS, ("<f8", ">f8", "<f4")):
+        for packed in ({}, fluent_files.PACKED):
+            name = "packed.msh.h5" if packed else "mesh.msh.h5"
+            yield (
+                f"{own}-{name}",
+                lambda folder, own=own, name=name, packed=packed: fluent_files.written(
+                    hybrid(), folder / name, *own, **packed
+                ),
+            )
+    for variant in plot3d_files.BINARY:
+        blocks = plot3d_files.cut(plot3d_files.box(), 0, 2)
+        yield variant, lambda folder, own=variant, blocks=blocks: plot3d_files.written(folder / "a.p3d", blocks, own)
+
+
+def write(path: Path) -> Path:
+    format_of(path).write(hybrid(), path)
     return path
 
 
@@ -92,6 +126,55 @@ def test_unmoved_points_leave_every_byte(name, tmp_path):
     assert {file.relative_to(out): data for file, data in bytes_of(out).items()} == {
         file.relative_to(path): data for file, data in bytes_of(path).items()
     }
+
+
+ALL = [*((name, partial(made, name)) for name in MADE), *stored_otherwise()]
+
+
+@pytest.mark.parametrize("make", [make for _, make in ALL], ids=[name for name, _ in ALL])
+def test_only_coordinates_that_moved_change(make, tmp_path):
+    """24 bytes, or three lines of text; what is packed is packed anew, with the same content."""
+    path = make(tmp_path)
+    mesh, out, form = read(path), tmp_path / "out" / path.name, format_of(path)
+    out.parent.mkdir()
+    points = mesh.points.copy()
+    points[3] += 0.1
+    form.rewrite(path, points, out)
+    again = read(out)
+    np.testing.assert_array_equal(again.points, points.astype(form.real(out, path)))
+    assert again.names == mesh.names
+    for one, other in zip((*mesh.cells, *mesh.patches), (*again.cells, *again.patches), strict=True):
+        for part in ("owner", "neighbour") if isinstance(one, Polyhedra) else ("nodes",):
+            assert np.array_equal(getattr(one, part), getattr(other, part))
+    for file, before in bytes_of(path).items() if path.suffix != ".vtu" and "packed" not in path.name else ():
+        after = (out / file.relative_to(path)).read_bytes()
+        if len(before) == len(after):
+            assert np.count_nonzero(np.frombuffer(before, np.uint8) != np.frombuffer(after, np.uint8)) <= 24
+        else:
+            lines = zip(before.split(b"\n"), after.split(b"\n"), strict=True)
+            assert sum(one != other for one, other in lines) <= 3
+
+
+@pytest.mark.parametrize("name", [name for name in MADE if "plot3d" not in name and name != "ugrid lr4"])
+def test_a_deflection_is_that_of_the_same_mesh_in_memory(name, tmp_path):
+    job = {"hinge": [(0, -1, 0), (0, 1, 0)], "angle": 5.0, "fixed": "*[+-]"}
+    expected = sdm_deflect.deflect(block_with_body(6), "body", **job)
+    path, out = made(name, tmp_path, block_with_body(6)), tmp_path / "out" / MADE[name]
+    out.parent.mkdir()
+    sdm_deflect.deflect(path, "body", **job).save(out)
+    assert np.abs(expected.displacement).max() > 0.01
+    np.testing.assert_allclose(read(out).points, expected.points, rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("name", "suffix"), [("fluent", ".msh.h5"), ("plot3d", ".p3d")])
+def test_a_format_that_is_only_rewritten_says_so_before_anything_is_computed(name, suffix, tmp_path):
+    with pytest.raises(MeshFileError, match=rf"b\{suffix}: only a mesh of this format can be written in it"):
+        Targets.of(tmp_path / "a.su2", tmp_path / f"b{suffix}", (3.0,))
+    with pytest.raises(MeshFileError, match="only a mesh of this format"):
+        FORMATS[name].write(hybrid(), tmp_path / f"b{suffix}")
+    path = made(name, tmp_path)
+    format_of("c.cgns").write(read(path), tmp_path / "c.cgns")
+    assert sum(map(len, read(tmp_path / "c.cgns").patches)) == sum(map(len, read(path).patches))
 
 
 @pytest.mark.parametrize("name", MADE)

@@ -1,6 +1,5 @@
 """Fluent's meshes in HDF5: both layouts, only coordinates change, VTK's reader sees what we moved."""
 
-import re
 from dataclasses import replace
 
 import h5py
@@ -9,21 +8,14 @@ import pytest
 import pyvista as pv
 
 import sdm_deflect as sdm
-from sdm_deflect.cases.report.folder import folder_of
-from sdm_deflect.cases.run.inspection import inspect
-from sdm_deflect.cases.run.mesh_files import Targets
-from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.cells import Patch
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import inverted_of
 from sdm_deflect.meshing.formats.fluent import Fluent
-from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.polyhedra import faces_by_cell, standard_cells
-from sdm_deflect.meshing.formats.registry import format_of, read
+from sdm_deflect.meshing.formats.registry import read
 from sdm_deflect.meshing.formats.shapes import turned
-from tests.deform.blocks import block_with_body
-from tests.meshing.formats.alike import content, rows, tree
+from tests.meshing.formats.alike import rows, tree
 from tests.meshing.formats.examples import grid, hybrid, polyhedral
 from tests.meshing.formats.fluent_files import LAYOUTS, PACKED, ZONES, plane_mesh, written
 
@@ -48,14 +40,6 @@ def test_a_mesh_is_read_from_either_layout(layout, stored, tmp_path):
     assert mesh.name == "wing.v2.msh.h5"
 
 
-def test_what_a_file_holds_is_told(tmp_path):
-    text = inspect(written(hybrid(), tmp_path / "a.msh.h5", "meshing"))
-    assert "14 points, 7 cells" in text
-    assert "7 polyhedra, 0 inverted" in text
-    counts = re.findall(r"^  (\D+ \d+), \(.*\) to \(.*\)$", text, re.MULTILINE)
-    assert counts == ["floor 3", "inlet 2", "outlet 2", "left wall 3", "right wall 3", "roof 5"]
-
-
 def test_cells_keep_their_order(tmp_path):
     mesh = read(written(hybrid(), tmp_path / "a.cas.h5"))
     faces, cell = faces_by_cell(mesh.cells[0])
@@ -75,29 +59,6 @@ def test_patches_face_outwards_whichever_cell_normals_point_to(tmp_path):
     other = read(path)
     assert [rows(p.faces[0]) for p in other.patches] == [rows(p.faces[0]) for p in usual.patches]
     assert not inverted_of(other.points, other.cells[0]).any()
-
-
-@pytest.mark.parametrize("layout", LAYOUTS)
-@pytest.mark.parametrize("real", ["<f8", ">f8", "<f4"])
-@pytest.mark.parametrize("stored", [{}, PACKED], ids=["plain", "packed"])
-def test_nothing_but_coordinates_changes(layout, real, stored, tmp_path):
-    source, out = (tmp_path / name for name in ("a.msh.h5", "b.msh.h5"))
-    written(hybrid(), source, layout, real, **stored)
-    points = read(source).points
-    moved = points.copy()
-    moved[3] += 0.1
-    Fluent().rewrite(source, moved, out)
-    np.testing.assert_array_equal(read(out).points, moved.astype(real))
-    before, after = tree(source), tree(out)
-    names = {name for name in before if "nodes/coords/" in name}
-    assert {name for name in before if before[name] != after[name]} <= names
-    assert [before[name][0] for name in names] == [after[name][0] for name in names]
-    assert list(before) == list(after)
-    if not stored:
-        old, new = (np.frombuffer(path.read_bytes(), np.uint8) for path in (source, out))
-        assert 0 < np.count_nonzero(old != new) <= 3 * np.dtype(real).itemsize
-    Fluent().rewrite(source, points, tmp_path / "same.msh.h5")
-    assert (tmp_path / "same.msh.h5").read_bytes() == source.read_bytes()
 
 
 def cells_of(path) -> pv.UnstructuredGrid:
@@ -129,19 +90,6 @@ def test_vtk_sees_the_mesh_before_and_after(mesh, stored, tmp_path):
     np.testing.assert_allclose(volumes[1], 2.0 * volumes[0], rtol=0.02)  # VTK cuts warped faces as they come
     own = abs(grid(hybrid()).compute_cell_sizes()["Volume"])
     np.testing.assert_allclose(volumes[0], own, rtol=0.05)
-
-
-def test_a_deflection_is_that_of_the_same_cells_in_openfoam(tmp_path):
-    mesh = block_with_body(6)
-    source = written(mesh, tmp_path / "mesh.cas.h5", **PACKED)
-    OpenFoam().write(mesh, tmp_path / "case")
-    moved = []
-    for path, out in ((source, "moved.cas.h5"), (tmp_path / "case", "moved")):
-        result = sdm.deflect(path, "body", hinge=[(0, -1, 0), (0, 1, 0)], angle=5.0, fixed="*[+-]")
-        result.save(tmp_path / out)
-        moved.append(read(tmp_path / out).points)
-    assert np.abs(moved[0] - mesh.points).max() > 0.01
-    np.testing.assert_allclose(*moved, rtol=0.0, atol=1e-9)
 
 
 def test_two_sided_walls_shadows_and_interfaces_are_patches(tmp_path):
@@ -185,38 +133,6 @@ def test_zones_of_one_name_are_one_patch_and_one_without_has_its_number(tmp_path
     }  # fmt: skip
 
 
-def test_names_of_files(tmp_path):
-    one = Targets.of(tmp_path / "wing.v2.MSH.h5", None, (3.0,))
-    assert one.mesh(3.0).name == "wing.v2-deflected.MSH.h5"
-    several = Targets.of(tmp_path / "wing.cas.h5", None, (3.0, -12.5), True, True)
-    assert [several.mesh(angle).name for angle in several.angles] == [
-        "wing-deflected_+3.cas.h5", "wing-deflected_-12.5.cas.h5",
-    ]  # fmt: skip
-    assert folder_of(several.mesh(3.0)).name == "wing-deflected_+3-report"
-    assert several.sensitivity(3.0)[0].name == "wing-deflected_+3-sensitivity.npz"
-    with pytest.raises(MeshFileError, match=r"export it from the mesher"):
-        format_of("wing.dat.h5")
-
-
-def test_a_mesh_from_elsewhere_is_refused_before_anything_is_computed(tmp_path):
-    with pytest.raises(MeshFileError, match=r"b\.msh\.h5: only a mesh of this format can be written in it"):
-        Targets.of(tmp_path / "a.su2", tmp_path / "b.msh.h5", (3.0,))
-    with pytest.raises(MeshFileError, match=r"b\.cas\.h5: only a mesh of this format"):
-        Fluent().write(hybrid(), tmp_path / "b.cas.h5")
-    assert Targets.of(tmp_path / "a.msh.h5", tmp_path / "b.MSH.h5", (3.0,)).out.name == "b.MSH.h5"
-    with pytest.raises(InputError, match=r"b\.cas\.h5: is to be a copy of a file \.msh\.h5 and must have that suffix"):
-        Targets.of(tmp_path / "a.msh.h5", tmp_path / "b.cas.h5", (3.0,))
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_other_formats_take_the_mesh(tmp_path):
-    source = written(hybrid(), tmp_path / "a.msh.h5", "meshing")
-    format_of("b.vtu").write(read(source), tmp_path / "b.vtu")
-    assert sets(read(tmp_path / "b.vtu")) == sets(hybrid())
-    format_of("b.su2").write(read(source), tmp_path / "b.su2")
-    assert sorted(content(read(tmp_path / "b.su2"))["cells"]) == ["hexahedron", "pyramid", "tetra", "wedge"]
-
-
 def test_an_inner_patch_does_not_hide_the_others(tmp_path):
     mesh = hybrid()
     named = (Patch("all", tuple(faces for patch in mesh.patches for faces in patch.faces)),)
@@ -242,10 +158,3 @@ def test_plane_meshes(layout, tmp_path):
     assert not any(inverted_of(moved.points, block).any() for block in moved.cells)
     before, after = tree(source), tree(out)
     assert {name for name in before if before[name] != after[name]} <= {n for n in before if "nodes/coords/" in n}
-
-
-def test_vtk_sees_a_plane_mesh(tmp_path):
-    seen = cells_of(written(plane_mesh(), tmp_path / "a.cas.h5"))
-    assert np.unique(seen.celltypes, return_counts=True)[1].tolist() == [10, 19]
-    areas = seen.compute_cell_sizes()["Area"]
-    assert areas.sum() == pytest.approx(4.0 - 0.16, rel=0.02)

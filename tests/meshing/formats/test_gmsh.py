@@ -113,15 +113,6 @@ def test_an_entity_in_two_groups_is_in_both_patches(tmp_path):
         assert len(mesh.patch("all but one")) > 2 * len(mesh.patch("sides"))
 
 
-@pytest.mark.parametrize("key", VARIANTS)
-@pytest.mark.parametrize("fraction", [0.02, 0.3, 0.6, 0.9])
-def test_a_truncated_file_is_an_error_that_names_it(variants, key, fraction, tmp_path):
-    data = variants[key].read_bytes()
-    (tmp_path / "cut.msh").write_bytes(data[: int(fraction * len(data))])
-    with pytest.raises(MeshFileError, match=r"cut\.msh: "):
-        Gmsh().read(tmp_path / "cut.msh")
-
-
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [

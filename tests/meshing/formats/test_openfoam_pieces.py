@@ -9,7 +9,6 @@ import pytest
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats import openfoam, openfoam_pieces, rewriting, tables
-from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import MESH, OpenFoam
 from sdm_deflect.meshing.formats.openfoam_files import open_foam
 from sdm_deflect.meshing.formats.registry import in_pieces, read
@@ -81,27 +80,6 @@ def test_a_copy_with_other_coordinates(case, named, tmp_path):
     inner = MESH if named != MESH else Path()
     assert files[0][inner / "points"][0] != (case / MESH / "points").read_bytes()
     assert (tmp_path / "pieces" / "0" / "U").exists() == (named != MESH)
-
-
-def test_points_behind_a_link_stay(case, tmp_path):
-    shutil.move(case / MESH / "points", tmp_path / "elsewhere")
-    (case / MESH / "points").symlink_to(tmp_path / "elsewhere")
-    before = (tmp_path / "elsewhere").read_bytes()
-    with in_pieces(case) as found:
-        found.pieces.rewrite(np.array([1]), np.full((1, 3), 0.25), tmp_path / "out")
-    assert (tmp_path / "elsewhere").read_bytes() == before
-    assert not (tmp_path / "out" / MESH / "points").is_symlink()
-    assert read(tmp_path / "out").points[1].tolist() == [0.25, 0.25, 0.25]
-
-
-@pytest.mark.parametrize("out", ["", "constant/new", "full"])
-def test_neither_the_case_nor_another_is_written_upon(case, out, tmp_path):
-    (case / "full").mkdir()
-    (case / "full" / "x").touch()
-    before = {path: path.read_bytes() for path in case.rglob("*") if path.is_file()}
-    with in_pieces(case) as found, pytest.raises(MeshFileError, match="lies in the case"):
-        found.pieces.rewrite(np.array([1]), np.zeros((1, 3)), case / out)
-    assert {path: path.read_bytes() for path in case.rglob("*") if path.is_file()} == before
 
 
 def test_a_case_that_becomes_shorter(case):

@@ -52,26 +52,6 @@ def test_gmsh_links_are_pairs_of_all_nodes_of_both_sides(files, shape, variant):
     np.testing.assert_allclose(pair.shift, [shape is not sector, 0, 0], atol=ROUNDING)
 
 
-@pytest.mark.parametrize("shape", [box, sector])
-def test_pairs_of_a_file_in_pieces_are_those_of_the_whole_file(files, shape):
-    path = files[shape][4.1, 1]
-    whole = read(path)
-    with in_pieces(path) as found:
-        (pair,), (expected,) = found.periodic, whole.periodic
-        assert (pair.name, pair.patches) == (expected.name, expected.patches)
-        for part in ("nodes", "rotation", "shift"):
-            assert np.array_equal(getattr(pair, part), getattr(expected, part))
-
-
-@pytest.mark.parametrize("variant", VARIANTS)
-def test_rewritten_file_keeps_the_bytes_of_its_links(files, variant, tmp_path):
-    source, out = files[box][variant], tmp_path / "out.msh"
-    mesh = Gmsh().read(source)
-    Gmsh().rewrite(source, mesh.points * 1.25, out)
-    links = [data[data.index(b"$Periodic") :] for data in (source.read_bytes(), out.read_bytes())]
-    assert links[0] == links[1]
-
-
 @pytest.mark.parametrize("shape", [box, square, sector])
 def test_gmsh_file_written_has_the_pairs(files, shape, tmp_path):
     mesh = Gmsh().read(files[shape][4.1, 0])

@@ -9,7 +9,6 @@ import pytest
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats import rewriting, tables
-from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.registry import format_of, in_pieces, read
 from tests.meshing.formats.alike import content, replace_data, zone_of
 from tests.meshing.formats.examples import hybrid, with_gmsh
@@ -60,22 +59,6 @@ def test_points_cells_and_patches(suffix, tmp_path):
     check_same(written(hybrid(), tmp_path / f"mesh{suffix}"))
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
-def test_through_a_link(suffix, tmp_path):
-    """What stands beside the link, such as names of surfaces, counts."""
-    (tmp_path / "there").mkdir()
-    written(hybrid(), tmp_path / "there" / f"mesh{suffix}")
-    link = tmp_path / f"link{suffix}"
-    link.symlink_to(tmp_path / "there" / f"mesh{suffix}")
-    check_same(link)
-    (tmp_path / "link.mapbc").write_text("1\n1 4000 ground\n")
-    with in_pieces(link) as found:
-        names = [patch.name for patch in found.patches]
-    assert ("ground" in names) == suffix.endswith("ugrid")
-    moved(link, tmp_path / f"out{suffix}")
-    assert (tmp_path / "out.mapbc").exists() == suffix.endswith("ugrid")
-
-
 def moved(path: Path, out: Path) -> np.ndarray:
     """Rewrite a file in pieces with some nodes at other places, and return all of these."""
     points = read(path).points.copy()
@@ -100,15 +83,6 @@ def test_a_copy_with_other_coordinates(suffix, tmp_path):
     assert out.read_bytes() != path.read_bytes()
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
-def test_onto_its_source_nothing_is_written(suffix, tmp_path):
-    path = written(hybrid(), tmp_path / f"mesh{suffix}")
-    before = path.read_bytes()
-    with in_pieces(path) as found, pytest.raises(MeshFileError, match="this is the mesh that is read"):
-        found.pieces.rewrite(np.array([1]), np.zeros((1, 3)), path)
-    assert path.read_bytes() == before
-
-
 @pytest.mark.parametrize("suffix", BINARY)
 def test_a_file_that_becomes_shorter(suffix, tmp_path):
     path = written(hybrid(), tmp_path / f"mesh{suffix}")
@@ -119,24 +93,6 @@ def test_a_file_that_becomes_shorter(suffix, tmp_path):
                 take()
         with pytest.raises(InputError, match="was changed or replaced while it was in use"):
             found.pieces.cells_of(0, 0, 1)
-
-
-@pytest.mark.parametrize("suffix", [".lb4.ugrid", ".r4.ugrid"])
-def test_single_precision_holds_no_larger_numbers(suffix, tmp_path):
-    path = written(hybrid(), tmp_path / f"mesh{suffix}")
-    with in_pieces(path) as found, pytest.raises(MeshFileError, match="too large for numbers of 4 bytes"):
-        found.pieces.rewrite(np.array([1]), np.full((1, 3), 1e39), tmp_path / f"out{suffix}")
-    assert not (tmp_path / f"out{suffix}").exists()
-    assert not (tmp_path / "out.mapbc").exists()
-
-
-def test_names_of_other_surfaces_stay(tmp_path):
-    path = written(hybrid(), tmp_path / "mesh.lb8.ugrid")
-    (tmp_path / "out.mapbc").write_text("0\n")
-    with in_pieces(path) as found, pytest.raises(MeshFileError, match=r"out\.mapbc: is there and names other surfaces"):
-        found.pieces.rewrite(np.array([1]), np.zeros((1, 3)), tmp_path / "out.lb8.ugrid")
-    assert (tmp_path / "out.mapbc").read_text() == "0\n"
-    assert not (tmp_path / "out.lb8.ugrid").exists()
 
 
 def is_in_pieces(path: Path) -> bool:

@@ -124,28 +124,6 @@ def test_files_of_gmsh(version, binary, tmp_path):
     assert read(out).points.tobytes() == result.points.tobytes()
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("NDIME= 2", "NDIME= 3", "30 elements of type 9 where there can be 10 (tetra)"),
-        ("NDIME= 2", "NDIME= 5", "NDIME= 5; it must be 2 or 3"),
-        ("MARKER_TAG= hole", "MARKER_TAG= bottom", "given twice: bottom"),
-        ("\n3 ", "\n5 ", "marker hole: 1 elements of type 5 where there can be 3 (line)"),
-        ("\n9 ", "\n10 ", "1 elements of type 10 where there can be 5 (triangle), 9 (quad)"),
-    ],
-)
-def test_damage_in_su2_is_named(old, new, message, tmp_path):
-    path = tmp_path / "plate.su2"
-    format_of(path).write(mixed(), path)
-    text = path.read_text()
-    assert old in text
-    path.write_text(text.replace(old, new, 1))
-    with pytest.raises(MeshFileError) as caught:
-        read(path)
-    assert message in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
 @pytest.mark.parametrize("library", ["meshio", "pyvista"])
 def test_meshes_of_other_libraries(library, monkeypatch):
     opened = []

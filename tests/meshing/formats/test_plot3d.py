@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import pyvista as pv
 
-from sdm_deflect.cases.run.inspection import inspect
 from sdm_deflect.deform.mesh.faces import FACES as CORNERS
 from sdm_deflect.deform.mesh.quality import inverted_of
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
@@ -47,23 +46,6 @@ def test_patches_face_outwards_whatever_hand_a_block_has(flip, tmp_path):
 def _faces_of_cells(mesh):
     for nodes in mesh.cells[0].nodes:
         yield from (nodes[list(face)] for face in CORNERS["hexahedron"])
-
-
-@pytest.mark.parametrize("variant", BINARY)
-def test_only_bytes_of_moved_coordinates_change(variant, tmp_path):
-    source, out = tmp_path / "a.p3d", tmp_path / "b.p3d"
-    written(source, cut(box(), 0, 2), variant)
-    mesh = read(source)
-    points = mesh.points.copy()
-    points[7, 1] += 0.1
-    Plot3d().rewrite(source, points, out)
-    before, after = (np.frombuffer(path.read_bytes(), np.uint8) for path in (source, out))
-    assert len(before) == len(after)
-    changed = np.flatnonzero(before != after)
-    assert 0 < np.ptp(changed) + 1 <= int(precision(variant)[1])
-    np.testing.assert_array_equal(read(out).points, points.astype(precision(variant)))
-    Plot3d().rewrite(source, mesh.points, tmp_path / "same.p3d")
-    assert (tmp_path / "same.p3d").read_bytes() == source.read_bytes()
 
 
 @pytest.mark.parametrize(
@@ -125,14 +107,6 @@ def test_part_of_a_face_may_meet_another_block(tmp_path):
     assert count["block1/imax"] == 2 * 3
     assert "block2/imin" not in count
     assert len(mesh.zones) == 1
-
-
-def test_what_a_grid_holds_is_told(tmp_path):
-    text = inspect(written(tmp_path / "a.xyz", cut(box(), 0, 2), "<f4rb"))
-    assert "60 points, 24 cells" in text
-    assert "2 zones of the file fit together: block1, block2" in text
-    assert "24 hexahedra, 0 inverted" in text
-    assert "block1/imin 6" in text
 
 
 def test_blocks_that_do_not_meet_are_zones(tmp_path):

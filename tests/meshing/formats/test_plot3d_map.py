@@ -10,19 +10,7 @@ import sdm_deflect as sdm
 from sdm_deflect.meshing.formats.plot3d import Plot3d
 from sdm_deflect.meshing.formats.registry import read
 from sdm_deflect.meshing.formats.su2 import Su2
-from tests.meshing.formats.blocks import FLAP, HINGE, Block, wing_blocks, write_blocks
-from tests.meshing.formats.plot3d_files import (
-    BODY,
-    FACES,
-    SIDES,
-    box,
-    cut,
-    head,
-    stored,
-    whole_face,
-    with_body,
-    written,
-)
+from tests.meshing.formats.plot3d_files import BODY, SIDES, box, cut, head, stored, whole_face, with_body, written
 from tests.meshing.formats.test_hostile import complaint
 
 
@@ -50,45 +38,6 @@ def test_a_deflection_is_that_of_the_same_mesh_in_su2_and_interfaces_stay_the_sa
     assert moved[0].names == mesh.names  # by the map of mesh.p3d
     places = {point.tobytes() for point in stored(tmp_path / "mesh-moved.p3d")}
     assert len(places) == len(mesh.points)
-
-
-def line_of(number: int, block: Block, condition: tuple) -> str:
-    """A boundary condition as a line of a map: points, or faces, first to last along each axis from 1."""
-    _, family, _, begin, end, where = condition
-    by_faces, size = (where or "Vertex") != "Vertex", block.places.shape
-    flat = [a for a in range(3) if begin[a] == end[a]]
-    whole = [a for a in flat if all(end[d] - begin[d] + 1 + by_faces == size[d] for d in range(3) if d != a)]
-    axis = "IJK".index(where[0]) if by_faces and where[0] in "IJK" else (whole or flat)[-1]
-    face = "ijk"[axis] + ("min" if begin[axis] == 1 else "max")
-    ends = [end[a] + by_faces for a in range(3)]
-    ranges = [f"{begin[a]} {ends[a]}" for a in ((axis + 1) % 3, (axis + 2) % 3)]
-    return f"wall {number} {FACES[face]} {' '.join(ranges)} # {family or condition[0]}"
-
-
-def test_a_wing_in_nine_blocks_deflects_as_in_cgns(tmp_path):
-    blocks = wing_blocks(4)
-    write_blocks(tmp_path / "wing.cgns", blocks)
-    source = written(tmp_path / "wing.xyz", [block.points for block in blocks], ">f8r")
-    lines = [line_of(i, block, own) for i, block in enumerate(blocks, 1) for own in block.conditions]
-    (tmp_path / "wing.nmf").write_text("\n".join([head([block.points for block in blocks]), *lines, ""]))
-    mesh, same = read(source), read(tmp_path / "wing.cgns")
-    np.testing.assert_array_equal(mesh.points, same.points)
-    assert {p.name: len(p) for p in mesh.patches} == {p.name: len(p) for p in same.patches}
-    hinge = [[HINGE, FLAP[0], 0.0], [HINGE, FLAP[1], 0.0]]
-    slide = {"root": "plane", "end": "plane"}
-    results = [
-        sdm.deflect(path, "flap", hinge, -20.0, motion="blended", fixed="wing", slide=slide)
-        for path in (source, tmp_path / "wing.cgns")
-    ]
-    assert results[0].passed
-    np.testing.assert_allclose(results[0].points, results[1].points, rtol=0.0, atol=1e-12)
-    results[0].save(tmp_path / "wing-turned.xyz")
-    before, after = stored(source), stored(tmp_path / "wing-turned.xyz")
-    assert np.abs(after - before).max() > 0.05
-    _, place = np.unique(before, axis=0, return_inverse=True)
-    _, first = np.unique(place, return_index=True)
-    assert len(first) < len(before)
-    np.testing.assert_array_equal(after, after[first][place.ravel()])
 
 
 def test_a_map_names_patches_and_the_rest_are_sides(tmp_path):

@@ -1,5 +1,6 @@
 """A file's name says its format, or what to do with it."""
 
+import inspect
 import subprocess
 import sys
 from dataclasses import replace
@@ -32,6 +33,12 @@ def test_what_is_known_of_a_format_before_it_is_loaded(form):
     assert (FORMATS[form].name, FORMATS[form].suffixes) == (form, entries()[form].suffixes)
     assert FORMATS[form].written == entries()[form].written
     assert FORMATS[form] is FORMATS[form]
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_every_method_is_described_by_the_format_or_by_its_base(form):
+    methods = inspect.getmembers(type(FORMATS[form]), inspect.isfunction)
+    assert [name for name, one in methods if not name.startswith("_") and not inspect.getdoc(one)] == []
 
 
 def test_a_file_loads_the_modules_of_its_own_format():

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.su2 import Su2
 from tests.meshing.formats.examples import hybrid
 from tests.meshing.formats.test_every_format import refused
@@ -23,26 +22,18 @@ def text(tmp_path):
         ("NDIME= 3", "", "no NDIME="),
         ("NPOIN= 14", "NPOIN= 15", "NPOIN= 15, but 14 lines of numbers follow; the file is truncated or damaged"),
         ("NPOIN= 14", "NPOIN= 13", "NPOIN= 13, but 14 lines"),
-        ("NPOIN= 14", "NPOIN= 999999999999999", "NPOIN= 999999999999999, but 14 lines"),
         ("NPOIN= 14", "NPOIN= many", "NPOIN= many is not a count"),
-        ("NPOIN= 14", "NPOINT= 14", "0 lines NPOIN="),
-        ("NELEM= 7", "NELEM= 8", "NELEM= 8, but 7 lines"),
         ("NMARK= 6", "NMARK= 7", "NMARK= 7, but there are 6 markers"),
         ("MARKER_ELEMS= 5", "", "marker roof has no MARKER_ELEMS="),
         ("MARKER_ELEMS= 5", "MARKER_ELEMS= 6", "marker roof: MARKER_ELEMS= 6, but 5 lines"),
         ("MARKER_TAG= roof", "MARKER_TAG= floor", "given twice: floor"),
         ("9 4 5 13 12", "9 4 5 13 14", "marker roof: 1 quad elements name points that are not among the 14"),
-        ("9 4 5 13 12", "9 4 5 13 -1", "marker roof: 1 quad elements name points"),
         ("9 4 5 13 12", "9 4 5 13 11", "1 of 5 faces of patch roof are of no cell"),
         ("9 4 5 13 12", "3 4 5", "marker roof: 1 elements of type 3 where there can be 5 (triangle), 9 (quad)"),
         ("9 4 5 13 12", "9 4 5 13", "marker roof: lines of quad elements have fewer than 4 nodes"),
         ("14 1 2 6 5 8 1", "15 1 2 6 5 8 1", "1 elements of type 15 where there can be 10 (tetra)"),
-        ("14 1 2 6 5 8 1", "-1 1 2 6 5 8 1", "1 elements of type -1 where there can be 10 (tetra)"),
-        ("9 4 5 13 12", "-1 4 5 13 12", "marker roof: 1 elements of type -1 where there can be 5"),
         ("14 1 2 6 5 8 1", "14 1 2 6 5.0 8 1", "'5.0' is not a number"),
         ("-0.031157651599626007", "nan", "1 points are not finite, the first is point 12"),
-        ("-0.031157651599626007", "1e999", "1 points are not finite"),
-        ("-0.031157651599626007", "0.03x", "'0.03x' is not a number"),
         ("NMARK= 6", "", "0 lines NMARK="),
         (" 0.028566421160436638 0", "", "lines of points have fewer than 3 coordinates; the file is truncated"),
     ],
@@ -65,16 +56,3 @@ def test_missing_zones_are_a_truncated_file(tmp_path):
     text = (tmp_path / "mesh.su2").read_text()
     (tmp_path / "mesh.su2").write_text(text[: text.index("IZONE= 2")])
     assert "NZONE= 2, but there are 1 zones" in refused(tmp_path / "mesh.su2")
-
-
-def test_a_mesh_without_cells_is_refused(tmp_path):
-    Su2().write(Mesh(hybrid().points, (), ()), tmp_path / "mesh.su2")
-    assert "no volume cells" in refused(tmp_path / "mesh.su2")
-
-
-@pytest.mark.parametrize(
-    ("content", "said"), [(b"\x89HDF\r\n\x1a\n\0\0" + bytes(range(256)), "binary"), (b"a = 1\n", "not an SU2")]
-)
-def test_other_content_is_no_su2_mesh(content, said, tmp_path):
-    (tmp_path / "other.su2").write_bytes(content)
-    assert said in refused(tmp_path / "other.su2")

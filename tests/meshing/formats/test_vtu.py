@@ -71,24 +71,6 @@ def test_a_file_of_others_is_refused_and_pyvista_is_the_way(tmp_path):
         Vtu().read(tmp_path / "text.vtu")
 
 
-def test_a_rewritten_file_has_other_points(tmp_path):
-    mesh = hybrid()
-    Vtu().write_moved(mesh, mesh.points, tmp_path / "mesh.vtu")
-    Vtu().rewrite(tmp_path / "mesh.vtu", 2.0 * mesh.points, tmp_path / "out.vtu")
-    again = Vtu().read(tmp_path / "out.vtu")
-    np.testing.assert_array_equal(again.points, 2.0 * mesh.points)
-    assert content(again.with_points(mesh.points)) == content(mesh)
-
-
-@pytest.mark.parametrize("fraction", [0.1, 0.5, 0.95])
-def test_a_truncated_file_is_an_error_that_names_it(fraction, tmp_path):
-    Vtu().write(hybrid(), tmp_path / "mesh.vtu")
-    data = (tmp_path / "mesh.vtu").read_bytes()
-    (tmp_path / "cut.vtu").write_bytes(data[: int(fraction * len(data))])
-    with pytest.raises(MeshFileError, match=r"cut\.vtu: is damaged: it is truncated"):
-        Vtu().read(tmp_path / "cut.vtu")
-
-
 def test_damaged_bytes_are_an_error_or_another_mesh_and_nothing_worse(tmp_path):
     Vtu().write(hybrid(), tmp_path / "mesh.vtu")
     data, random = (tmp_path / "mesh.vtu").read_bytes(), np.random.default_rng(9)

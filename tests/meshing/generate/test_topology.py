@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.generate.attachment import TET_FACES, boundary_failures, cell_faces, decode, edges_of, encode
+from sdm_deflect.meshing.generate.attachment import TET_FACES, boundary_failures, cell_faces
 from sdm_deflect.meshing.mesh import skin, tets_of
 from tests.labelled import changed
 
@@ -36,19 +34,6 @@ def test_faces_point_out_of_their_first_cell(cube: Mesh) -> None:
 def test_a_face_of_three_cells_is_refused() -> None:
     with pytest.raises(ValueError, match="more than two"):
         cell_faces(np.array([[0, 1, 2, 3], [0, 1, 2, 4], [0, 1, 2, 5]]))
-
-
-def test_edges_of_two_triangles() -> None:
-    ends, index = edges_of(np.array([[0, 1, 2], [2, 1, 3]]))
-    assert ends.tolist() == [[0, 1], [0, 2], [1, 2], [1, 3], [2, 3]]
-    assert index.tolist() == [[0, 2, 1], [2, 3, 4]]
-
-
-@given(st.lists(st.tuples(st.integers(0, 2**31 - 1), st.integers(0, 2**31 - 1)), min_size=1))
-def test_codes_are_unique_and_ordered_like_their_pairs(pairs: list[tuple[int, int]]) -> None:
-    rows = np.array(pairs)
-    assert np.array_equal(decode(encode(rows)), rows)
-    assert decode(np.sort(encode(rows))).tolist() == sorted(map(list, pairs))
 
 
 def test_tet_faces_exclude_their_own_node() -> None:

@@ -3,7 +3,6 @@
 import ast
 import base64
 import re
-import subprocess
 import sys
 import tomllib
 
@@ -81,65 +80,3 @@ def test_a_downloaded_notebook_runs_and_draws(tmp_path):
     large, small = (pixels(tmp_path / f"{name}.png") for name in ("large", "small"))
     assert inked(small) > 0.05
     assert small.shape[1] == 560 < large.shape[1]
-
-
-CONF = f"""
-import sys
-sys.path.insert(0, {str(ROOT / "docs" / "_ext")!r})
-extensions = ["myst_nb", "notebooks"]
-myst_enable_extensions = ["colon_fence"]
-nb_execution_mode = "force"
-nb_execution_show_tb = True
-nb_ipywidgets_js = {{}}
-"""
-CARDS = """# Gallery
-
-:::{tutorial} drawn
-What one learns.
-:::
-
-```{toctree}
-drawn
-```
-"""
-DRAWN = """---
-file_format: mystnb
-kernelspec:
-  name: python3
----
-# A line
-
-```{code-cell}
----
-mystnb:
-  image:
-    alt: A line that rises.
-tags: [gallery]
----
-import matplotlib.pyplot as plt
-plt.plot([0, 1]);
-```
-"""
-
-
-def test_the_guide_offers_what_it_has_run(tmp_path):
-    source, out = tmp_path / "docs", tmp_path / "out"
-    source.mkdir()
-    for name, text in (("conf.py", CONF), ("index.md", CARDS), ("drawn.md", DRAWN)):
-        (source / name).write_text(text)
-    command = [sys.executable, "-m", "sphinx", "-q", "-W", "-b", "html", source, out]
-    subprocess.run(command, check=True)
-    assert inked(pixels(out / "drawn.png")) > 0.01
-    assert nbformat.read(out / "drawn.ipynb", as_version=4).cells[1].outputs == []
-    card, page = ((out / f"{name}.html").read_text() for name in ("index", "drawn"))
-    assert 'src="drawn.png"' in card
-    assert '<a class="notebook" href="drawn.ipynb" download>' in card
-    assert '<a class="reference internal" href="drawn.html">' in card
-    assert '<a class="notebook" href="drawn.ipynb" download>' in page
-    assert 'alt="A line that rises."' in page
-    assert not re.search(r"<(script|link|img)[^>]+(src|href)=.https?:", card + page)
-
-    (source / "drawn.md").write_text(DRAWN.replace("[0, 1]", "1 / 0"))
-    failed = subprocess.run(command, capture_output=True, text=True)
-    assert failed.returncode != 0
-    assert "ZeroDivisionError" in failed.stderr

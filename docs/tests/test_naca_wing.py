@@ -12,7 +12,7 @@ from sdm_deflect.meshing.formats.gmsh import Gmsh
 from sdm_deflect.meshing.formats.su2 import Su2
 from tests.meshing.formats.examples import grid
 
-SCRIPT = Path(__file__).parents[3] / "docs" / "examples" / "naca_wing.py"
+SCRIPT = Path(__file__).parents[1] / "examples" / "naca_wing.py"
 
 
 @pytest.fixture(scope="module")

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from cpacs_hinge import hinge
-
-from tests.docs.cpacs_wing import WING, X, Z, positioning, section, transformation, written
+from cpacs_wing import WING, positioning, section, transformation, written
 
 
 def test_the_hinge_of_a_tapered_wing(tmp_path):
@@ -12,16 +11,6 @@ def test_the_hinge_of_a_tapered_wing(tmp_path):
     found = hinge(written(tmp_path), "flap")
     skin = 0.06 + 0.5 * (0.01 - 0.06)  # at three quarters of the chord
     assert found == pytest.approx(np.array([[0.4375, 0.5, 0.0], [0.75 * 0.625, 1.5, 0.625 * skin]]))
-
-
-def test_etas_follow_the_middles_of_chords_over_several_segments(tmp_path):
-    sections = section(1) + section(2) + section(3)
-    positionings = positioning(1, 0.0) + positioning(2, 1.0) + positioning(3, 3.0)
-    segments = (
-        WING["segments"] + "<segment><fromElementUID>e2</fromElementUID><toElementUID>e3</toElementUID></segment>"
-    )
-    path = written(tmp_path, sections=sections, positionings=positionings, segments=segments, last="e3")
-    assert hinge(path, "flap")[:, 1] == pytest.approx([1.0, 3.0])
 
 
 @pytest.mark.parametrize(
@@ -56,12 +45,3 @@ def test_transformations_scale_turn_and_shift_in_this_order(tmp_path):
          np.sin(a) * np.cos(c) + np.cos(a) * np.sin(b) * np.sin(c), np.cos(a) * np.cos(b)],
     ]  # fmt: skip
     assert found == pytest.approx(plain @ np.array(rows).T)
-
-
-def test_a_profile_may_begin_on_either_side(tmp_path):
-    back = "".join(
-        f"<{k}>{';'.join(map(str, values[::-1]))}</{k}>" for k, values in (("x", X), ("y", [0] * 5), ("z", Z))
-    )
-    one = hinge(written(tmp_path), "flap")
-    other = hinge(written(tmp_path, profile=f"<pointList>{back}</pointList>"), "flap")
-    assert one == pytest.approx(other)

@@ -13,7 +13,7 @@ import sdm_deflect
 from sdm_deflect.meshing.formats.registry import format_of
 from tests.docs.commands import ROOT
 
-EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
+EXAMPLES = Path(__file__).parents[1] / "examples"
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""A deflected aileron that the tests of the guide share."""
+"""The fixtures and layers of the tests of the product, and a deflected aileron that the examples read."""
 
 import pytest
 
@@ -7,6 +7,7 @@ from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.output import write_interpolants
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.meshing.formats.vtu import write_vtu
+from tests.conftest import *  # noqa: F403
 
 
 @pytest.fixture(scope="session")
