@@ -40,7 +40,7 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, rep
     """Run a case and write its files into `folder`, with pictures and a page if a `report` is wanted."""
     with reference(case, cache) as deflected_cad:
         # Matplotlib, pyvista and trimesh load while the CAD is being built.
-        from .validation import further_checks, validate
+        from .validation import validate
 
         mesh, origin = meshed(case, watch, cache)
         background = background_mesh(case, watch, cache) if case.domain == "block" else None
@@ -58,8 +58,7 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, rep
             progress(f"{sum(path.stat().st_size for path in folder.glob('*.*')) / 1e6:.1f} MB", 1.0)
         with watch.stage("validation") as progress:
             progress("waiting for the deflected CAD", nan)
-            checks = validate(case, mesh, moved, plan, deflected_cad(), background, found.moved_by_repair)
-            checks += further_checks(own, checks)
+            checks = validate(case, found, own, deflected_cad(), background)
             progress(f"{sum(check.passed for check in checks)} of {len(checks)} checks passed", 1.0)
     run = Run(case, mesh, origin, moved, found, whole, checks, watch, background, stiff)
     if report:

@@ -103,7 +103,7 @@ class FinishedCase(FinishedRun):
         """Return what its report shows, with the checks of the meshes made again; those of the fits are stored ones."""
         data = self.report_data()
         with reference(self.case) as deflected_cad:
-            checks = self.against_cad(self.background, deflected_cad())
+            checks = self.verdict(self.background, deflected_cad)
         names = {check.name for check in checks}
         return replace(data, checks=(*checks, *(check for check in data.checks if check.name not in names)))
 
@@ -124,11 +124,12 @@ class FinishedCase(FinishedRun):
         """The mesh around a Chimera block; None without one."""
         return read_vtu(self.folder / "background.vtu") if self.case.domain == "block" else None
 
-    def against_cad(self, background: Mesh | None, cad: Reference) -> tuple[Check, ...]:
-        """Return the checks against the deflected CAD."""
+    def verdict(self, background: Mesh | None, cad: Callable[[], Reference]) -> tuple[Check, ...]:
+        """Return the checks of the mesh and those against the deflected CAD, which is asked for last."""
         from .validation import validate  # trimesh: a run loads it while its CAD is built
 
-        return validate(self.case, self.plan.mesh, self.deflected, self.plan, cad, background, self.repair)
+        found = Deflection.at(self.plan, self.points, self.repair)
+        return validate(self.case, found, checks_of(found, unit="m"), cad(), background)
 
     def validated(self) -> tuple[Check, ...]:
         """Return the checks that the run made, against CAD built afresh, and those of its files."""
@@ -142,16 +143,14 @@ class FinishedCase(FinishedRun):
 
         Raises InputError or MeshFileError if a file is missing or damaged, or is of another run.
         """
-        from .validation import further_checks, mesh_check
+        from .validation import mesh_check
 
         case, mesh, background = self.case, self.plan.mesh, self.background
         _, stored, _ = read_figures(self.folder)
         meshes, grids = (mesh, *([background] if background else ())), (case.mesh, case.background)
         parts = zip(("undeflected_mesh", "background_mesh"), meshes, models(case), grids, strict=False)
         own = tuple(mesh_check(*part) for part in parts)
-        checks = self.against_cad(background, deflected_cad())
-        checks += further_checks(checks_of(Deflection.at(self.plan, self.points, self.repair), unit="m"), checks)
-        return (*checks, *measured(stored), *own)
+        return (*self.verdict(background, deflected_cad), *measured(stored), *own)
 
 
 def undeflected_models(case: Case) -> "tuple[CadModel, ...]":

@@ -1,17 +1,16 @@
 """Measure a deflected mesh against what it should be, and against the CAD whose surfaces were rotated rigidly."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
 from math import inf
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray, distinct
-from sdm_deflect.deform.checks import Check, named, surfaces_crossed, worst
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray, distinct, union
+from sdm_deflect.deform.checks import Check, named, slid_nodes, worst
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import mean_ratio, signed_volumes
-from sdm_deflect.deform.volume.plan import Plan
+from sdm_deflect.deform.mesh.quality import mean_ratio
+from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.geometry.datum import hinged
 from sdm_deflect.meshing.generate.attachment import boundary_failures
 from sdm_deflect.meshing.generate.parameters import FAR_FIELD, MeshParameters
@@ -19,7 +18,7 @@ from sdm_deflect.meshing.generate.verify import verify
 from sdm_deflect.meshing.mesh import FREE_FORM, nodes_by_face, skin, tets_of, triangles_of
 
 from .case import Case
-from .job import BLOCK, Wedge, fuselage_cylinder, panel_of
+from .job import Wedge, fuselage_cylinder, panel_of
 from .overset import overset_checks
 from .reference import Faces, Reference
 from .rigid import Shape, closest, corners_of, distance, plane_normal, predicted, rigid_checks
@@ -29,101 +28,53 @@ if TYPE_CHECKING:
 
 
 def validate(
-    case: Case,
-    mesh: Mesh,
-    deflected: Mesh,
-    plan: Plan,
-    reference: Reference,
-    background: Mesh | None = None,
-    repair: FloatArray | None = None,
+    case: Case, found: Deflection, own: Sequence[Check], reference: Reference, background: Mesh | None = None
 ) -> tuple[Check, ...]:
     """Return every check that applies to the case.
 
     Parameters
     ----------
-    mesh, deflected : before and after; same cells, same order.
-    plan : what every control surface was to do, at the angle of the case.
+    found : every control surface at its angle.
+    own : what `checks_of` says of it, as of any mesh.
     reference : the deflected CAD.
     background : the mesh around a Chimera block.
-    repair : (N, 3) how far a repair moved each node; None without one.
     """
-    moves = Repairs.of(mesh, plan, deflected.points, repair)
-    checks = list(mesh_checks(case, mesh, deflected, plan, moves.slid))
+    mesh, repair = found.plan.mesh, found.moved_by_repair
+    deflected, slid = mesh.with_points(found.points), slid_nodes(found)
+    checks = [held_moved(found), whole_quality(case, deflected)]
     if repair is not None:
-        checks.append(unmoved("repair_elsewhere", np.linalg.norm(repair, axis=1), moves.held, mesh.points))
-    if len(moves.slid):
-        checks.append(slid_on_surfaces(mesh, deflected, moves.slid, reference))
-    for box in plan.boxes:
+        still = np.setdiff1d(np.arange(len(repair)), union(*(one.freedom.nodes for one in found.repairs)), True)
+        checks.append(unmoved("repair_elsewhere", repair, still, mesh.points))
+    if len(slid):
+        checks.append(slid_on_surfaces(mesh, deflected, slid, reference))
+    for box in found.plan.boxes:
         shape = Shape(case, mesh, deflected, box, repair)
-        checks += named(surface_checks(shape, reference), box, plan)
+        checks += named(surface_checks(shape, reference), box, found.plan)
     if background is not None:
         checks += overset_checks(case, mesh, deflected, background)
-    return tuple(checks)
+    names = {check.name for check in checks}
+    return (*(check for check in own if check.name not in names), *checks)
 
 
-def further_checks(own: Sequence[Check], judged: Sequence[Check]) -> tuple[Check, ...]:
-    """Return the checks of any mesh that are not among those which were judged with the CAD."""
-    names = {check.name for check in judged}
-    return tuple(check for check in own if check.name not in names)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Repairs:
-    """What repairs might do: the nodes (K,) that they had to leave, and those of fixed patches that they slid."""
-
-    held: IntArray
-    slid: IntArray
-
-    @classmethod
-    def of(cls, mesh: Mesh, plan: Plan, points: FloatArray, repair: FloatArray | None) -> "Repairs":
-        """Find them, with the nodes at points (N, 3) of which repairs (N, 3) are a part."""
-        held, slid = np.ones(len(points), dtype=np.bool_), np.zeros(len(points), dtype=np.bool_)
-        if repair is not None:
-            for box in plan.boxes:
-                if box.job.repair.mode != "off":
-                    freedom = box.freedom(points - repair)
-                    held[freedom.nodes] = False
-                    slid[freedom.sliding] = True
-            slid &= repair.any(axis=1)
-        return cls(np.flatnonzero(held), np.intersect1d(fixed_nodes(mesh, plan), np.flatnonzero(slid), True))
-
-
-def fixed_nodes(mesh: Mesh, plan: Plan) -> IntArray:
-    """Return the sorted nodes (K,) of the patches that stay."""
-    return mesh.on(*(name for name in mesh.names if name not in (*plan.patches, BLOCK)))
-
-
-def mesh_checks(case: Case, mesh: Mesh, deflected: Mesh, plan: Plan, slid: IntArray) -> Iterator[Check]:
-    """Checks of the whole mesh: nothing outside or on a fixed patch moved, no cell inverted, good shape.
-
-    Nodes (K,) that a repair slid on fixed patches are none of these; `slid_on_surfaces` is theirs.
-    """
-    moved = np.linalg.norm(deflected.points - mesh.points, axis=1)
-    outside = np.ones(len(moved), dtype=bool)
-    for box in plan.boxes:
-        outside[box.region.inside] = False
-        outside[slid[box.region.hexahedron.contains(mesh.points[slid], ON_PLANE)]] = False
-    yield unmoved("outside_moved", moved, np.flatnonzero(outside), mesh.points)
-    volumes = signed_volumes(deflected.points, tets_of(deflected))
-    inverted, where = np.flatnonzero(volumes <= 0.0), f"of {len(volumes)}"
-    if len(inverted):
-        on = [name for name in mesh.names if np.isin(tets_of(mesh)[inverted[0]], mesh.on(name)).any()]
-        where += f"; the first is cell {inverted[0]} (tetra)" + (f" with nodes on {', '.join(on)}" if on else "")
-    yield Check("inverted_cells", float(len(inverted)), 0.0, "cells", where)
-    yield surfaces_crossed(plan.mesh, deflected.points)
-    fixed = np.setdiff1d(fixed_nodes(mesh, plan), slid, assume_unique=True)
-    check = unmoved("fixed_surfaces_moved", moved, fixed, mesh.points)
-    border = np.intersect1d(fixed, mesh.on(*plan.patches), assume_unique=True)
-    yield replace(check, where=f"{check.where}, of which {len(border)} border a moving patch")
-    quality = mean_ratio(deflected.points, tets_of(deflected))
-    x, y, z = deflected.points[tets_of(deflected)[quality.argmin()]].mean(axis=0)
-    where = f"mean ratio, worst cell at ({x:.4f}, {y:.4f}, {z:.4f})"
-    yield Check("quality_min", float(quality.min()), case.limits.quality_min, "-", where, "at least")
+def held_moved(found: Deflection) -> Check:
+    """Check that nodes of moving patches which are to stay did so, such as those on the border of a panel."""
+    held = [box.plan.boundary.nodes[~box.plan.boundary.displacement(box.amounts).any(axis=1)] for box in found.boxes]
+    nodes = np.setdiff1d(union(*held), union(*(one.freedom.sliding for one in found.repairs)), assume_unique=True)
+    return unmoved("held_moved", found.points - found.plan.mesh.points, nodes, found.points)
 
 
 def unmoved(name: str, moved: FloatArray, nodes: IntArray, points: FloatArray) -> Check:
-    """Check that these nodes did not move by a single bit."""
-    return Check(name, float(moved[nodes].max(initial=0.0)), 0.0, "m", worst(moved[nodes], points[nodes]))
+    """Check that these nodes (K,) did not move (N, 3) by a single bit."""
+    distance = np.linalg.norm(moved[nodes], axis=1)
+    return Check(name, float(distance.max(initial=0.0)), 0.0, "m", worst(distance, points[nodes]), over=len(nodes))
+
+
+def whole_quality(case: Case, deflected: Mesh) -> Check:
+    """Check the worst cell of the whole mesh."""
+    quality = mean_ratio(deflected.points, tets_of(deflected))
+    x, y, z = deflected.points[tets_of(deflected)[quality.argmin()]].mean(axis=0)
+    where = f"mean ratio, worst cell at ({x:.4f}, {y:.4f}, {z:.4f})"
+    return Check("quality_min", float(quality.min()), case.limits.quality_min, "-", where, "at least")
 
 
 def slid_on_surfaces(mesh: Mesh, deflected: Mesh, slid: IntArray, reference: Reference) -> Check:

@@ -146,6 +146,7 @@ CHECKS = {
     "non_orthogonality_max": "largest angle between a face's normal and the line between the centres of its two cells",
     "skewness_max": "largest distance of a face's centre from that line, over the size of the face",
     "left_behind": "nodes that stay where moving nodes were: another holder of the same surface",
+    "held_moved": "largest displacement of a node of a moving patch that is to stay",
     "repair_elsewhere": "largest displacement by the repair of nodes that it must not move",
     "surface_kept": "nodes that the repair moved on the control surface, from its triangles",
     "planarity": "nodes of planar CAD faces from their best plane",

@@ -11,7 +11,7 @@ from filelock import FileLock
 from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.pipeline import run_case
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.cases.aircraft.validation import further_checks, validate
+from sdm_deflect.cases.aircraft.validation import validate
 from sdm_deflect.cases.run.output import output_folder
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.checks import checks_of
@@ -109,7 +109,6 @@ def turned(make_mesh):
         plan = plan_of(case, mesh)
         found = deflect(plan, plan.angle)
         moved = mesh.with_points(found.points)
-        checks = validate(case, mesh, moved, plan, built(case), repair=found.moved_by_repair)
-        return mesh, moved, checks + further_checks(checks_of(found, unit="m"), checks)
+        return mesh, moved, validate(case, found, checks_of(found, unit="m"), built(case))
 
     return turn

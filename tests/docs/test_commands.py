@@ -37,7 +37,7 @@ ELSEWHERE = (
     (r"python -m studies", "studies/tests/test_studies.py", "study"),
     (r"sdm report wing-deflected-report", "tests/cases/test_mesh_report.py", "again = FinishedRun.of(folder).report()"),
     (r"sdm deflect wing\.cas\.h5", "tests/cases/test_deflect_command.py", 'folder / "wing.cas.h5"'),
-    (r"sdm deflect wing\.p3d", "tests/meshing/formats/test_plot3d_map.py", "sdm.deflect(path, "),
+    (r"sdm deflect wing\.p3d", "tests/meshing/formats/test_plot3d_map.py", "sdm.deflect(source, "),
     (r"sdm view", "tests/cases/view", ""),
     (r"rhoCentralFoam -case naca-flow", "studies/tests/flow/test_case.py", 'lines("rhoCentralFoam", case)'),
     (

@@ -87,7 +87,7 @@ BOTH = ("undeflected.vtu", "deflected.vtu")
 EDITS = {
     "inverted": (moved(inverted), "inverted_cells"),
     "an outside node by one bit": (moved(outside), "outside_moved"),
-    "a fixed wall node by one bit": (moved(fixed), "fixed_surfaces_moved"),
+    "a wall node elsewhere by one bit": (moved(fixed), "outside_moved"),
     "not deflected": (moved(undone), "exact_to_cad"),
     "a tetrahedron less in both": (cells(lambda tets: tets[1:], *BOTH), "undeflected_mesh"),
     "another order": (cells(lambda tets: tets[::-1], BOTH[1]), "differ in tets"),
