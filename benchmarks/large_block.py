@@ -19,7 +19,7 @@ from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.mesh.faces import FACES
 from sdm_deflect.meshing.formats.cgns_nodes import AXES, create, create_sized
 from sdm_deflect.meshing.formats.cgns_write import write_root
-from sdm_deflect.meshing.formats.openfoam import header, written
+from sdm_deflect.meshing.formats.openfoam import boundary_text, header
 from sdm_deflect.meshing.formats.openfoam_files import MESH, FoamPatch
 
 LOW, HIGH = 0.45, 0.55
@@ -70,7 +70,7 @@ def write_case(path: Path, count: int) -> None:
     for name, faces in outer.items():
         patches.append(FoamPatch(name, "wall", len(faces), first))
         first += len(faces)
-    (folder / "boundary").write_text(header("polyBoundaryMesh", "boundary") + written(patches), encoding="utf-8")
+    (folder / "boundary").write_text(header("polyBoundaryMesh", "boundary") + boundary_text(patches), encoding="utf-8")
     with _list(folder / "points", "vectorField", count**3) as file:
         for layer in range(count):
             points(count, layer).tofile(file)

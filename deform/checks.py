@@ -144,7 +144,7 @@ def _checks(deflection: Deflection, unit: str) -> Iterator[Check]:
         yield _slid_on_surfaces(deflection, slid, unit)
     yield left_behind(deflection, unit)
     for box in filter(attrgetter("steps"), deflection.boxes):
-        yield from named([site_error(box, unit)], box.plan, plan)
+        yield from with_surface([site_error(box, unit)], box.plan, plan)
     if mesh.cells:
         yield _inverted_cells(deflection)
         yield from _boundary_checks(deflection)
@@ -221,7 +221,7 @@ def _sliding(deflection: Deflection, unit: str) -> Iterator[Check]:
             before, now = (patch.surface.distance(at[nodes]) for at in (box.plan.mesh.points, box.points))
             drift, where = float(np.abs(now - before).max(initial=0.0)), f"{len(nodes)} sliding nodes"
             own.append(Check(f"on_{patch.patch}", drift, _on_shape(box), unit, where, over=len(nodes)))
-        yield from named(own, box.plan, deflection.plan)
+        yield from with_surface(own, box.plan, deflection.plan)
 
 
 def _first_layer(deflection: Deflection) -> Iterator[Check]:
@@ -298,7 +298,7 @@ def _on_shape(deflection: BoxDeflection) -> float:
     return max(ON_SHAPE * plan.boundary.size, plan.precision.resolution(plan.mesh.points))
 
 
-def named(checks: Iterable[Check], box: BoxPlan, plan: Plan) -> list[Check]:
+def with_surface(checks: Iterable[Check], box: BoxPlan, plan: Plan) -> list[Check]:
     """Add the surface to the names of a box's checks if there are several boxes."""
     return [replace(one, name=f"{one.name}:{box.surface}") if len(plan.boxes) > 1 else one for one in checks]
 

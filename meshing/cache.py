@@ -13,7 +13,7 @@ import numpy as np
 
 from sdm_deflect.deform.base.compiled import code_files, default_folder
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.formats.format import MeshFileError, about, written
+from sdm_deflect.meshing.formats.format import MeshFileError, about, write_errors
 
 from .files import replacing
 from .mesh import VOLUME, Skin, skin, tetrahedral, tets_of
@@ -46,7 +46,7 @@ def code_bytes() -> int:
 def clear_code() -> int:
     """Remove the compiled code in the cache folder, as `MeshCache.clear` does meshes."""
     freed = code_bytes()
-    with written(default_folder()):
+    with write_errors(default_folder()):
         for path in code_files():
             path.unlink(missing_ok=True)
     return freed
@@ -82,7 +82,7 @@ class ArrayCache:
         content = io.BytesIO()
         np.savez(content, **arrays)
         content.write(_checksum(key, content.getbuffer()))
-        with written(self._path(key)), replacing(self._path(key)) as beside:
+        with write_errors(self._path(key)), replacing(self._path(key)) as beside:
             beside.write_bytes(content.getbuffer())
 
     def entries(self) -> dict[str, int]:
@@ -92,7 +92,7 @@ class ArrayCache:
     def clear(self) -> int:
         """Remove all entries; returns how many bytes that freed. MeshFileError where that cannot be done."""
         freed = sum(self.entries().values())
-        with written(self.folder):
+        with write_errors(self.folder):
             for path in self.folder.glob("*.npz"):
                 path.unlink(missing_ok=True)
         return freed

@@ -20,7 +20,7 @@ from runpy import run_module
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.meshing.formats.format import written
+from sdm_deflect.meshing.formats.format import write_errors
 
 from .files import hidden_folder
 
@@ -72,7 +72,7 @@ def started(module: str, arrays: Arrays) -> Iterator[Pending]:
     Mesh generators run for minutes inside compiled code that no signal can stop; a process can be killed.
     """
     with hidden_folder() as folder:
-        with written(folder):
+        with write_errors(folder):
             np.savez(folder / QUESTION, **arrays)  # type: ignore[arg-type]
         files = (str(folder / QUESTION), str(folder / ANSWER))
         # Its own session: the terminal's Ctrl-C reaches this process only, which then kills the child.

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from sdm_deflect.deform.base.errors import REQUESTS
-from sdm_deflect.meshing.formats.format import MeshFileError, renamed, written
+from sdm_deflect.meshing.formats.format import MeshFileError, renamed, write_errors
 
 NAME, END = ".sdm-deflect-", ".tmp"  # of hidden folders, with eight letters between
 LOCK, ASIDE = ".lock", ".aside"  # in a hidden folder: the locked file, and old folders that are replaced by two renames
@@ -101,7 +101,7 @@ def fresh(out: Path, source: Path | None = None) -> Iterator[Path]:
         raise MeshFileError(f"{out}: this is the mesh that is read; write to another file")
     if out.exists() and not out.is_file():
         raise MeshFileError(f"{out}: is there and no file; name another one")
-    with written(out), permitted_as(source), replacing(out) as beside:
+    with write_errors(out), permitted_as(source), replacing(out) as beside:
         beside.touch()
         yield beside
 
@@ -116,7 +116,7 @@ def fresh_folder(out: Path, source: Path | None = None) -> Iterator[Path]:
         raise MeshFileError(f"{out}: lies in the case that is read; write to a folder outside it")
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise MeshFileError(f"{out}: exists already; name a new folder, or delete that one")
-    with written(out), permitted_as(source), replacing(out) as beside:
+    with write_errors(out), permitted_as(source), replacing(out) as beside:
         beside.mkdir(exist_ok=True)
         yield beside
 
@@ -134,7 +134,7 @@ def replacing(out: Path, stale: Sequence[str] = ()) -> Iterator[Path]:
         return
     with hidden_folder(target.parent) as place, renamed(place / target.name, out):
         yield place / target.name
-        with written(out):
+        with write_errors(out):
             _put(place, {place / target.name: target}, stale)
 
 
@@ -149,7 +149,7 @@ def replacing_files(folder: Path, stale: Sequence[str]) -> Iterator[Path]:
         (place / "new").mkdir()
         yield place / "new"
         moves = {new: Path(os.path.realpath(home / new.name)) for new in sorted((place / "new").iterdir())}
-        with written(folder):
+        with write_errors(folder):
             _put(place, moves, stale)
 
 

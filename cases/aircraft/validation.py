@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray, distinct, union
-from sdm_deflect.deform.checks import Check, named, slid_nodes, worst
+from sdm_deflect.deform.checks import Check, slid_nodes, with_surface, worst
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.volume.deflection import Deflection
@@ -49,7 +49,7 @@ def validate(
         checks.append(slid_on_surfaces(mesh, deflected, slid, reference))
     for box in found.plan.boxes:
         shape = Shape(case, mesh, deflected, box, repair)
-        checks += named(surface_checks(shape, reference), box, found.plan)
+        checks += with_surface(surface_checks(shape, reference), box, found.plan)
     if background is not None:
         checks += overset_checks(case, mesh, deflected, background)
     names = {check.name for check in checks}

@@ -136,7 +136,7 @@ def _of_many_angles(done: "Outcome", ordered: Sequence["AngleSummary"]) -> tuple
 
 
 def _title(done: "Outcome") -> str:
-    return f"{done.plan.moving[0][1].named} of {done.plan.mesh.name}"
+    return f"{done.plan.moving[0][1].label} of {done.plan.mesh.name}"
 
 
 def _unit(done: "Outcome") -> str:

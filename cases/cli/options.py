@@ -16,7 +16,7 @@ from sdm_deflect.cases.settings.conversion import spelled
 from sdm_deflect.cases.settings.job_settings import BY_NAME, GONE
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.schema import GROUPS, ONLY_SET, Setting, choices_of, kind_of
-from sdm_deflect.meshing.formats.known import written
+from sdm_deflect.meshing.formats.known import writable
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.run.progress import Stopwatch
@@ -25,7 +25,7 @@ OUTPUT, CLUSTER = "Output", "Cluster"
 FAILED, UNUSABLE, PIPE_CLOSED = 1, 2, 141
 FILE = click.Path(path_type=Path)
 SCALES = click.Choice(("small", "medium", "paper"))
-FORMATS = click.Choice(written())
+FORMATS = click.Choice(writable())
 
 BASIC = ("patches", "fixed", "hinge", "angle", "motion", "dry_run", "out")
 """Options of `sdm deflect` that its help shows first."""

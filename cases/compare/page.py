@@ -11,7 +11,7 @@ from sdm_deflect.cases.report.page import inline, pixels, policy, read, style
 from sdm_deflect.meshing.files import fresh, hidden_folder, permitted_as
 
 from .figures import ComparedRun, FigureTable, Row, alike, differing_settings, tables
-from .pictures import Shown, drawn
+from .pictures import Shown, overlaid
 
 HERE = "sdm_deflect.cases.compare"
 
@@ -24,7 +24,7 @@ def write_page(runs: Sequence[ComparedRun], out: Path) -> dict[str, Any]:
     found, settings = tables(runs), differing_settings(runs)
     places = (run.folder for run in runs)
     with permitted_as(*places), fresh(out) as beside, hidden_folder() as folder:
-        beside.write_text(page(runs, found, settings, drawn(runs, folder)), encoding="utf-8")
+        beside.write_text(page(runs, found, settings, overlaid(runs, folder)), encoding="utf-8")
     return figures_of(runs, found, settings) | {"page": str(out)}
 
 

@@ -55,7 +55,7 @@ class Shown:
     missing: tuple[str, ...]
 
 
-def drawn(runs: Sequence[ComparedRun], folder: Path) -> Shown:
+def overlaid(runs: Sequence[ComparedRun], folder: Path) -> Shown:
     """Draw every picture into `folder`."""
     histograms = [saved(folder, "quality", "", *found) for found in _histograms(runs)]
     same, missing = alike(runs), []

@@ -148,8 +148,8 @@ def workers(wanted: Wanted, watch: Stopwatch, source: Path, out: Path) -> Iterat
             cluster = Cluster(client)
             if wanted.scheduler:
                 cluster.check(source, out)
-            told = f", dashboard {client.dashboard_link}" if wanted.scheduler else ""
-            progress(f"{len(client.nthreads())} workers{told}", 1.0)
+            dashboard = f", dashboard {client.dashboard_link}" if wanted.scheduler else ""
+            progress(f"{len(client.nthreads())} workers{dashboard}", 1.0)
         yield cluster
 
 

@@ -106,7 +106,7 @@ class Targets:
     def tables(self) -> tuple[Path, ...]:
         """Files with names of patches beside the meshes, of a format that has such."""
         form = format_of(self.out)
-        return tuple(table for angle in self.angles for table in form.named(self.mesh(angle)))
+        return tuple(table for angle in self.angles for table in form.name_files(self.mesh(angle)))
 
     def check_names(self, mesh: Mesh) -> None:
         """Raise MeshFileError if a table of patch names is there and belongs to another mesh."""
@@ -151,7 +151,7 @@ class Targets:
         """Return the tables that would replace another one."""
         form = format_of(self.out)
         meshes = [mesh for mesh in map(self.mesh, self.angles) if form.named_otherwise(self.source, mesh)]
-        return [table for mesh in meshes for table in form.named(mesh)]
+        return [table for mesh in meshes for table in form.name_files(mesh)]
 
     def _replaced(self, target: Path) -> bool:
         """Whether what is there may be replaced."""

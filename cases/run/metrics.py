@@ -193,7 +193,7 @@ def farthest(plan: Plan) -> Iterator[tuple[str, FloatArray, FloatArray]]:
     """Yield each surface's name, place and displacement (3,) of its node that moves farthest, at the largest angle."""
     for box in plan.boxes:
         for surface, place, move in box.boundary.farthest(plan.amounts_of(box, max(plan.angles, key=abs))):
-            yield surface.named, place, move
+            yield surface.label, place, move
 
 
 def motion_figures(plan: Plan, angle: float) -> Json:
@@ -212,7 +212,7 @@ def _reached(plan: Plan, angle: float) -> Iterator[tuple[str, Reached | None]]:
     """Yield the name of each surface, and what it reaches at an angle of the first."""
     for box in plan.boxes:
         for surface, one in box.boundary.reached(plan.amounts_of(box, angle)):
-            yield surface.named, one
+            yield surface.label, one
 
 
 def travels(plan: Plan) -> Iterator[tuple[str, str]]:

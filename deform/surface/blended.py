@@ -98,19 +98,19 @@ class Blended:
         """
         hinge, points = self.base.axis, surface.points
         if hinge is None:
-            raise InputError(f"{surface.named}: a blended motion needs a hinge")
+            raise InputError(f"{surface.label}: a blended motion needs a hinge")
         held = self.held.of(surface, hinge)
         follow = self.driven.of(surface, hinge)
         driven = follow & ~held
         if follow.any() and not driven.any():
             raise InputError(
-                f"{surface.named}: all {int(follow.sum())} nodes that follow the motion are held as well; name fewer "
+                f"{surface.label}: all {int(follow.sum())} nodes that follow the motion are held as well; name fewer "
                 "patches or nodes in held, or in fixed, which is held by default"
             )
         stay, go = "nodes that stay, such as its hinge edge", "nodes that follow the motion, such as its trailing edge"
         for mask, what, option in ((held, stay, "held"), (driven, go, "driven")):
             if not mask.any():
-                raise InputError(f"{surface.named}: found no {what}; mend the hinge, or name them by --{option}")
+                raise InputError(f"{surface.label}: found no {what}; mend the hinge, or name them by --{option}")
         reach = np.linalg.norm(hinge.radial(points), axis=1)
         given = self.hinge_nodes.of(surface, hinge) if self.hinge_nodes else held & (reach <= NEAR * reach.max())
         front = given & held if (given & held).any() else held
@@ -118,7 +118,7 @@ class Blended:
         strip = _strip(self.rib, points, ribs, hinge)
         if strip.all():
             raise InputError(
-                f"{surface.named}: all of it lies beside a rib that stays: lower the strip's width, or move the hinge "
+                f"{surface.label}: all of it lies beside a rib that stays: lower the strip's width, or move the hinge "
                 "to the surface's front edge"
             )
         kernel = Multiquadric(self.epsilon or LINEAR / float(np.ptp(points, axis=0).max()))

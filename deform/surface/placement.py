@@ -68,7 +68,7 @@ class Placement:
         reach = np.linalg.norm(radial, axis=1)
         distance = 0.0 if _surrounds(radial, axis) else float(reach.min())
         ahead = -float((radial @ radial[np.argmax(reach)]).min()) / max(float(reach.max()), np.finfo(np.float64).tiny)
-        return cls(surface.named, axis, width, distance, covered, ahead, chord, ends, apart)
+        return cls(surface.label, axis, width, distance, covered, ahead, chord, ends, apart)
 
     @property
     def near(self) -> bool:

@@ -49,7 +49,7 @@ class Surface:
         return self.mesh.points[self.nodes]
 
     @property
-    def named(self) -> str:
+    def label(self) -> str:
         """Its patches, for messages."""
         return ", ".join(self.patches)
 

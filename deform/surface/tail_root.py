@@ -64,7 +64,7 @@ class RootOnCylinder:
         border = surface.on([name for name in mesh.names if name not in self.panel])
         stays = panel & ~tail & (border | ~self.within.contains(surface.points))
         if not (tail & panel).any():
-            raise InputError(f"{surface.named}: the surface and its panel share no node")
+            raise InputError(f"{surface.label}: the surface and its panel share no node")
         return RootLaw(self, surface.points, tail, panel, stays)
 
 

@@ -209,7 +209,7 @@ class PrescribedNodes:
             apart = np.abs(known - part).max(axis=1) > ZERO_LENGTH * self.size  # nan, not known yet, compares false
             if apart.any():
                 raise InputError(
-                    f"{self.mesh.name}: {int(apart.sum())} nodes of {surface.named} also belong to another moving "
+                    f"{self.mesh.name}: {int(apart.sum())} nodes of {surface.label} also belong to another moving "
                     f"surface, and the two {fault} there; blend both, and name "
                     "the other one's patch in held, beside those that stay"
                 )

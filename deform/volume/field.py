@@ -109,12 +109,12 @@ class FieldBox:
     def of(cls, one: BoxDeflection) -> "FieldBox":
         """Take what a deflection has found in one box; InputError as of `Field.of`."""
         plan, sites = one.plan, one.plan.sites
-        told = np.zeros(len(plan.mesh.points), dtype=np.bool_)
-        told[np.intersect1d(plan.boundary.images.nodes, plan.region.inside, assume_unique=True)] = True
-        told[sites.known] = True
+        prescribed = np.zeros(len(plan.mesh.points), dtype=np.bool_)
+        prescribed[np.intersect1d(plan.boundary.images.nodes, plan.region.inside, assume_unique=True)] = True
+        prescribed[sites.known] = True
         if one.repaired is not None:
-            told[one.repaired.moved] = True
-        rows = np.flatnonzero(told)
+            prescribed[one.repaired.moved] = True
+        rows = np.flatnonzero(prescribed)
         rows = rows[np.lexsort(plan.mesh.points[rows].T)]
         again = (np.diff(plan.mesh.points[rows], axis=0) == 0.0).all(axis=1)
         if (one.points[rows[1:][again]] != one.points[rows[:-1][again]]).any():
@@ -134,10 +134,10 @@ class FieldBox:
     def move(self, given: FloatArray, out: FloatArray) -> None:
         """Write the final positions of the points `given` (M, 3) inside the box into `out` (M, 3)."""
         inside = self.box.contains(given)
-        told = np.flatnonzero(inside | self._among(given))
-        distance, row = self._tree.query(given[told]) if len(self.places) else (np.ones(len(told)), told)
+        inner = np.flatnonzero(inside | self._among(given))
+        distance, row = self._tree.query(given[inner]) if len(self.places) else (np.ones(len(inner)), inner)
         exact = distance == 0.0
-        inside[told[exact]] = False
+        inside[inner[exact]] = False
         rows = np.flatnonzero(inside)
         moved = given[rows]
         for step in self.steps:
@@ -148,7 +148,7 @@ class FieldBox:
                     displacement[stays, int(component)] = 0.0
                 moved += displacement
         out[rows] = moved
-        out[told[exact]] = self.ends[row[exact]]
+        out[inner[exact]] = self.ends[row[exact]]
 
     def matches(self, points: FloatArray) -> tuple[BoolArray, BoolArray]:
         """Return which places (K,) coincide with a point (M, 3), and which only nearly do: `NEAR` of the spacing."""

@@ -149,7 +149,7 @@ def check_moving(boundary: PrescribedNodes, hexahedron: Hexahedron, all_amounts:
         both = [hexahedron.contains(places[moves], ON_FACE * boundary.size) for places in (start, start + move)]
         out = int(np.count_nonzero(~(both[0] & both[1])))
         if out:
-            names = ", ".join(surface.named for surface in boundary.surfaces)
+            names = ", ".join(surface.label for surface in boundary.surfaces)
             low, high = (", ".join(f"{x:.4g}" for x in end) for end in _reach(start[moves], (start + move)[moves]))
             raise InputError(
                 f"{boundary.mesh.name}: {out} of {int(moves.sum())} moving nodes of {names} leave the box at "

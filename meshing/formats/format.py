@@ -55,7 +55,7 @@ def about(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def written(out: Path) -> Iterator[None]:
+def write_errors(out: Path) -> Iterator[None]:
     """Name `out` in errors of writing it: WriteError in place of an OSError, as ``"out: cannot be written: why"``."""
     try:
         yield

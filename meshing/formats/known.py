@@ -56,6 +56,6 @@ def in_folder(folder: Path, package: str) -> dict[str, Registration]:
     return found
 
 
-def written() -> tuple[str, ...]:
+def writable() -> tuple[str, ...]:
     """Return the formats in which meshes from elsewhere can be written."""
     return tuple(name for name, entry in entries().items() if entry.written)

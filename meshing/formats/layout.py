@@ -145,7 +145,7 @@ class Format:
         """Return the suffix of a file, with the word before it that belongs to it."""
         return path.suffix
 
-    def named(self, path: Path) -> tuple[Path, ...]:
+    def name_files(self, path: Path) -> tuple[Path, ...]:
         """Return the files beside a mesh that name its patches, and are written with it."""
         return ()
 

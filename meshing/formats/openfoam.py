@@ -89,7 +89,7 @@ def write_mesh(mesh: Mesh, folder: Path, types: Mapping[str, str] | None = None)
     write_list(folder / "owner", "labelList", [cells.owner.astype(LABEL)], note)
     write_list(folder / "neighbour", "labelList", [cells.neighbour.astype(LABEL)], note)
     patches, renamed = _patches(mesh, whole, types or {})
-    content = header("polyBoundaryMesh", "boundary") + written(patches)
+    content = header("polyBoundaryMesh", "boundary") + boundary_text(patches)
     (folder / "boundary").write_text(content, encoding="utf-8")
     return (*whole.lost, *renamed, *unwritten(pair for pair in mesh.periodic if not is_thin(mesh, pair)))
 
@@ -126,7 +126,7 @@ def write_list(
                 file.writelines((b"(", np.ascontiguousarray(values).data, b")\n"))
 
 
-def written(patches: Sequence[FoamPatch]) -> str:
+def boundary_text(patches: Sequence[FoamPatch]) -> str:
     """Return the content of a `boundary` file."""
     lines = [f"{len(patches)}", "("]
     for patch in patches:

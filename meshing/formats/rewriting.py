@@ -14,7 +14,7 @@ from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.mesh import HERE, Runner
 from sdm_deflect.meshing.files import fresh
 
-from .format import MeshFileError, about, written
+from .format import MeshFileError, about, write_errors
 from .tables import SHORTER, FileTable
 
 RANGE = 1 << 23
@@ -37,7 +37,7 @@ def rewritten(
     """
     with fresh(out, source) as beside, about(source):
         items = items_of(changes, source)
-        with written(out):
+        with write_errors(out):
             os.truncate(beside, source.stat().st_size)
         for i, _ in enumerate(runner.map(copy_range, (source, beside), items), 1):
             progress(f"writing {out.name}", i / len(items))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import IntArray
 
-from .format import MeshFileError, about, written
+from .format import MeshFileError, about, write_errors
 
 SMALL = 1 << 26
 """Bytes of a table that is read whole where some of its rows are wanted."""
@@ -171,7 +171,7 @@ def gathered(
         for name, part in parts:
             done = rows.setdefault(name, 0)
             if scratch:
-                with written(scratch):
+                with write_errors(scratch):
                     if name not in files:
                         files[name] = stack.enter_context((scratch / name).open("wb"))
                         arrays[name] = part[:0]

@@ -12,7 +12,7 @@ from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing import child
 from sdm_deflect.meshing.child import MeshingError
 from sdm_deflect.meshing.files import hidden_folder
-from sdm_deflect.meshing.formats.format import written
+from sdm_deflect.meshing.formats.format import write_errors
 
 from .parameters import MeshParameters
 from .sizing import SizeField, background, seeds
@@ -57,7 +57,7 @@ def mesh_surface(model: CadModel, background: tuple[FloatArray, IntArray, FloatA
     points, tets, lengths = background
     with hidden_folder() as folder:
         brep = folder / "faces.brep"
-        with written(brep):
+        with write_errors(brep):
             model.write_faces(brep)
         question = {"brep": np.array(str(brep)), "points": points, "tets": tets, "lengths": lengths}
         answer = child.call("sdm_deflect.meshing.generate.gmsh_worker", question, SECONDS)

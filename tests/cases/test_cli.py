@@ -78,11 +78,11 @@ def test_every_command_explains_itself(sdm, name):
 
 def test_what_the_switches_may_be_is_what_there_is():
     from sdm_deflect.cases.cli import options
-    from sdm_deflect.meshing.formats.known import written
+    from sdm_deflect.meshing.formats.known import writable
     from sdm_deflect.meshing.generate.parameters import SCALES
 
     assert tuple(options.SCALES.choices) == tuple(SCALES)
-    assert tuple(options.FORMATS.choices) == written()
+    assert tuple(options.FORMATS.choices) == writable()
 
 
 @pytest.mark.parametrize(

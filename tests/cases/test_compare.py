@@ -14,7 +14,7 @@ from sdm_deflect import deflect, read
 from sdm_deflect.cases.compare import pictures
 from sdm_deflect.cases.compare.figures import Row, alike, differing_settings, read_runs, tables
 from sdm_deflect.cases.compare.page import page, write_page
-from sdm_deflect.cases.compare.pictures import drawn
+from sdm_deflect.cases.compare.pictures import overlaid
 from sdm_deflect.cases.report.folder import folder_of, write_run_folder
 from sdm_deflect.cases.report.pictures import Gallery
 from sdm_deflect.cases.run.mesh_files import write_mesh
@@ -116,7 +116,7 @@ def test_changes_are_told_in_words(values, texts):
 @pytest.mark.nightly
 def test_pictures_over_each_other_have_the_same_axes(runs, tmp_path):
     """Labels and colours are the same to the pixel; what lies between them is not."""
-    found = drawn(runs, tmp_path)
+    found = overlaid(runs, tmp_path)
     assert found.missing == ()
     assert [list(one.exhibits) for one in found.overlays] == 3 * [["undeflected", *(run.name for run in runs)]]
     for one in found.overlays:
@@ -134,7 +134,7 @@ def test_pictures_over_each_other_have_the_same_axes(runs, tmp_path):
 def test_another_mesh_is_compared_by_figures_alone(folders, tmp_path):
     runs = read_runs([folders["tps"], folders["coarse"]])
     assert alike(runs) == runs[:1]
-    found = drawn(runs, tmp_path)
+    found = overlaid(runs, tmp_path)
     assert found.overlays == ()
     (sentence,) = found.missing
     assert "coarse-8-report" in sentence

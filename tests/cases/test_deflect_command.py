@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect import deflect
-from sdm_deflect.meshing.formats.known import written
+from sdm_deflect.meshing.formats.known import writable
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of
 from tests.deform.blocks import block_with_body, two_bodies
 from tests.meshing.formats import fluent_files
@@ -22,7 +22,7 @@ def files(tmp_path_factory, hybrid_wing):
     """The wing in every format."""
     folder = tmp_path_factory.mktemp("meshes")
     made = {"fluent": fluent_files.written(hybrid_wing.mesh, folder / "wing.cas.h5", compression="gzip", chunks=True)}
-    for name in written():
+    for name in writable():
         known = FORMATS[name]
         path = folder / ("case" if name == "openfoam" else f"wing{known.suffixes[0]}")
         known.write(hybrid_wing.mesh, path)
@@ -48,7 +48,7 @@ def test_a_report_stands_beside_the_mesh_unless_it_is_not_wanted(files, sdm, tmp
     assert len(reported) == 2
 
 
-@pytest.mark.parametrize("name", sorted([*written(), "fluent"]))
+@pytest.mark.parametrize("name", sorted([*writable(), "fluent"]))
 def test_each_format_is_deflected_in_itself_and_the_input_stays(name, files, sdm, tmp_path):
     source, out = files[name], tmp_path / ("turned" if name == "openfoam" else files[name].name)
     before = content(source)

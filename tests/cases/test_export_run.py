@@ -14,7 +14,7 @@ from sdm_deflect.cases.finished import export_run
 from sdm_deflect.deform.mesh.cells import Polyhedra
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.known import written
+from sdm_deflect.meshing.formats.known import writable
 from sdm_deflect.meshing.formats.openfoam import MESH
 from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.mesh import Skin, tetrahedral
@@ -54,7 +54,7 @@ def finished(sdm, tmp_path):
 
 
 @pytest.mark.parametrize("which", ["deflected", "undeflected"])
-@pytest.mark.parametrize("form", written())
+@pytest.mark.parametrize("form", writable())
 def test_every_format_holds_the_mesh(run, form, which):
     out, lost = export_run(run, form, which)
     assert [line for line in lost if "check them" not in line] == []

@@ -14,7 +14,7 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import MEASURES, mean_ratio
 from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.known import written
+from sdm_deflect.meshing.formats.known import writable
 from sdm_deflect.meshing.formats.registry import FORMATS, read
 from tests.meshing.formats.examples import grid, hybrid, polyhedral
 
@@ -26,7 +26,7 @@ def extent_of(mesh, name):
     return points.min(axis=0), points.max(axis=0)
 
 
-@pytest.mark.parametrize("name", [name for name in written() if name != "openfoam"])
+@pytest.mark.parametrize("name", [name for name in writable() if name != "openfoam"])
 def test_every_format_gives_counts_patches_and_quality(name, tmp_path):
     mesh, path = hybrid(), tmp_path / f"mesh{FORMATS[name].suffixes[0]}"
     FORMATS[name].write(mesh, path)

@@ -97,10 +97,10 @@ def _compare(wanted, found) -> None:
 
 def _write_elsewhere(mesh, out: Path, random: Random) -> None:
     from sdm_deflect.meshing.formats.format import MeshFileError
-    from sdm_deflect.meshing.formats.known import written
+    from sdm_deflect.meshing.formats.known import writable
     from sdm_deflect.meshing.formats.registry import FORMATS, read
 
-    name = random.choice(written())
+    name = random.choice(writable())
     path = out / f"other{FORMATS[name].suffixes[0] if name != 'openfoam' else ''}"
     try:
         FORMATS[name].write(mesh, path)

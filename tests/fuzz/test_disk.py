@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from sdm_deflect.meshing.files import NAME
-from sdm_deflect.meshing.formats.known import written
+from sdm_deflect.meshing.formats.known import writable
 from sdm_deflect.meshing.formats.registry import FORMATS
 from tests.meshing.formats.wing import wing
 
@@ -23,7 +23,7 @@ TURN = (
     "--surface", "flap_*", "--fixed", "wing_*", "--slide", "symmetry:plane", "--motion", "blended", "--hinge",
     "0.7,0.3,0", "0.7,0.7,0", "--angle", "8", "--quiet", "--repair", "off",
 )  # fmt: skip
-SUFFIXES = {name: FORMATS[name].suffixes[0] if name != "openfoam" else "" for name in written()}
+SUFFIXES = {name: FORMATS[name].suffixes[0] if name != "openfoam" else "" for name in writable()}
 DEFLECT = ("deflect", "{home}/wing.su2", *TURN)
 COMMANDS = {
     **{f"deflect {name}": ("deflect", f"{{home}}/wing{suffix}", *TURN, "--no-report", "--out", f"{{disk}}/out{suffix}")

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.known import written
+from sdm_deflect.meshing.formats.known import writable
 from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.formats.vtu import write_vtu
 from sdm_deflect.meshing.mesh import Skin, tetrahedral
@@ -37,7 +37,7 @@ def test_writing_beyond_the_limit_fails_instead_of_ending_the_process():
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout == b"True\n"
 
 
-@pytest.mark.parametrize("form", [*written(), "fluent", "plot3d", "tets", "arrays"])
+@pytest.mark.parametrize("form", [*writable(), "fluent", "plot3d", "tets", "arrays"])
 def test_a_full_disk_is_an_error_that_names_the_file_and_keeps_the_old_one(form, tmp_path):
     command = [sys.executable, "-c", CHILD, form, tmp_path]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.known import entries, written
+from sdm_deflect.meshing.formats.known import entries, writable
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of, read
 from tests.meshing.formats.examples import hybrid
 
@@ -85,7 +85,7 @@ def test_a_missing_file_is_an_error_that_names_it(form, tmp_path):
         FORMATS[form].read(path if form != "openfoam" else tmp_path / "none")
 
 
-@pytest.mark.parametrize("form", written())
+@pytest.mark.parametrize("form", writable())
 def test_a_mesh_bears_the_name_of_its_file(form, tmp_path, monkeypatch):
     path = tmp_path / ("case" if form == "openfoam" else f"wing{FORMATS[form].suffixes[0]}")
     FORMATS[form].write(hybrid(), path)

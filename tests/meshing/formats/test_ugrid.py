@@ -17,7 +17,7 @@ from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.registry import read
 from sdm_deflect.meshing.formats.shapes import mirrored
 from sdm_deflect.meshing.formats.ugrid import Ugrid
-from sdm_deflect.meshing.formats.ugrid_file import ENCODINGS, UgridFile, written
+from sdm_deflect.meshing.formats.ugrid_file import ENCODINGS, UgridFile, encoded
 from tests.deform.blocks import block_with_body
 from tests.meshing.formats.alike import content
 from tests.meshing.formats.examples import grid, hybrid
@@ -224,7 +224,7 @@ def test_nodes_that_are_not_there(suffix, name, node, tmp_path):
         tables = UgridFile.opened(file, encoding, lambda _: None).tables(path)
     arrays = {name: table.read(0, table.rows).copy() for name, table in tables.items()}
     arrays[name][0, 1] = node
-    path.write_bytes(b"".join(written(arrays, encoding)))
+    path.write_bytes(b"".join(encoded(arrays, encoding)))
     assert f"1 {name} elements name points that are not among the 14 (1 to 14)" in complaint(Ugrid(), path)
 
 
