@@ -22,7 +22,6 @@ from OCP.TDataStd import TDataStd_Name
 from OCP.TDocStd import TDocStd_Document
 from OCP.TopAbs import TopAbs_Orientation
 from OCP.TopLoc import TopLoc_Location
-from OCP.TopoDS import TopoDS_Shape
 from OCP.TopTools import TopTools_FormatVersion
 from OCP.XCAFDoc import XCAFDoc_ColorType, XCAFDoc_DocumentTool
 
@@ -61,7 +60,7 @@ def tessellate(face: Face, deflection: float) -> tuple[FloatArray, NDArray[np.in
 
     ValueError where the kernel finds no triangle on the face.
     """
-    alone = Face(_unmeshed(face))
+    alone = Face(BRepBuilderAPI_Copy(face.wrapped, False, False).Shape())  # which holds no triangles of earlier calls
     BRepMesh_IncrementalMesh(alone.wrapped, deflection, False, ANGLE, False)
     return _triangulation(alone)
 
@@ -85,11 +84,6 @@ def closed_triangles(solid: Shape, faces: Named, deflection: float, angle: float
     return found
 
 
-def _unmeshed(shape: Shape) -> TopoDS_Shape:
-    """A copy for the kernel to keep its triangles in: it would mix them with those of earlier calls."""
-    return BRepBuilderAPI_Copy(shape.wrapped, False, False).Shape()
-
-
 def _triangulation(face: Face) -> tuple[FloatArray, NDArray[np.intp]]:
     """Points (N, 3) and outward triangles (T, 3) that the kernel keeps with a face."""
     location = TopLoc_Location()
@@ -107,7 +101,8 @@ def write_brep(shapes: Sequence[Shape], path: Path) -> None:
     """Write shapes in the CAD kernel's own format, without triangles; several go into one compound, in order."""
     version = TopTools_FormatVersion.TopTools_FormatVersion_VERSION_1
     content = BytesIO()  # of a file, the kernel does not tell why it could not be written
-    BRepTools.Write_s(_together(shapes).wrapped, content, False, False, version)
+    shape = shapes[0] if len(shapes) == 1 else Compound.makeCompound(shapes)
+    BRepTools.Write_s(shape.wrapped, content, False, False, version)
     path.write_bytes(content.getvalue())
 
 
@@ -162,7 +157,3 @@ def _colour(number: int) -> Quantity_Color:
     """A colour for the patch of some number, far from those of its neighbours in the list."""
     red, green, blue = hsv_to_rgb(number * GOLDEN % 1.0, 0.5, 0.9)
     return Quantity_Color(red, green, blue, Quantity_TypeOfColor.Quantity_TOC_sRGB)
-
-
-def _together(shapes: Sequence[Shape]) -> Shape:
-    return shapes[0] if len(shapes) == 1 else Compound.makeCompound(shapes)

@@ -160,27 +160,27 @@ def test_no_class_has_the_name_of_another():
 
 BUDGETS = {
     "cases": (624, 6),
-    "cases/aircraft": (2087, 13),
-    "cases/cli": (1265, 7),
-    "cases/compare": (514, 4),
-    "cases/report": (1979, 10),
+    "cases/aircraft": (2029, 13),
+    "cases/cli": (1260, 7),
+    "cases/compare": (511, 4),
+    "cases/report": (1970, 10),
     "cases/run": (2031, 10),
     "cases/settings": (981, 5),
     "cases/view": (705, 4),
-    "deform": (672, 3),
-    "deform/base": (797, 6),
-    "deform/mesh": (4239, 16),
+    "deform": (663, 3),
+    "deform/base": (792, 6),
+    "deform/mesh": (4230, 16),
     "deform/rbf": (1616, 7),
     "deform/repair": (1568, 6),
     "deform/surface": (1074, 7),
-    "deform/volume": (3540, 13),
-    "geometry": (2129, 13),
-    "meshing": (574, 5),
-    "meshing/formats": (9036, 37),
-    "meshing/generate": (1569, 12),
+    "deform/volume": (3537, 13),
+    "geometry": (2112, 13),
+    "meshing": (572, 5),
+    "meshing/formats": (8995, 37),
+    "meshing/generate": (1566, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 8_240, 450
+MOST_COMPLEXITY, LONGEST = 8_205, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

@@ -1,5 +1,6 @@
 """One case, from parameters to validated result: geometry, mesh, deformation, validation, output."""
 
+import json
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import asdict, replace
@@ -28,7 +29,7 @@ from .job import plan_of
 from .metrics import MeshOrigin, Run, metrics
 from .overset import finer_background
 from .reference import reference
-from .run_folder import write_deformation, write_metrics
+from .run_folder import write_deformation
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.report.data import ReportData
@@ -70,7 +71,7 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, rep
             data = shown.with_verdict(checks, metrics(run))
             write_report(data, gallery.with_more(compared(data, folder / "figures")), folder)
             progress(f"{(folder / 'report.html').stat().st_size / 1e6:.1f} MB", 1.0)
-    write_metrics(run, folder)
+    (folder / "metrics.json").write_text(json.dumps(metrics(run), indent=2) + "\n", encoding="utf-8")
     return run
 
 

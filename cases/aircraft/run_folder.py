@@ -1,6 +1,5 @@
 """The output folder of a case: written, read back, validated again."""
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -24,7 +23,6 @@ from sdm_deflect.meshing.mesh import skin, tets_of
 
 from .case import Case
 from .job import BLOCK, plan_of
-from .metrics import Run, metrics
 from .reference import Reference, reference
 from .registry import resolve
 
@@ -40,11 +38,6 @@ def write_deformation(folder: Path, case: Case, found: Deflection, background: M
     write_arrays(folder, found, whole=True)
     if background is not None:
         write_vtu(folder / "background.vtu", background)
-
-
-def write_metrics(run: Run, folder: Path) -> None:
-    """Write metrics.json into `folder`."""
-    (folder / "metrics.json").write_text(json.dumps(metrics(run), indent=2) + "\n", encoding="utf-8")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,9 +96,8 @@ class FinishedCase(FinishedRun):
         """Return what its report shows, with the checks of the meshes made again; those of the fits are stored ones."""
         data = self.report_data()
         with reference(self.case) as deflected_cad:
-            checks = self.verdict(self.background, deflected_cad)
-        names = {check.name for check in checks}
-        return replace(data, checks=(*checks, *(check for check in data.checks if check.name not in names)))
+            fresh = {check.name: check for check in self.verdict(self.background, deflected_cad)}
+        return replace(data, checks=(*(fresh.pop(one.name, one) for one in data.checks), *fresh.values()))
 
     def further_pictures(self, data: ReportData, folder: Path) -> "Sequence[Exhibit]":
         """Draw the distances from the CAD."""

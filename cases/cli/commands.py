@@ -65,10 +65,13 @@ def cache(clear: bool, as_json: bool) -> None:
 def doctor(as_json: bool, quiet: bool, verbose: bool) -> int:
     """Check this machine, and say what is missing."""
     from .console import findings
-    from .examination import examined
+    from .examination import EXAMINATIONS
 
+    found = []
     with options.watched(quiet, verbose) as watch, watch.stage("doctor") as progress:
-        found = list(examined(progress))
+        for i, examine in enumerate(EXAMINATIONS):
+            progress(examine.__name__, i / len(EXAMINATIONS))
+            found.append(examine())
     options.print_either(as_json, [asdict(one) for one in found], findings(found))
     return options.code_of(all(one.well for one in found))
 

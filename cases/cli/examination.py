@@ -3,7 +3,7 @@
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -11,7 +11,6 @@ from tempfile import TemporaryFile
 
 from sdm_deflect.cases.run.output import EXTRAS, LIBRARIES, usable_cores, versions
 from sdm_deflect.deform.base.compiled import CODE_VARIABLE, FOLDER_VARIABLE, code_complaint, code_folder, default_folder
-from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.meshing.cache import MeshCache
 from sdm_deflect.meshing.formats.format import MeshFileError
 
@@ -31,13 +30,6 @@ class Finding:
     well: bool
     text: str
     remedy: str = ""
-
-
-def examined(progress: Progress = silent) -> Iterator[Finding]:
-    """Look at everything."""
-    for i, examine in enumerate(EXAMINATIONS):
-        progress(examine.__name__, i / len(EXAMINATIONS))
-        yield examine()
 
 
 def libraries() -> Finding:

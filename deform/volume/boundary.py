@@ -79,14 +79,9 @@ class PrescribedNodes:
         slides = {name: slides[name] for name in _without(slides, flat)}
         others = {*moves, *slides, *pairs, *sides}.difference(job.fixed)
         fixed = _without(mesh.named(job.fixed, "fixed"), others)
-        named = (*others, *fixed)
-        own = [patch for patch in mesh.patches if patch.constraint == "symmetry" and patch.name not in named]
-        slides |= {one.name: "plane" for one in own if plane_of(mesh, one.nodes)}
+        slides |= _symmetry(mesh, (*others, *fixed))
         _check_parts(mesh, moves, fixed, slides)
-        for section in job.sections:
-            if section.patch not in mesh.names:
-                hint = nearest(section.patch, mesh.names, "the patches are")
-                raise InputError(f"{mesh.name}: section {section.patch!r} is no patch; {hint}")
+        _check_sections(mesh, job)
         _check_hinges(job, surfaces)
         laws = tuple(moving.motion.law(surface) for moving, surface in zip(job.surfaces, surfaces, strict=True))
         nodes = union(*(surface.nodes for surface in surfaces))
@@ -320,6 +315,20 @@ def _size(mesh: Mesh, nodes: IntArray) -> float:
             "kept apart; take another unit of length, or another origin"
         )
     return size
+
+
+def _check_sections(mesh: Mesh, job: Job) -> None:
+    """Raise if a section is no patch."""
+    for section in job.sections:
+        if section.patch not in mesh.names:
+            hint = nearest(section.patch, mesh.names, "the patches are")
+            raise InputError(f"{mesh.name}: section {section.patch!r} is no patch; {hint}")
+
+
+def _symmetry(mesh: Mesh, named: tuple[str, ...]) -> dict[str, str]:
+    """Return the symmetry planes that the job does not name: their nodes slide by default."""
+    own = [patch for patch in mesh.patches if patch.constraint == "symmetry" and patch.name not in named]
+    return {one.name: "plane" for one in own if plane_of(mesh, one.nodes)}
 
 
 def _covered(mesh: Mesh, named: tuple[str, ...]) -> tuple[str, ...]:

@@ -230,10 +230,14 @@ def _layout(file: GmshFile, path: Path, in_file: bool) -> MeshInPieces | None:
     if in_file and (stored.known is not None or len(every) > MOST or not solid):
         return None
     points = _points(path, stored)
-    plane = not solid and points.points > 0 and not np.ptp(points.coordinates(0, points.points)[:, 2])
+    plane = not solid and _is_plane(points)
     given, dimension = (elements(file, 1), 2) if plane else (every, 3)
     found = _filled(file, stored, points, given, dimension)
     return replace(found, name=path.resolve().name)
+
+
+def _is_plane(points: TablePieces) -> bool:
+    return points.points > 0 and not np.ptp(points.coordinates(0, points.points)[:, 2])
 
 
 def _filled(
@@ -322,9 +326,7 @@ def write_mesh(mesh: Mesh, out: Path) -> tuple[str, ...]:
     import meshio
 
     names = [patch.name.replace('"', "'") for patch in mesh.patches]
-    faces = [(block, tag) for tag, patch in enumerate(mesh.patches, 1) for block in simple_faces(patch)]
-    cells = [(block, len(mesh.patches) + 1) for block in standard_cells(mesh)]
-    tagged = [(block, tag) for block, tag in (*faces, *cells) if len(block)]
+    tagged = _tagged(mesh)
     groups = [np.full(len(block), tag, dtype=np.int32) for block, tag in tagged]
     dimension = 2 if mesh.plane else 3
     fields = {name: np.array([tag, dimension - 1]) for tag, name in enumerate(names, 1)}
@@ -345,6 +347,13 @@ def write_mesh(mesh: Mesh, out: Path) -> tuple[str, ...]:
 def _renamed(mesh: Mesh, names: Sequence[str]) -> list[str]:
     pairs = zip(mesh.names, names, strict=True)
     return [f"patch {own} is called {name}" for own, name in pairs if own != name]
+
+
+def _tagged(mesh: Mesh) -> list[tuple[Cells, int]]:
+    """Return the faces of each patch, then the cells, each block with the number of its physical group."""
+    faces = [(block, tag) for tag, patch in enumerate(mesh.patches, 1) for block in simple_faces(patch)]
+    cells = [(block, len(mesh.patches) + 1) for block in standard_cells(mesh)]
+    return [(block, tag) for block, tag in (*faces, *cells) if len(block)]
 
 
 def _turned(block: Cells) -> IntArray:

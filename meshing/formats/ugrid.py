@@ -236,11 +236,6 @@ def _pieces(path: Path, tables: Mapping[str, FileTable | Held]) -> UgridPieces:
     return UgridPieces(str(path.resolve()), count, (PointRange(0, count, tables[POINTS]),), (), path.absolute())
 
 
-def in_order(nodes: IntArray, shape: str, orders: Mapping[str, tuple[int, ...]]) -> IntArray:
-    """Return nodes (M, k) of cells in the order that their shape has in `orders`, if it has one."""
-    return np.take(nodes, orders[shape], axis=1) if shape in orders else nodes
-
-
 def patches(faces: Sequence[Cells], labels: IntArray, names: Mapping[int, str]) -> tuple[Patch, ...]:
     """Return the patches of triangles and quads with surface ids `labels` (F,), in the order of their least ids."""
     ids, index = np.unique(labels, return_inverse=True)
@@ -292,7 +287,8 @@ def _arrays(mesh: Mesh, ids: Mapping[str, int]) -> dict[str, Any]:
             blocks[faces.shape].append(faces.nodes + 1)
             surfaces[faces.shape].append(np.full((len(faces), 1), ids[patch.name]))
     for cells in standard_cells(mesh):
-        blocks[cells.shape].append(in_order(cells.nodes, cells.shape, FROM_VTK) + 1)
+        order = FROM_VTK.get(cells.shape, range(cells.nodes.shape[1]))
+        blocks[cells.shape].append(cells.nodes[:, [*order]] + 1)
     found: dict[str, Any] = {shape: _one(parts, CORNERS[shape]) for shape, parts in blocks.items()}
     found |= {POINTS: mesh.points, SURFACE: np.concatenate([own for shape in FACES for own in surfaces[shape]])}
     return {name: found[name] for name in ORDER}

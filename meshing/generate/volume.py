@@ -44,10 +44,6 @@ class InputSurface:
         """All triangles (T + S, 3)."""
         return np.concatenate([self.outer, self.inner])
 
-    def spots(self) -> FloatArray:
-        """Points (K, 3) spread over the surface about half an edge apart: nodes and triangle centres."""
-        return np.concatenate([self.points, self.points[self.triangles].mean(axis=1)])
-
 
 def mesh_surface(model: CadModel, background: tuple[FloatArray, IntArray, FloatArray]) -> InputSurface:
     """Mesh all faces with sizes from a background mesh: points (N, 3), tetrahedra (M, 4), target edge lengths (N,).
@@ -112,7 +108,8 @@ def fill(
     """
     low, high = box
     corners = np.array(list(itertools.product(*zip(low, high, strict=True))))
-    cloud = seeds(field, low, high, surface.spots())
+    spots = [surface.points, surface.points[surface.triangles].mean(axis=1)]  # about half an edge apart
+    cloud = seeds(field, low, high, np.concatenate(spots))
     points, tets, lengths = background(field, low - PADDING * (high - low), high + PADDING * (high - low))
     question = {
         "points": np.concatenate([surface.points, corners, cloud]),
