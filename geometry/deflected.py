@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from .parameters import HINGE_LOWER, HINGE_UPPER, LARGEST_TURN, TE, FloatArray
 from .polyhedra import WEDGE, Loops, prism
-from .quantity import check_quantities, quantity
+from .quantity import Checked, quantity
 
 # How far a rigid wedge's nose reaches ahead of the hinge line, by its local half thickness: it closes the
 # slot that opens when the wedge turns about a line inside the wing.
@@ -17,7 +17,7 @@ NOSE = 0.35
 
 
 @dataclass(frozen=True, slots=True)
-class CadTurn:
+class CadTurn(Checked):
     """An angle in degrees and the way the surface follows it.
 
     Positive angles move the trailing edge down, the rudder's to port. "rigid" turns the whole surface about
@@ -29,11 +29,6 @@ class CadTurn:
     angle: float = quantity(0.0, "deg", -LARGEST_TURN, LARGEST_TURN, "angle")
     mode: Literal["rigid", "blended"] = "rigid"
     strip: float = quantity(0.0, "m", 0.0, 0.5, "width of the strip beside a rib without a gap")
-
-    def __post_init__(self) -> None:
-        check_quantities(self, "deflection")
-        if self.mode not in ("rigid", "blended"):
-            raise ValueError(f"deflection.mode = {self.mode!r} must be 'rigid' or 'blended'")
 
 
 def rotated(points: FloatArray, axis: FloatArray, degrees: float) -> FloatArray:

@@ -70,7 +70,7 @@ def row(setting: Setting) -> str:
     """Return what the guide says of a setting."""
     options = settings_options([setting])
     words, within = choices_of(setting.kind), setting.note(Range)
-    values = ", ".join(f"`{word}`" for word in words) or str(within or "")
+    values = ", ".join(f"`{word}`" for word in words) or (f"a number {within}" if within else "")
     shown = f"`{setting.shown}`" if setting.shown else ""
     option = f"`{options[0].opts[0]}`" if options else ""
     text = f"{setting.doc.text} {setting.doc.more}".rstrip().replace("|", "\\|")

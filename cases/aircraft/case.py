@@ -6,11 +6,11 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.schema import INLINE
+from sdm_deflect.deform.base.schema import INLINE, check_settings
 from sdm_deflect.deform.rbf.fitting import Fitting, Repair, RepairMode, Strategy
 from sdm_deflect.geometry.confinement import BlockParameters
 from sdm_deflect.geometry.parameters import LARGEST_TURN, Fighter
-from sdm_deflect.geometry.quantity import check_quantities, quantity
+from sdm_deflect.geometry.quantity import Checked, quantity
 from sdm_deflect.meshing.generate.parameters import SCALES, MeshParameters
 
 Domain = Literal["aircraft", "block"]
@@ -40,7 +40,7 @@ class Confinement:
     """Whether nodes slide in the plane of a Chimera face inside the hexahedron; False pins them."""
 
     def __post_init__(self) -> None:
-        check_quantities(self, "confinement")
+        check_settings(self)
         if self.corners:
             from sdm_deflect.deform.hexahedron import Hexahedron  # compiled code: most settings need none
 
@@ -51,15 +51,12 @@ class Confinement:
 
 
 @dataclass(frozen=True, slots=True)
-class Blending:
+class Blending(Checked):
     """How the surface mesh follows (appendix A)."""
 
     epsilon: float = quantity(1e4, "1/m", 1.0, 1e8, "shape parameter of the multiquadric")
     strip: float = quantity(0.020, "m", 0.001, 0.5, "width of the spanwise blended strip beside a closed rib")
     root: float = quantity(0.030, "m", 0.001, 0.5, "depth of the extended root region of a tail")
-
-    def __post_init__(self) -> None:
-        check_quantities(self, "blending")
 
 
 def adaptation(**values: Any) -> Fitting:
@@ -69,15 +66,12 @@ def adaptation(**values: Any) -> Fitting:
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class Limits(Checked):
     """What a validation demands."""
 
-    quality_min: float = quantity(0.25, "-", 0.0, 1.0, "smallest mean ratio of the deflected mesh")
+    quality_min: float = quantity(0.25, "", 0.0, 1.0, "smallest mean ratio of the deflected mesh")
     surface_to_cad: float = quantity(1e-8, "m", 0.0, 1.0, "distance of moved nodes from the deflected CAD")
     planarity: float = quantity(1e-9, "m", 0.0, 1.0, "distance of a planar face's nodes from their plane")
-
-    def __post_init__(self) -> None:
-        check_quantities(self, "limits")
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +100,7 @@ class Case:
     limits: Limits = field(default_factory=Limits)
 
     def __post_init__(self) -> None:
-        check_quantities(self, "case")
+        check_settings(self)
         if not self.deflections:
             raise ValueError("deflections is empty; a case turns at least one control surface")
         if self.scale not in SCALES:

@@ -1,7 +1,7 @@
 """What the report of an SDM case adds: its settings in words, and the distance from the CAD as a map."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import Field, fields, is_dataclass, replace
+from dataclasses import is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from sdm_deflect.cases.report.pictures import Exhibit, saved
 from sdm_deflect.cases.report.slices import triangles_of
 from sdm_deflect.cases.settings.conversion import to_toml
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.schema import Range, Setting, settings_in
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 from sdm_deflect.meshing.generate.parameters import FAR_FIELD
@@ -155,23 +156,17 @@ def _side(axes: Axes, flat: FloatArray, triangles: IntArray, distance: FloatArra
 
 
 def parameter_tables(case: Case) -> dict[str, Rows]:
-    """Return every parameter of a case, by table as in case.toml."""
+    """Return every parameter of a case with unit and meaning, by table as in case.toml."""
     tables: dict[str, Rows] = {"case": []}
-    for one in fields(case):
-        value = getattr(case, one.name)
-        if one.name == "fighter":
-            parts = {part.name: getattr(value, part.name) for part in fields(value)}
-            tables |= {name: _rows(part, fields(part)) for name, part in parts.items() if is_dataclass(part)}
-        elif is_dataclass(value):
-            tables[one.name] = _rows(value, fields(value))
+    for name, setting in settings_in(Case).items():
+        value = setting.of(case)
+        if is_dataclass(value):
+            tables[name] = [_row(value, own) for own in settings_in(type(value)).values()]
         else:
-            tables["case"] += _rows(case, [one])
+            tables["case"].append(_row(case, setting))
     return tables
 
 
-def _rows(table: Any, settings: Sequence[Field[Any]]) -> Rows:
-    """Return settings of a table with unit and meaning, which those have that are quantities."""
-    return [
-        (one.name, shown(getattr(table, one.name)), one.metadata.get("unit", "").removeprefix("-"),
-         one.metadata.get("doc", "")) for one in settings
-    ]  # fmt: skip
+def _row(table: Any, setting: Setting) -> tuple[str, str, str, str]:
+    within = setting.note(Range)
+    return setting.name, shown(setting.of(table)), within.unit if within else "", setting.doc.text

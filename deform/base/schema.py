@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import MISSING, Field, dataclass, fields, replace
 from functools import cache
 from math import inf
+from numbers import Integral, Real
 from textwrap import fill
 from types import UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -18,9 +19,9 @@ from .errors import InputError, shortened
 
 N = TypeVar("N")
 
-Group = Literal["What moves", "What stays", "Box", "Quality", "Accuracy"]
-GROUPS: tuple[Group, ...] = get_args(Group)
-"""Groups of settings, in the order in which they are shown."""
+Group = Literal["What moves", "What stays", "Box", "Quality", "Accuracy", ""]
+GROUPS: tuple[Group, ...] = get_args(Group)[:-1]
+"""Groups of settings, in the order in which they are shown; those of the aircraft are in none."""
 INLINE = "inline"
 """Annotation of a dataclass within another one whose settings stand beside those of the outer one."""
 
@@ -49,16 +50,22 @@ class Range:
     ----------
     low, high : the smallest and the largest.
     above : whether `low` itself is too small.
+    unit : of the number, as messages show it.
     """
 
     low: float = -inf
     high: float = inf
     above: bool = False
+    unit: str = ""
 
     def __str__(self) -> str:
         if self.high == inf:
-            return f"a number {'above' if self.above else 'of at least'} {self.low:g}"
-        return f"a number {'above' if self.above else 'from'} {self.low:g} to {self.high:g}"
+            return f"{'above' if self.above else 'of at least'} {self.measured(self.low)}"
+        return f"{'above' if self.above else 'from'} {self.low:g} to {self.measured(self.high)}"
+
+    def measured(self, value: float) -> str:
+        """Return a number with its unit, as text."""
+        return f"{value:g} {self.unit}".rstrip()
 
     def holds(self, value: float) -> bool:
         """Return whether a finite number is in the range."""
@@ -178,7 +185,11 @@ def _annotated(kind: Any) -> list[tuple[Field[Any], Any, tuple[Any, ...]]]:
     """Return the fields of a dataclass with their types and annotations."""
     hints = get_type_hints(kind, include_extras=True)
     parts = {name: get_args(hint) if get_origin(hint) is Annotated else (hint,) for name, hint in hints.items()}
-    return [(field, parts[field.name][0], parts[field.name][1:]) for field in fields(kind) if field.init]
+    return [
+        (field, parts[field.name][0], (*parts[field.name][1:], *field.metadata.get("notes", ())))
+        for field in fields(kind)
+        if field.init
+    ]
 
 
 def check_settings(instance: Any) -> None:
@@ -187,8 +198,11 @@ def check_settings(instance: Any) -> None:
         within, value, choices = setting.note(Range), setting.of(instance), choices_of(setting.kind)
         if choices and isinstance(value, str) and value not in choices:
             raise InputError(f"{name} = {shortened(value)} must be {' or '.join(choices)}")
-        if within and not within.holds(value):
-            raise InputError(f"{name} = {value:g} must be {within}")
+        kind, what = (Integral, "a whole number") if kind_of(setting.kind) is int else (Real, "a number")
+        number = isinstance(value, kind) and not isinstance(value, bool)
+        if within and not (number and within.holds(value)):
+            given = within.measured(value) if number else shortened(value)
+            raise InputError(f"{name} = {given} must be {what} {within}")
 
 
 def kind_of(kind: Any) -> Any:

@@ -13,6 +13,7 @@ from click.testing import CliRunner
 import sdm_deflect
 from sdm_deflect.cases.aircraft.registry import resolve
 from sdm_deflect.cases.api import Options
+from sdm_deflect.cases.cli.commands import cli
 from sdm_deflect.cases.cli.deflect import deflect as command
 from sdm_deflect.cases.cli.options import DeflectCommand, settings_options
 from sdm_deflect.cases.settings.conversion import structured, table_of, to_toml
@@ -79,7 +80,7 @@ def test_every_setting_is_told_wherever_settings_are():
 
 
 def test_help_is_in_groups_of_80_columns():
-    lines = CliRunner().invoke(command, ["--help"], terminal_width=80).output.splitlines()
+    lines = CliRunner().invoke(cli, ["deflect", "--help"], terminal_width=80).output.splitlines()
     titles = [line.removesuffix(":") for line in lines if line and line[0] != " " and line.endswith(":")]
     assert titles == ["Basic", *GROUPS, "Output", "Cluster", "Options"]
     assert max(map(len, lines)) <= 80

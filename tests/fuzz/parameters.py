@@ -10,13 +10,15 @@ import sys
 from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import fields, is_dataclass
+from dataclasses import is_dataclass
 from itertools import islice
 from random import Random
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import click
+
+from sdm_deflect.deform.base.schema import Range, settings_in
 
 CASES = ("aileron", "tail")
 TABLES = ("fuselage", "canopy", "inlet", "pedestal", "strake", "wing", "aileron", "tail", "ventral", "fin", "rudder")
@@ -32,15 +34,12 @@ SOLID, SENTENCE, TRACEBACK, STUCK = "valid solid", "clear error", "traceback", "
 def ranges(case: Any, tables: tuple[str, ...]) -> dict[str, tuple[float, float, float]]:
     """Return the default, the smallest and the largest value of every declared quantity of some tables."""
     found: dict[str, tuple[float, float, float]] = {}
-    for holder in (case, case.fighter):
-        for one in fields(holder):
-            value = getattr(holder, one.name)
-            if one.name in tables and "unit" in one.metadata:
-                found[one.name] = (value, one.metadata["low"], one.metadata["high"])
-            elif one.name in tables and is_dataclass(value):
-                for inner in (each for each in fields(value) if "unit" in each.metadata):
-                    limits = inner.metadata["low"], inner.metadata["high"]
-                    found[f"{one.name}.{inner.name}"] = (getattr(value, inner.name), *limits)
+    for name, setting in settings_in(type(case)).items():
+        value = setting.of(case)
+        inner = settings_in(type(value)).items() if is_dataclass(value) else ()
+        own = {name: (setting, case), **{f"{name}.{each}": (one, value) for each, one in inner}}
+        known = {place: (one.of(table), one.note(Range)) for place, (one, table) in own.items() if name in tables}
+        found |= {place: (value, limits.low, limits.high) for place, (value, limits) in known.items() if limits}
     return found
 
 

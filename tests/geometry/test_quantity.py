@@ -3,17 +3,14 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from sdm_deflect.geometry.quantity import check_quantities, quantity
+from sdm_deflect.geometry.quantity import Checked, quantity
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class Sample(Checked):
     length: float = quantity(1.0, "m", 0.5, 2.0, "a length")
     count: int = quantity(3, "", 1, 9, "a number of things")
     name: str = "free"
-
-    def __post_init__(self) -> None:
-        check_quantities(self, "sample")
 
 
 def test_values_on_the_border_of_the_range_are_accepted():
@@ -24,15 +21,15 @@ def test_values_on_the_border_of_the_range_are_accepted():
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"length": -1.0}, r"sample.length = -1 m is outside 0.5 ... 2 m"),
-        ({"length": float("nan")}, r"sample.length = nan m is outside"),
-        ({"length": float("inf")}, r"sample.length = inf m is outside"),
-        ({"length": True}, r"sample.length = True is not a number"),
-        ({"length": "1"}, r"sample.length = '1' is not a number; it must be 0.5 ... 2 m"),
-        ({"count": 2.5}, r"sample.count = 2.5 is not a whole number; it must be 1 ... 9$"),
-        ({"count": 10}, r"sample.count = 10 is outside 1 ... 9$"),
+        ({"length": -1.0}, "length = -1 m must be a number from 0.5 to 2 m"),
+        ({"length": float("nan")}, "length = nan m must be"),
+        ({"length": float("inf")}, "length = inf m must be"),
+        ({"length": True}, "length = True must be a number"),
+        ({"length": "1"}, "length = '1' must be a number from 0.5 to 2 m"),
+        ({"count": 2.5}, "count = 2.5 must be a whole number from 1 to 9"),
+        ({"count": 10}, "count = 10 must be a whole number from 1 to 9"),
     ],
 )
 def test_the_message_names_value_unit_and_range(values, message):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(ValueError, match=f"^{message}"):
         Sample(**values)
