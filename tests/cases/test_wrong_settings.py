@@ -12,6 +12,7 @@ import sdm_deflect as sd
 from sdm_deflect.cases.aircraft.registry import case_named, resolve
 from sdm_deflect.cases.api import deflect, read, sweep
 from sdm_deflect.cases.cli.deflect import deflect as command
+from sdm_deflect.cases.run import cluster
 from sdm_deflect.cases.settings.conversion import to_toml
 from sdm_deflect.cases.settings.job_settings import BY_NAME, SectionSettings, read_job
 from sdm_deflect.deform.base.errors import InputError
@@ -128,6 +129,7 @@ def block_of():
 @pytest.fixture
 def folder(tmp_path, monkeypatch, hybrid_wing):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(cluster, "ANSWER", 1)  # second, of a scheduler that is none
     FORMATS["su2"].write(hybrid_wing.mesh, tmp_path / "wing.su2")
     (tmp_path / "folder.su2").mkdir()
     return tmp_path
