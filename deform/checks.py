@@ -112,13 +112,13 @@ def checks_of(deflection: Deflection, unit: str = "") -> tuple[Check, ...]:
 
     `unit` is that of lengths, where the mesh's is known.
     """
-    found = tuple(_checks(deflection, unit))
+    checks = tuple(_checks(deflection, unit))
     precision = deflection.plan.precision
-    if precision.is_double or all(check.passed for check in found):
-        return found
+    if precision.is_double or all(check.passed for check in checks):
+        return checks
     failing = {check.name for check in _checks(deflection.stored(EVERY_BIT), unit) if not check.passed}
     why = f"; fails by rounding to {precision}"
-    return tuple(one if one.passed or one.name in failing else replace(one, where=one.where + why) for one in found)
+    return tuple(one if one.passed or one.name in failing else replace(one, where=one.where + why) for one in checks)
 
 
 def site_error(deflection: BoxDeflection, unit: str = "") -> Check:
@@ -191,7 +191,7 @@ def left_behind(deflection: Deflection, unit: str = "") -> Check:
 def _staying(box: BoxPlan, still: BoolArray, near: float) -> Iterator[tuple[str, FloatArray]]:
     """Yield the patches and zones, also those in the file alone, with nodes (K, 3) in the box that are `still` (N,)."""
     mesh, job, region = box.mesh, box.job, box.region
-    held = [one.motion.held for one in job.surfaces if isinstance(one.motion, Blended)]
+    held = [surface.motion.held for surface in job.surfaces if isinstance(surface.motion, Blended)]
     names = [name for nodes in held if isinstance(nodes, OnPatches) for name in mesh.named(nodes.names, "held")]
     may = still.copy()
     may[union(mesh.on(*box.boundary.fixed, *names), *(pair.nodes.ravel() for pair in mesh.periodic))] = False
@@ -216,12 +216,12 @@ def _staying(box: BoxPlan, still: BoolArray, near: float) -> Iterator[tuple[str,
 def _sliding(deflection: Deflection, unit: str) -> Iterator[Check]:
     """Check that the nodes of each sliding patch are on its shape."""
     for box in deflection.boxes:
-        own = []
+        checks = []
         for patch, nodes in zip(box.plan.boundary.sliding, box.plan.sites.sliding, strict=True):
             before, now = (patch.surface.distance(at[nodes]) for at in (box.plan.mesh.points, box.points))
             drift, where = float(np.abs(now - before).max(initial=0.0)), f"{len(nodes)} sliding nodes"
-            own.append(Check(f"on_{patch.patch}", drift, _on_shape(box), unit, where, over=len(nodes)))
-        yield from with_surface(own, box.plan, deflection.plan)
+            checks.append(Check(f"on_{patch.patch}", drift, _on_shape(box), unit, where, over=len(nodes)))
+        yield from with_surface(checks, box.plan, deflection.plan)
 
 
 def _first_layer(deflection: Deflection) -> Iterator[Check]:
@@ -247,7 +247,7 @@ def _pairs(deflection: Deflection) -> Iterator[Check]:
             plane = plane_of(mesh, pair.nodes[:, 0])
             moved = (points - mesh.points)[nodes[:, 0]]
             off[1] = np.maximum(off[1], np.abs(moved @ plane.normal) if plane else 0.0)
-        before, now = (float(one.max(initial=0.0)) / (size or 1.0) for one in off)
+        before, now = (float(distances.max(initial=0.0)) / (size or 1.0) for distances in off)
         finest = 2.0 * deflection.plan.precision.resolution(mesh.points[nodes]) / (size or 1.0)
         limit = max(ON_IMAGE, WORSE * before, finest)
         if len(pair.nodes):
@@ -258,7 +258,7 @@ def _pairs(deflection: Deflection) -> Iterator[Check]:
 def _inverted_cells(deflection: Deflection) -> Check:
     """Check that no cell is inverted that was not before."""
     touched = deflection.plan.touched
-    before = sum(one.inverted for one in deflection.plan.before)
+    before = sum(quality.inverted for quality in deflection.plan.before)
     where = f"of {touched.count} cells with a node in the box"
     where += f", without {before} that were inverted before" if before else ""
     if deflection.inverted:
@@ -268,15 +268,15 @@ def _inverted_cells(deflection: Deflection) -> Check:
 
 def surfaces_crossed(mesh: Mesh, points: FloatArray) -> Check:
     """Check that no face newly intersects another face when the nodes move to points (N, 3)."""
-    found = Crossings.of(mesh, points)
-    where = f"of {found.moved} faces that moved, beside {found.near - found.moved} near them"
-    where += f"; {found.where}" if found.faces else ""
-    return Check("surfaces_crossed", found.faces, 0, "faces", where, over=found.moved)
+    crossings = Crossings.of(mesh, points)
+    where = f"of {crossings.moved} faces that moved, beside {crossings.near - crossings.moved} near them"
+    where += f"; {crossings.where}" if crossings.faces else ""
+    return Check("surfaces_crossed", crossings.faces, 0, "faces", where, over=crossings.moved)
 
 
 def slid_nodes(deflection: Deflection) -> IntArray:
     """Return the sorted nodes (K,) of fixed patches that the repair moved on their shapes, as it may."""
-    slid = (np.intersect1d(one.moved, one.freedom.sliding, assume_unique=True) for one in deflection.repairs)
+    slid = (np.intersect1d(repair.moved, repair.freedom.sliding, assume_unique=True) for repair in deflection.repairs)
     return np.intersect1d(deflection.plan.fixed, union(*slid), assume_unique=True)
 
 
@@ -284,9 +284,9 @@ def _slid_on_surfaces(deflection: Deflection, slid: IntArray, unit: str) -> Chec
     """Check that nodes (K,) of fixed patches which a repair slid are still on the undeflected patch."""
     points, off = deflection.points, np.zeros(len(slid))
     for box in deflection.boxes:
-        for one in box.repaired.freedom.slides if box.repaired else ():
-            rows = np.flatnonzero(np.isin(slid, one.nodes, assume_unique=True))
-            before, now = (one.shape.distance(where[slid[rows]]) for where in (box.interpolated, points))
+        for slide in box.repaired.freedom.slides if box.repaired else ():
+            rows = np.flatnonzero(np.isin(slid, slide.nodes, assume_unique=True))
+            before, now = (slide.shape.distance(where[slid[rows]]) for where in (box.interpolated, points))
             off[rows] = np.abs(now - before)
     where = f"{worst(off, points[slid])}, of fixed patches"
     return Check("slid_on_surfaces", float(off.max()), max(map(_on_shape, deflection.boxes)), unit, where)
@@ -300,7 +300,7 @@ def _on_shape(deflection: BoxDeflection) -> float:
 
 def with_surface(checks: Iterable[Check], box: BoxPlan, plan: Plan) -> list[Check]:
     """Add the surface to the names of a box's checks if there are several boxes."""
-    return [replace(one, name=f"{one.name}:{box.surface}") if len(plan.boxes) > 1 else one for one in checks]
+    return [replace(check, name=f"{check.name}:{box.surface}") if len(plan.boxes) > 1 else check for check in checks]
 
 
 def first_inverted(deflection: Deflection) -> str:
@@ -326,7 +326,7 @@ def cell_text(deflection: Deflection, row: int, nodes: IntArray, shape: str) -> 
     text = f"the first is cell {row} ({shape})" + (f" with nodes on {', '.join(on)}" if on else "")
     if not repairs:
         return text
-    held = not any(np.isin(nodes, one.freedom.nodes).any() for one in repairs)
+    held = not any(np.isin(nodes, repair.freedom.nodes).any() for repair in repairs)
     return f"{text}; all its nodes are held: no repair can mend it" if held else f"{text}; the repair could not mend it"
 
 
@@ -348,10 +348,10 @@ def _rounding(deflection: Deflection) -> Check:
 def _boundary_checks(deflection: Deflection) -> Iterator[Check]:
     """Check that patches cover the boundary where nodes may move, and hold nothing else."""
     gaps = [box.unheld for box in deflection.plan.boxes]
-    faces, loose, inner = (sum(getattr(one, name) for one in gaps) for name in ("faces", "loose", "inner"))
+    faces, loose, inner = (sum(getattr(gap, name) for gap in gaps) for name in ("faces", "loose", "inner"))
     if faces:
         where = f"on no patch, of {faces} faces of the boundary in the box that are on none"
-        yield Check("boundary_on_no_patch", sum(len(one.nodes) for one in gaps), 0, "nodes", where)
+        yield Check("boundary_on_no_patch", sum(len(gap.nodes) for gap in gaps), 0, "nodes", where)
     if loose or inner:
         where = f"{loose} faces of patches in the box are of no cell, {inner} of moving ones between two"
         yield Check("faces_off_boundary", loose + inner, 0, "faces", where)
@@ -402,10 +402,10 @@ def run(plan: Plan, angles: Sequence[float], stage: Stage = unseen, unit: str = 
     largest, earlier = max(angles, key=abs), None
     for angle in dict.fromkeys((largest, *angles)):
         with stage("deflect") as progress:
-            one = deflect(plan, angle, progress, earlier)
+            deflection = deflect(plan, angle, progress, earlier)
             progress(f"{angle:+g} {plan.unit}", 1.0)
-        pairs = zip(one.boxes, (earlier or one).boxes, strict=True)
-        earlier = replace(one, boxes=tuple(new if len(new.steps) == 1 else old for new, old in pairs))
+        pairs = zip(deflection.boxes, (earlier or deflection).boxes, strict=True)
+        earlier = replace(deflection, boxes=tuple(new if len(new.steps) == 1 else old for new, old in pairs))
         with stage("quality"):
-            checks = checks_of(one, unit)
-        yield Judged(one, checks)
+            checks = checks_of(deflection, unit)
+        yield Judged(deflection, checks)

@@ -74,9 +74,9 @@ def repair_slides(mesh: Mesh, surface: str) -> tuple[Sliding, ...]:
     """
     if not hinged(surface):
         return (Sliding(surface, "plane"), Sliding(panel_of(surface), "cylinder"))
-    own = mesh.patch(surface).nodes
+    nodes = mesh.patch(surface).nodes
     others = [patch.name for patch in mesh.patches if patch.name not in (surface, BLOCK)]
-    parents = [name for name in others if np.isin(mesh.patch(name).nodes, own, assume_unique=True).any()]
+    parents = [name for name in others if np.isin(mesh.patch(name).nodes, nodes, assume_unique=True).any()]
     return tuple(Sliding(name, "surface") for name in (surface, *parents))
 
 

@@ -105,18 +105,18 @@ def summary(run: Run) -> Iterator[str]:
         f"mesh: {figures['mesh']['points']} points, {figures['mesh']['cells']} tetrahedra, "
         f"quality min {before:.3f} before, {after:.3f} after"
     )
-    for name, one in figures["deflections"].items():
-        fits = ", ".join(f"{d}: {fit['centers']} ({fit['max_error']:.1e} m)" for d, fit in one["adaptation"].items())
+    for name, box in figures["deflections"].items():
+        fits = ", ".join(f"{d}: {fit['centers']} ({fit['max_error']:.1e} m)" for d, fit in box["adaptation"].items())
         yield (
-            f"{name} {one['angle_deg']:+g} deg: {one['confinement']['inside']} nodes inside, centres {fits}, "
-            f"{one['steps']} step{'s' if one['steps'] > 1 else ''}"
+            f"{name} {box['angle_deg']:+g} deg: {box['confinement']['inside']} nodes inside, centres {fits}, "
+            f"{box['steps']} step{'s' if box['steps'] > 1 else ''}"
         )
-        yield f"{name} {fit_text(one, 'm')}; kernel: {kernel_text(one['kernel'])}"
-        for surface, motion in one["motion"].items():
+        yield f"{name} {fit_text(box, 'm')}; kernel: {kernel_text(box['kernel'])}"
+        for surface, motion in box["motion"].items():
             if motion:
                 yield f"{surface}: {Reached(**motion).text}"
-        if one["repair"]:
-            yield f"{name} {repair_text(one)}"
+        if box["repair"]:
+            yield f"{name} {repair_text(box)}"
     if run.pinned:
         for state, q in (("sliding", run.deflection.boxes[0].quality[0]), ("pinned", run.pinned)):
             yield (

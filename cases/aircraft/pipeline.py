@@ -47,21 +47,21 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, rep
         background = background_mesh(case, watch, cache) if case.domain == "block" else None
         with watch.stage("deformation") as progress:
             plan = plan_of(case, mesh, progress=progress)
-            ((found, own),) = carried_out(plan, (plan.angle,), lambda _: nullcontext(progress), "m")
-            moved = mesh.with_points(found.points)
-            whole = whole_mesh_seconds(found)
+            ((deflection, mesh_checks),) = carried_out(plan, (plan.angle,), lambda _: nullcontext(progress), "m")
+            moved = mesh.with_points(deflection.points)
+            whole = whole_mesh_seconds(deflection)
             stiff = pinned_quality(case, mesh, progress) if case.domain == "block" else None
-            progress(adapted(found), 1.0)
+            progress(adapted(deflection), 1.0)
         if report:
-            shown, gallery = drawn_report(case, found, folder, watch)
+            shown, gallery = drawn_report(case, deflection, folder, watch)
         with watch.stage("files") as progress:
-            write_deformation(folder, case, found, background)
+            write_deformation(folder, case, deflection, background)
             progress(f"{sum(path.stat().st_size for path in folder.glob('*.*')) / 1e6:.1f} MB", 1.0)
         with watch.stage("validation") as progress:
             progress("waiting for the deflected CAD", nan)
-            checks = validate(case, found, own, deflected_cad(), background)
+            checks = validate(case, deflection, mesh_checks, deflected_cad(), background)
             progress(f"{sum(check.passed for check in checks)} of {len(checks)} checks passed", 1.0)
-    run = Run(case, mesh, origin, moved, found, whole, checks, watch, background, stiff)
+    run = Run(case, mesh, origin, moved, deflection, whole, checks, watch, background, stiff)
     if report:
         from sdm_deflect.cases.report.page import write_report
 
@@ -75,14 +75,14 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, rep
     return run
 
 
-def drawn_report(case: Case, found: Deflection, folder: Path, watch: Stopwatch) -> tuple["ReportData", "Gallery"]:
+def drawn_report(case: Case, deflection: Deflection, folder: Path, watch: Stopwatch) -> tuple["ReportData", "Gallery"]:
     """Return what the report shows, and its pictures, which are in `folder`."""
     from sdm_deflect.cases.report.pictures import drawn
 
     from .report import report_data_of
 
     with watch.stage("pictures") as progress:
-        shown = report_data_of(case, found)
+        shown = report_data_of(case, deflection)
         gallery = drawn(shown, folder / "figures")
         progress(f"{len(gallery.exhibits)} pictures", 1.0)
     return shown, gallery
@@ -134,13 +134,13 @@ def cached(
     store, key = MeshCache(default_folder()), cache_key(parts)
     with watch.stage("cache") as tell:
         try:
-            found = store.load(key) if cache else None
-            tell(f"{len(tets_of(found[0]))} cells" if found else "no mesh of these parameters", 1.0)
+            entry = store.load(key) if cache else None
+            tell(f"{len(tets_of(entry[0]))} cells" if entry else "no mesh of these parameters", 1.0)
         except MeshFileError as error:
-            found = None
+            entry = None
             tell(f"meshing anew, the cached mesh cannot be used: {error}", 1.0)
-    if found is not None:
-        return found[0], MeshOrigin(**found[1])  # type: ignore[arg-type]
+    if entry is not None:
+        return entry[0], MeshOrigin(**entry[1])  # type: ignore[arg-type]
     made = generate()
     origin = MeshOrigin(made.report.verification.boundary_to_cad_max, made.report.attempts, made.report.seconds)
     if cache:
@@ -152,9 +152,9 @@ def cached(
     return made.mesh, origin
 
 
-def adapted(found: Deflection) -> str:
+def adapted(deflection: Deflection) -> str:
     """Say how many centres all adaptations took and the largest residual that is left."""
-    fits = [fit for box in found.boxes for step in box.steps for fit in step.fits.adaptations]
+    fits = [fit for box in deflection.boxes for step in box.steps for fit in step.fits.adaptations]
     centres, residual = sum(len(fit.chosen) for fit in fits), max(fit.max_error for fit in fits)
     return f"{centres} centres, residual {residual:.1e} m"
 
@@ -172,12 +172,12 @@ def case_search(case: Case, mesh: Mesh, threshold: float, resolution: float) -> 
     def plan(angle: float, repair: RepairMode) -> Plan:
         return plan_of(replace(case, angle=angle, repair=repair), mesh)
 
-    largest = LARGEST_TURN / max(abs(one.factor) for one in case.deflections)
+    largest = LARGEST_TURN / max(abs(turn.factor) for turn in case.deflections)
     return Search(case.name, "deg", plan, largest, resolution, threshold)
 
 
-def whole_mesh_seconds(found: Deflection) -> float:
+def whole_mesh_seconds(deflection: Deflection) -> float:
     """Time (s) to evaluate the first surface's interpolant at every node: what confinement saves (section 5.1)."""
-    interpolant, start = found.boxes[0].steps[0].fits.interpolant, perf_counter()
-    interpolant(found.plan.mesh.points)
+    interpolant, start = deflection.boxes[0].steps[0].fits.interpolant, perf_counter()
+    interpolant(deflection.plan.mesh.points)
     return perf_counter() - start

@@ -28,39 +28,47 @@ if TYPE_CHECKING:
 
 
 def validate(
-    case: Case, found: Deflection, own: Sequence[Check], reference: Reference, background: Mesh | None = None
+    case: Case,
+    deflection: Deflection,
+    mesh_checks: Sequence[Check],
+    reference: Reference,
+    background: Mesh | None = None,
 ) -> tuple[Check, ...]:
     """Return every check that applies to the case.
 
     Parameters
     ----------
-    found : every control surface at its angle.
-    own : what `checks_of` says of it, as of any mesh.
+    deflection : every control surface at its angle.
+    mesh_checks : what `checks_of` says of it, as of any mesh.
     reference : the deflected CAD.
     background : the mesh around a Chimera block.
     """
-    mesh, repair = found.plan.mesh, found.moved_by_repair
-    deflected, slid = mesh.with_points(found.points), slid_nodes(found)
-    checks = [held_moved(found), whole_quality(case, deflected)]
+    mesh, repair = deflection.plan.mesh, deflection.moved_by_repair
+    deflected, slid = mesh.with_points(deflection.points), slid_nodes(deflection)
+    checks = [held_moved(deflection), whole_quality(case, deflected)]
     if repair is not None:
-        still = np.setdiff1d(np.arange(len(repair)), union(*(one.freedom.nodes for one in found.repairs)), True)
+        free = union(*(one.freedom.nodes for one in deflection.repairs))
+        still = np.setdiff1d(np.arange(len(repair)), free, assume_unique=True)
         checks.append(unmoved("repair_elsewhere", repair, still, mesh.points))
     if len(slid):
         checks.append(slid_on_surfaces(mesh, deflected, slid, reference))
-    for box in found.plan.boxes:
+    for box in deflection.plan.boxes:
         shape = Shape(case, mesh, deflected, box, repair)
-        checks += with_surface(surface_checks(shape, reference), box, found.plan)
+        checks += with_surface(surface_checks(shape, reference), box, deflection.plan)
     if background is not None:
         checks += overset_checks(case, mesh, deflected, background)
     names = {check.name for check in checks}
-    return (*(check for check in own if check.name not in names), *checks)
+    return (*(check for check in mesh_checks if check.name not in names), *checks)
 
 
-def held_moved(found: Deflection) -> Check:
+def held_moved(deflection: Deflection) -> Check:
     """Check that nodes of moving patches which are to stay did so, such as those on the border of a panel."""
-    held = [box.plan.boundary.nodes[~box.plan.boundary.displacement(box.amounts).any(axis=1)] for box in found.boxes]
-    nodes = np.setdiff1d(union(*held), union(*(one.freedom.sliding for one in found.repairs)), assume_unique=True)
-    return unmoved("held_moved", found.points - found.plan.mesh.points, nodes, found.points)
+    held, sliding = [], union(*(repair.freedom.sliding for repair in deflection.repairs))
+    for box in deflection.boxes:
+        boundary = box.plan.boundary
+        held.append(boundary.nodes[~boundary.displacement(box.amounts).any(axis=1)])
+    nodes = np.setdiff1d(union(*held), sliding, assume_unique=True)
+    return unmoved("held_moved", deflection.points - deflection.plan.mesh.points, nodes, deflection.points)
 
 
 def unmoved(name: str, moved: FloatArray, nodes: IntArray, points: FloatArray) -> Check:
@@ -84,7 +92,7 @@ def slid_on_surfaces(mesh: Mesh, deflected: Mesh, slid: IntArray, reference: Ref
         for on_face in nodes_by_face(mesh, name):
             nodes = np.intersect1d(on_face, slid, assume_unique=True)
             if len(nodes):
-                cad = min(faces, key=lambda one: float(distance(mesh.points[on_face], corners_of((one,))).max()))
+                cad = min(faces, key=lambda face: float(distance(mesh.points[on_face], corners_of((face,))).max()))
                 rows = np.searchsorted(slid, nodes)
                 off[rows] = np.maximum(off[rows], distance(deflected.points[nodes], corners_of((cad,))))
                 limit = limit if np.isfinite(cad.normal).all() else FREE_FORM
@@ -207,7 +215,7 @@ def root_on_cylinder(shape: Shape, rigid: Faces, root: IntArray) -> Check:
 def distance_to_plane(points: FloatArray, faces: Faces, normal: FloatArray) -> FloatArray:
     """Distance (N,) of points (N, 3) from the plane of that face which looks along `normal` (3,)."""
     planes = [face for face in faces if np.isfinite(face.normal).all()]
-    face = max(planes, key=lambda one: abs(float(one.normal @ normal)))
+    face = max(planes, key=lambda plane: abs(float(plane.normal @ normal)))
     return np.asarray(np.abs((points - face.points[0]) @ face.normal), dtype=np.float64)
 
 
@@ -221,13 +229,13 @@ def mesh_check(name: str, mesh: Mesh, model: "CadModel", parameters: MeshParamet
 
     Its value is the largest distance (m) of a boundary node from the CAD, infinite if anything else is wrong.
     """
-    found = mesh_faults(mesh, model)
-    if not found:
+    faults = mesh_faults(mesh, model)
+    if not faults:
         measured = verify(mesh, model, parameters)
         if not measured.failures:
             return Check(name, measured.boundary_to_cad_max, FREE_FORM, "m", "filled, closed, on the CAD")
-        found = list(measured.failures)
-    return Check(name, inf, FREE_FORM, "m", "; ".join(found[:3]))
+        faults = list(measured.failures)
+    return Check(name, inf, FREE_FORM, "m", "; ".join(faults[:3]))
 
 
 def mesh_faults(mesh: Mesh, model: "CadModel") -> list[str]:

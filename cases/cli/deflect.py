@@ -204,11 +204,11 @@ def _search_of_case(case: str, watch: "Stopwatch", given: dict[str, Any]) -> Fou
     from sdm_deflect.cases.aircraft.registry import resolve
 
     threshold, resolution = given.pop("quality") or 0.2, given.pop("resolution") or 1.0
-    own = {name: given.pop(name) for name in ("scale", "repair", "assignments")}
+    chosen = {name: given.pop(name) for name in ("scale", "repair", "assignments")}
     for name in (name for name, value in given.items() if value not in (None, ())):
         flag = options.flag(BY_NAME[name]) if name in BY_NAME else f"--{name}"
         raise InputError(f"{flag} is of a mesh, and {case} is a case: replace its settings by --set")
-    resolved = resolve(case, **{**own, "scale": own["scale"] or "small"})
+    resolved = resolve(case, **{**chosen, "scale": chosen["scale"] or "small"})
 
     from sdm_deflect.cases.aircraft.pipeline import case_search, meshed
 
@@ -243,7 +243,7 @@ def _runner(helpers: Sequence[Any], *where: Any) -> AbstractContextManager["Runn
     """Return the workers that are asked for, or the threads of this process."""
     from sdm_deflect.deform.mesh.mesh import HERE
 
-    if not any(one is not None for one in helpers):
+    if not any(helper is not None for helper in helpers):
         return nullcontext(HERE)
     from sdm_deflect.cases.run.cluster import Wanted, workers
 

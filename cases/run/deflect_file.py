@@ -45,10 +45,11 @@ class AngleSummary:
     seconds: float
 
     @classmethod
-    def of(cls, one: Deflection, checks: tuple[Check, ...]) -> "AngleSummary":
+    def of(cls, deflection: Deflection, checks: tuple[Check, ...]) -> "AngleSummary":
         """Collect the figures of a deflection."""
-        own = {"deflections": figures_by_box(one)} if len(one.boxes) > 1 else {}
-        return cls(one.angle, {**deflection_figures(one), **own}, one.quality, layers_of(one), checks, one.seconds)
+        by_box = {"deflections": figures_by_box(deflection)} if len(deflection.boxes) > 1 else {}
+        figures = {**deflection_figures(deflection), **by_box}
+        return cls(deflection.angle, figures, deflection.quality, layers_of(deflection), checks, deflection.seconds)
 
     @property
     def passed(self) -> bool:
@@ -73,7 +74,7 @@ class Outcome:
     @property
     def passed(self) -> bool:
         """True if every check of every angle holds."""
-        return all(one.passed for one in self.angles)
+        return all(summary.passed for summary in self.angles)
 
 
 def needed(wanted: Targets, jobs: Sequence[Job], progress: Progress, runner: Runner = HERE) -> Mesh:
@@ -135,49 +136,49 @@ def deflect_file(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner:
 def _deflected(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: Runner) -> Outcome:
     plan = planned(wanted, jobs, watch, runner)
     wanted.check_names(plan.mesh)
-    found: list[AngleSummary] = []
+    summaries: list[AngleSummary] = []
     names: list[Path] = []
     lost: tuple[str, ...] = ()
     with permitted_as(wanted.source), output_files(wanted.out.parent) as scratch:
-        for one, checks in run(plan, wanted.angles, watch.stage):
-            found.append(AngleSummary.of(one, checks))
-            mesh = wanted.mesh(one.angle)
+        for deflection, checks in run(plan, wanted.angles, watch.stage):
+            summaries.append(AngleSummary.of(deflection, checks))
+            mesh = wanted.mesh(deflection.angle)
             with watch.stage("write") as progress:
-                lost = write_angle(wanted, one, scratch / mesh.name, progress)
+                lost = write_angle(wanted, deflection, scratch / mesh.name, progress)
                 names.append(mesh)
             if wanted.reported:
                 from sdm_deflect.cases.report.folder import write_run_folder
 
                 with watch.stage("report") as progress:
-                    place, seconds = scratch / wanted.report(one.angle).name, {**watch.seconds}
-                    write_run_folder(place, one, checks, mesh, seconds)
+                    place, seconds = scratch / wanted.report(deflection.angle).name, {**watch.seconds}
+                    write_run_folder(place, deflection, checks, mesh, seconds)
             if wanted.sensitive:
                 with watch.stage("sensitivity"):
-                    arrays, picture = (scratch / path.name for path in wanted.sensitivity(one.angle))
-                    write_sensitivity(
-                        plan.mesh, one.points, one.sensitivity(), (arrays, picture), f"mesh length per {plan.unit}"
-                    )
+                    arrays, picture = (scratch / path.name for path in wanted.sensitivity(deflection.angle))
+                    rates, unit = deflection.sensitivity(), f"mesh length per {plan.unit}"
+                    write_sensitivity(plan.mesh, deflection.points, rates, (arrays, picture), unit)
         if wanted.field:
             from sdm_deflect.deform.volume.field import Field
 
             with fresh(wanted.field) as beside:
-                Field.of(one).save(beside)
+                Field.of(deflection).save(beside)
             names.append(wanted.field)
         check_unchanged(plan.mesh.files)
         wanted.keep_tables(scratch)
     lacking = report_lacks() if wanted.reported else ""
     notes = (f"there is no report.html: {lacking}",) if lacking else ()
-    return Outcome(plan, tuple(found), tuple(names), wanted.reports, lost, notes)
+    return Outcome(plan, tuple(summaries), tuple(names), wanted.reports, lost, notes)
 
 
-def write_angle(wanted: Targets, one: Deflection, out: Path, progress: Progress) -> tuple[str, ...]:
+def write_angle(wanted: Targets, deflection: Deflection, out: Path, progress: Progress) -> tuple[str, ...]:
     """Write the mesh at one angle; return what its format cannot hold.
 
     Raises MeshFileError if it does not read back as what was judged.
     """
-    mesh = one.plan.mesh
-    lost = write_mesh(wanted.source if mesh.source else None, mesh, one.points, out, progress, one.plan.runner)
-    check_written(mesh, one.points, out, wanted.mesh(one.angle))
+    mesh = deflection.plan.mesh
+    points, source = deflection.points, wanted.source if mesh.source else None
+    lost = write_mesh(source, mesh, points, out, progress, deflection.plan.runner)
+    check_written(mesh, points, out, wanted.mesh(deflection.angle))
     return lost
 
 
@@ -215,13 +216,13 @@ def figures(done: Outcome, watch: Stopwatch) -> Json:
         "notes": [*notes_of(done.plan), *done.notes],
         "angles": [
             {
-                "angle": one.angle,
+                "angle": summary.angle,
                 "unit": done.plan.unit,
-                **one.figures,
-                "first_layer": asdict(one.layers) if one.layers else None,
-                "validation": verdict_figures(one.checks),
+                **summary.figures,
+                "first_layer": asdict(summary.layers) if summary.layers else None,
+                "validation": verdict_figures(summary.checks),
             }
-            for one in sorted(done.angles, key=lambda one: one.angle)
+            for summary in sorted(done.angles, key=lambda summary: summary.angle)
         ],
         "files": [str(path) for path in done.files],
         "reports": [str(path) for path in done.reports],

@@ -117,13 +117,13 @@ class Search:
             plan = self.plan(angle, repair)
             if not plan.touched.count:
                 raise InputError(f"{plan.mesh.name} has no cells that move: there is no quality to keep")
-            (one,) = run(plan, (plan.angle,))
+            (judged,) = run(plan, (plan.angle,))
         except InputError as error:
             return Trial(angle, 0.0, 0, reason=str(error), fault=str(error))
-        worst = min(one.deflection.parts, key=lambda part: min(quality.min for quality in part.quality))
+        worst = min(judged.deflection.parts, key=lambda part: min(quality.min for quality in part.quality))
         least = min(quality.min for quality in worst.quality)
-        steps = max(len(box.steps) for box in one.deflection.boxes)
-        where, failed = where_worst(worst), [check for check in one.checks if not check.passed]
+        steps = max(len(box.steps) for box in judged.deflection.boxes)
+        where, failed = where_worst(worst), [check for check in judged.checks if not check.passed]
         faults = [
             f"{check.name} {check.value:.3g}, limit {check.limit:.3g}, {where}"
             for check in failed
@@ -181,8 +181,8 @@ def search_of(mesh: Mesh, jobs: Sequence[Job], resolution: float = 0.0, precisio
     whole = abs(first.angle) or 1.0
 
     def plan(angle: float, repair: RepairMode) -> Plan:
-        own = (job.at(job.beside(first, angle)) for job in jobs)
-        repaired = [replace(job, repair=replace(job.repair, mode=repair)) for job in own]
+        turned = (job.at(job.beside(first, angle)) for job in jobs)
+        repaired = [replace(job, repair=replace(job.repair, mode=repair)) for job in turned]
         return Plan.of(mesh, repaired, (angle,)).keeping(precision)
 
     title = f"{', '.join(first.surfaces[0].patches)} of {mesh.name}"
@@ -191,17 +191,17 @@ def search_of(mesh: Mesh, jobs: Sequence[Job], resolution: float = 0.0, precisio
     return Search(title, unit, plan, LARGEST_ANGLE / max(map(abs, ratios)), resolution or 1.0)
 
 
-def where_worst(one: Deflection) -> str:
+def where_worst(deflection: Deflection) -> str:
     """Say at which patches the worst cell of a single box is."""
-    mesh, touched = one.plan.mesh, one.plan.touched
-    found = []
+    mesh, touched = deflection.plan.mesh, deflection.plan.touched
+    worst = []
     for block, rows, orientation in zip(mesh.cells, touched.rows, touched.orientation, strict=True):
         if len(rows):
-            quality, _ = quality_and_inverted(one.points, block, rows, orientation)
+            quality, _ = quality_and_inverted(deflection.points, block, rows, orientation)
             row = int(rows[np.argmin(quality)])
             nodes = nodes_of(block, row) if isinstance(block, Polyhedra) else block.nodes[row]
-            found.append((float(quality.min()), nodes))
-    _, nodes = min(found, key=lambda pair: pair[0])
+            worst.append((float(quality.min()), nodes))
+    _, nodes = min(worst, key=lambda pair: pair[0])
     names = [patch.name for patch in mesh.patches if np.isin(nodes, patch.nodes).any()]
     if not names:
         return "of a cell within the flow"
@@ -223,18 +223,20 @@ def write_limits(limits: tuple[Limit, ...], search: Search, folder: Path) -> Tab
         table.add_column(heading, justify="right")
     table.add_column("what ends it")
     table.add_column("checks that fail there")
-    for one in limits:
-        least, tried = f"{one.at.quality_min:.3f}", str(len(one.trials))
-        end = one.end or "nothing: no surface turns farther"
-        table.add_row(one.repair, f"{one.angle:+.4g}", least, str(one.at.steps), tried, end, ", ".join(one.at.failed))
+    for limit in limits:
+        least, tried = f"{limit.at.quality_min:.3f}", str(len(limit.trials))
+        end = limit.end or "nothing: no surface turns farther"
+        table.add_row(
+            limit.repair, f"{limit.angle:+.4g}", least, str(limit.at.steps), tried, end, ", ".join(limit.at.failed)
+        )
     return table
 
 
 def _curves(limits: tuple[Limit, ...]) -> dict[RepairMode, list[Trial]]:
     """Return the trials of both signs by the mode of repair, ascending by angle; zero is in there once."""
     curves: dict[RepairMode, dict[float, Trial]] = {}
-    for one in limits:
-        curves.setdefault(one.repair, {}).update({trial.angle: trial for trial in one.trials})
+    for limit in limits:
+        curves.setdefault(limit.repair, {}).update({trial.angle: trial for trial in limit.trials})
     return {mode: [trials[angle] for angle in sorted(trials)] for mode, trials in curves.items()}
 
 

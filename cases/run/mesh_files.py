@@ -61,8 +61,8 @@ class Targets:
         if not format_of(chosen).written:
             if format_of(chosen) is not format_of(source):
                 raise only_rewritten(chosen)
-            if ending(chosen).lower() != (own := ending(source)).lower():
-                raise InputError(f"{chosen}: is to be a copy of a file {own} and must have that suffix")
+            if ending(chosen).lower() != (suffix := ending(source)).lower():
+                raise InputError(f"{chosen}: is to be a copy of a file {suffix} and must have that suffix")
         return cls(source, named, tuple(angles), sensitive, reported)
 
     def mesh(self, angle: float) -> Path:
@@ -71,8 +71,8 @@ class Targets:
 
     def sensitivity(self, angle: float) -> tuple[Path, Path]:
         """Return the .npz and the .vtu of the sensitivity at one angle."""
-        own = replace(self, out=self.mesh(angle))
-        return own._named("-sensitivity", ".npz"), own._named("-sensitivity", ".vtu")
+        targets = replace(self, out=self.mesh(angle))
+        return targets._named("-sensitivity", ".npz"), targets._named("-sensitivity", ".vtu")
 
     def report(self, angle: float) -> Path:
         """Return the folder of the report at one angle."""
@@ -160,8 +160,8 @@ class Targets:
         return target.is_file() and (target in (self.out, self.field) or (target in self.extra and _is_ours(target)))
 
     def _named(self, tail: str, suffix: str | None = None) -> Path:
-        own = "" if self._is_folder else ending(self.out)
-        return self.out.with_name(f"{self.out.name.removesuffix(own)}{tail}{own if suffix is None else suffix}")
+        end = "" if self._is_folder else ending(self.out)
+        return self.out.with_name(f"{self.out.name.removesuffix(end)}{tail}{end if suffix is None else suffix}")
 
     @property
     def _is_folder(self) -> bool:
@@ -175,15 +175,15 @@ def is_report(folder: Path) -> bool:
 
 def inputs_of(given: Mapping[str, Any], folder: Path) -> tuple[Path, ...]:
     """Return the files that settings name, at any depth: tables, lists of nodes, boxes, relative to `folder`."""
-    found: list[Path] = []
+    files: list[Path] = []
     for value in given.values():
         for item in value if isinstance(value, list | tuple) else (value,):
             if isinstance(item, Mapping):
-                found += inputs_of(item, folder)
+                files += inputs_of(item, folder)
             elif isinstance(item, str | Path):
                 with suppress(OSError, ValueError):  # too long, or with a null character, for any file
-                    found += [folder / item] if (folder / item).is_file() else []
-    return tuple(found)
+                    files += [folder / item] if (folder / item).is_file() else []
+    return tuple(files)
 
 
 def precision_of(source: Path | None, out: Path, mesh: Mesh) -> Precision:
@@ -240,8 +240,8 @@ def _beside(source: Path) -> Path:
     """Return the name of a deflected mesh beside the source."""
     form, suffix = format_of(source), ending(source)
     if not form.folder:
-        own = suffix if suffix.lower().endswith(form.suffixes) else form.suffixes[0]
-        return source.with_name(f"{source.name.removesuffix(suffix)}-deflected{own}")
+        kept = suffix if suffix.lower().endswith(form.suffixes) else form.suffixes[0]
+        return source.with_name(f"{source.name.removesuffix(suffix)}-deflected{kept}")
     folder = form.place(source)
     named = folder if folder.name not in ("", "..") else folder.resolve()
     name = f"{named.name}-deflected"
@@ -275,17 +275,17 @@ def check_written(mesh: Mesh, points: FloatArray, staged: Path, out: Path) -> No
 def difference(mesh: Mesh, points: FloatArray, path: Path) -> str:
     """Describe how the points of a file differ from those of a mesh, or of its excerpt."""
     try:
-        found = _stored(mesh, path)
+        stored = _stored(mesh, path)
     except (MeshFileError, InputError) as error:
         return str(error)
-    if len(points) != len(found):
-        return f"it has {len(found)} points, not {len(points)}"
+    if len(points) != len(stored):
+        return f"it has {len(stored)} points, not {len(points)}"
     axes = 2 if mesh.plane else 3
-    same = (points[:, :axes] == found[:, :axes]).all(axis=1)
+    same = (points[:, :axes] == stored[:, :axes]).all(axis=1)
     if same.all():
         return ""
     row = int(np.argmin(same))
-    x, y = (" ".join(f"{value:.17g}" for value in places[row]) for places in (found, points))
+    x, y = (" ".join(f"{value:.17g}" for value in places[row]) for places in (stored, points))
     return f"{np.count_nonzero(~same)} points are elsewhere, the first at {x}, not {y}"
 
 
@@ -293,9 +293,9 @@ def _stored(mesh: Mesh, path: Path) -> FloatArray:
     form, source = format_of(path), Path(mesh.source)
     if not mesh.whole:
         return form.read_copy(path, source).points
-    found = form.points_of_copy(path, source)
-    if found is not None:
-        return found[mesh.whole.nodes] if len(found) == mesh.point_count else found
+    points = form.points_of_copy(path, source)
+    if points is not None:
+        return points[mesh.whole.nodes] if len(points) == mesh.point_count else points
     with in_pieces(path) as back:
         if back is None or back.pieces.blocks != mesh.whole.pieces.blocks or back.pieces.points != mesh.point_count:
             raise MeshFileError("it has other points or cells")

@@ -39,17 +39,17 @@ def mesh_figures(plan: Plan) -> Json:
     }
 
 
-def figures_by_box(one: Deflection) -> Json:
+def figures_by_box(deflection: Deflection) -> Json:
     """Return the figures of the deflection in each box, by its first moving patch."""
-    return {part.plan.surface: deflection_figures(part) for part in one.parts}
+    return {part.plan.surface: deflection_figures(part) for part in deflection.parts}
 
 
-def deflection_figures(one: Deflection) -> Json:
+def deflection_figures(deflection: Deflection) -> Json:
     """Return box, sites, adaptation and quality of one deflection of any mesh; lengths in the mesh's unit.
 
     Of several boxes box, sites and adaptation are the first one's; cells, repair and motion are those of all.
     """
-    first, whole = one.boxes[0], one.plan
+    first, whole = deflection.boxes[0], deflection.plan
     plan = first.plan
     sites, region = plan.sites, plan.region
     return {
@@ -72,14 +72,14 @@ def deflection_figures(one: Deflection) -> Json:
         "kernel": kernel_figures(plan),
         "adaptation": _adaptation(first),
         "error_between_sites": asdict(first.error_between) if first.error_between else None,
-        "motion": motion_figures(whole, one.angle),
+        "motion": motion_figures(whole, deflection.angle),
         "cells_touched": whole.touched.count,
-        "quality_inside": {"before": by_shape(whole.before), "after": by_shape(one.quality)},
-        **face_figures(one),
-        "repair": repair_figures(one),
-        "steps": max(len(box.steps) for box in one.boxes),
-        "seconds": one.seconds,
-        "largest_correction": max(step.correction for box in one.boxes for step in box.steps),
+        "quality_inside": {"before": by_shape(whole.before), "after": by_shape(deflection.quality)},
+        **face_figures(deflection),
+        "repair": repair_figures(deflection),
+        "steps": max(len(box.steps) for box in deflection.boxes),
+        "seconds": deflection.seconds,
+        "largest_correction": max(step.correction for box in deflection.boxes for step in box.steps),
     }
 
 
@@ -107,9 +107,9 @@ def fit_text(figures: Json, unit: str = "") -> str:
     return f"interpolation: condition {condition:.1e}, error at the sites {error:.1e}{end}{off}"
 
 
-def face_figures(one: Deflection) -> Json:
+def face_figures(deflection: Deflection) -> Json:
     """Return what checkMesh says of the faces of touched polyhedra before and after; nothing without polyhedra."""
-    faces, after = one.plan.faces, one.faces
+    faces, after = deflection.plan.faces, deflection.faces
     if not faces or not after:
         return {}
     pair = {"before": faces.before.quality().as_dict(), "after": after.quality().as_dict()}
@@ -118,51 +118,51 @@ def face_figures(one: Deflection) -> Json:
 
 def face_rows(figures: Json) -> tuple[str, list[tuple[str, str, str]]]:
     """Return the scope of the face metrics and each of them before and after; empty if none were measured."""
-    found = figures.get("face_quality", {}).get("touched")
-    if not found:
+    touched = figures.get("face_quality", {}).get("touched")
+    if not touched:
         return "", []
-    pairs = ((*FACES[key], *(found[when][key] for when in ("before", "after"))) for key in FACES)
+    pairs = ((*FACES[key], *(touched[when][key] for when in ("before", "after"))) for key in FACES)
     return "faces of the touched cells", [(name, f"{old:{form}}", f"{new:{form}}") for name, form, old, new in pairs]
 
 
-def repair_figures(one: Deflection) -> Json | None:
+def repair_figures(deflection: Deflection) -> Json | None:
     """Return what repairs did, and the quality of the touched cells before them; None without one."""
-    found = one.repairs
-    if not found:
+    repairs = deflection.repairs
+    if not repairs:
         return None
-    quality = found[0].quality
-    if len(one.boxes) > 1 and (moved := one.moved_by_repair) is not None:
-        quality = one.plan.touched.quality(one.points - moved)
+    quality = repairs[0].quality
+    if len(deflection.boxes) > 1 and (moved := deflection.moved_by_repair) is not None:
+        quality = deflection.plan.touched.quality(deflection.points - moved)
     return {
-        "spoiled": sum(repair.spoiled for repair in found),
-        "left": sum(repair.left for repair in found),
-        "moved": sum(len(repair.moved) for repair in found),
-        "search_steps": sum(repair.steps for repair in found),
-        "seconds": sum(repair.seconds for repair in found),
+        "spoiled": sum(repair.spoiled for repair in repairs),
+        "left": sum(repair.left for repair in repairs),
+        "moved": sum(len(repair.moved) for repair in repairs),
+        "search_steps": sum(repair.steps for repair in repairs),
+        "seconds": sum(repair.seconds for repair in repairs),
         "quality": by_shape(quality),
-        "inverted_before": sum(one.inverted for one in quality),
+        "inverted_before": sum(shape.inverted for shape in quality),
     }
 
 
 def repair_text(figures: Json) -> str:
     """Say what a repair did, of the figures of a deflection; empty without one."""
-    found = figures["repair"]
-    if not found:
+    repair = figures["repair"]
+    if not repair:
         return ""
-    states = found["quality"], figures["quality_inside"]["after"]
+    states = repair["quality"], figures["quality_inside"]["after"]
     before, after = (min(quality["min"] for quality in state.values()) for state in states)
     inverted = [sum(quality["inverted"] for quality in state.values()) for state in states]
     turned = f"; inverted cells {inverted[0]} without it, {inverted[1]} with it" if any(inverted) else ""
     return (
-        f"repair: {found['spoiled']} cells inverted or much worse than before, {found['left']} after it; "
-        f"{found['moved']} nodes moved in {found['seconds']:.2f} s; least quality {before:.3f} without it, "
+        f"repair: {repair['spoiled']} cells inverted or much worse than before, {repair['left']} after it; "
+        f"{repair['moved']} nodes moved in {repair['seconds']:.2f} s; least quality {before:.3f} without it, "
         f"{after:.3f} with it{turned}"
     )
 
 
-def by_shape(found: Sequence[Quality]) -> Json:
+def by_shape(qualities: Sequence[Quality]) -> Json:
     """Return the quality of each type of cell by the type's name."""
-    return {one.shape: asdict(one) for one in found}
+    return {quality.shape: asdict(quality) for quality in qualities}
 
 
 def verdict_figures(checks: Sequence[Check]) -> Json:
@@ -172,8 +172,8 @@ def verdict_figures(checks: Sequence[Check]) -> Json:
 
 def warnings_of(plan: Plan) -> tuple[str, ...]:
     """Return sentences on what is probably wrong, though every check may hold."""
-    found = [note for note in plan.mesh.notes if isinstance(note, Warned)]
-    return tuple(dict.fromkeys([*found, *(text for box in plan.boxes for text in box.boundary.warnings)]))
+    notes = [note for note in plan.mesh.notes if isinstance(note, Warned)]
+    return tuple(dict.fromkeys([*notes, *(text for box in plan.boxes for text in box.boundary.warnings)]))
 
 
 def notes_of(plan: Plan) -> tuple[str, ...]:
@@ -198,21 +198,21 @@ def farthest(plan: Plan) -> Iterator[tuple[str, FloatArray, FloatArray]]:
 
 def motion_figures(plan: Plan, angle: float) -> Json:
     """Return how much of its angle each surface reaches (`Reached`); null for a motion without an angle."""
-    return {name: asdict(one) if one else None for name, one in _reached(plan, angle)}
+    return {name: asdict(reached) if reached else None for name, reached in _reached(plan, angle)}
 
 
 def motions(plan: Plan) -> Iterator[tuple[str, str]]:
     """Yield the name of each turning surface and, as text, how much of the largest angle it reaches."""
-    for name, one in _reached(plan, max(plan.angles, key=abs)):
-        if one:
-            yield name, one.text
+    for name, reached in _reached(plan, max(plan.angles, key=abs)):
+        if reached:
+            yield name, reached.text
 
 
 def _reached(plan: Plan, angle: float) -> Iterator[tuple[str, Reached | None]]:
     """Yield the name of each surface, and what it reaches at an angle of the first."""
     for box in plan.boxes:
-        for surface, one in box.boundary.reached(plan.amounts_of(box, angle)):
-            yield surface.label, one
+        for surface, reached in box.boundary.reached(plan.amounts_of(box, angle)):
+            yield surface.label, reached
 
 
 def travels(plan: Plan) -> Iterator[tuple[str, str]]:
@@ -228,11 +228,11 @@ def peak_rss_bytes() -> int:
     return 1024 * max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
 
 
-def _adaptation(one: BoxDeflection) -> Json:
+def _adaptation(deflection: BoxDeflection) -> Json:
     """Per direction, summed over steps: centres of the largest step, its error and condition, seconds of all."""
     table: Json = {}
-    groups = list(zip(*(step.fits.adaptations for step in one.steps), strict=True))
-    for fits, condition in zip(groups, one.conditions or [None] * len(groups), strict=True):
+    groups = list(zip(*(step.fits.adaptations for step in deflection.steps), strict=True))
+    for fits, condition in zip(groups, deflection.conditions or [None] * len(groups), strict=True):
         entry = {
             "centers": max(len(fit.chosen) for fit in fits),
             "iterations": sum(fit.history[-1].iteration for fit in fits),

@@ -80,10 +80,10 @@ def _degrees(name: str, word: str) -> float:
 def _numbers(text: str) -> list[float]:
     """Return numbers with commas between them; none if one is no number."""
     try:
-        found = [float(part) for part in text.split(",")]
+        numbers = [float(part) for part in text.split(",")]
     except ValueError:
         return []
-    return [] if any(map(isnan, found)) else found
+    return [] if any(map(isnan, numbers)) else numbers
 
 
 SAME = 1e-6  # two hinges nearer to one another, over a length of one, are one
@@ -96,16 +96,16 @@ class _BoxFile:
 
 def jobs_of(settings: JobSettings) -> tuple[Job, ...]:
     """Return one job for all surfaces, or one for each if each is to have a box; InputError as `job_of`."""
-    own, job = [surface.corners for surface in settings.surface], job_of(settings)
+    given, job = [surface.corners for surface in settings.surface], job_of(settings)
     if not settings.box_each:
-        if any(own):
+        if any(given):
             raise InputError("corners = of a surface: it has a box of its own only if box_each = true")
         return (job,)
-    if len(own) == 1:
+    if len(given) == 1:
         raise InputError("box_each = true: there is one surface, which has one box; leave box_each out")
     if not isinstance(job.box, Automatic):
         raise InputError("box_each = true: each surface has a box of its own; leave box out, and give corners of each")
-    boxes = [_at(corners) if corners else job.box for corners in own]
+    boxes = [_at(corners) if corners else job.box for corners in given]
     return tuple(replace(job, surfaces=(moving,), box=box) for moving, box in zip(job.surfaces, boxes, strict=True))
 
 
@@ -127,8 +127,8 @@ def job_of(settings: JobSettings) -> Job:
 
 def _stays_beside(surface: SurfaceSettings, settings: JobSettings) -> tuple[str, ...]:
     """Return the patches on which nodes of a blended surface stay: fixed ones, and surfaces that move otherwise."""
-    others = (one for one in settings.surface if (one.hinge, one.angle) != (surface.hinge, surface.angle))
-    return (*settings.fixed, *(name for one in others for name in one.patches)) if settings.fixed else ()
+    others = (other for other in settings.surface if (other.hinge, other.angle) != (surface.hinge, surface.angle))
+    return (*settings.fixed, *(name for other in others for name in other.patches)) if settings.fixed else ()
 
 
 def _moving(surface: SurfaceSettings, fixed: tuple[str, ...]) -> Moving:

@@ -57,10 +57,10 @@ class Precision:
         if self.is_double:
             return points
         with np.errstate(over="ignore"):
-            found = points.astype(self.real).astype(np.float64)
-        if not np.isfinite(found).all():
+            stored = points.astype(self.real).astype(np.float64)
+        if not np.isfinite(stored).all():
             raise InputError(f"coordinates up to {np.abs(points).max():.3g} are too large for {self}")
-        return found if self.every else np.where(points == before, before, found)
+        return stored if self.every else np.where(points == before, before, stored)
 
     def resolution(self, points: FloatArray) -> float:
         """Return how far rounding moves any of some points (N, 3) at most, in any direction; 0 in double precision."""
@@ -107,10 +107,10 @@ def held(paths: Iterable[Path]) -> Iterator[None]:
 
 def _state(path: str) -> State | None:
     try:
-        found = Path(path).stat()
+        state = Path(path).stat()
     except OSError:
         return None
-    return found.st_size, found.st_mtime_ns, found.st_ino, found.st_dev
+    return state.st_size, state.st_mtime_ns, state.st_ino, state.st_dev
 
 
 class Runner(Protocol):
@@ -142,8 +142,8 @@ class Threads:
                 while waiting:
                     yield waiting.popleft().result()
             finally:
-                for one in waiting:
-                    one.cancel()
+                for future in waiting:
+                    future.cancel()
 
 
 HERE = Threads()
@@ -315,14 +315,14 @@ class Mesh:
         return any(isinstance(block, Cells) and block.shape in PLANE for block in self.cells)
 
     def _indices(self) -> list[tuple[NDArray[np.intp], str]]:
-        found = []
+        indices = []
         for block in self.cells:
             nodes = block.faces.nodes if isinstance(block, Polyhedra) else block.nodes
-            found.append((nodes, "polyhedra" if isinstance(block, Polyhedra) else block.shape))
-        found += [(faces.nodes, f"patch {patch.name}") for patch in self.patches for faces in patch.faces]
-        found += [(patch.loose, f"patch {patch.name}") for patch in self.patches]
-        found += [(pair.nodes, f"periodic pair {pair.name}") for pair in self.periodic]
-        return found
+            indices.append((nodes, "polyhedra" if isinstance(block, Polyhedra) else block.shape))
+        indices += [(faces.nodes, f"patch {patch.name}") for patch in self.patches for faces in patch.faces]
+        indices += [(patch.loose, f"patch {patch.name}") for patch in self.patches]
+        indices += [(pair.nodes, f"periodic pair {pair.name}") for pair in self.periodic]
+        return indices
 
     @property
     def point_count(self) -> int:
@@ -366,7 +366,7 @@ class Mesh:
         Raises InputError if a name stands for no patch, or for one that the notes call absent; the message suggests the
         nearest ones, or says why.
         """
-        found: list[str] = []
+        names: list[str] = []
         for text in wanted:
             some = [text] if text in self.names else [name for name in self.names if meant(text, name)]
             if (note := self._absent(text)) and len(some) < len(self.names):
@@ -374,8 +374,8 @@ class Mesh:
             if not some:
                 hint = nearest(text, self.names, "the patches are")
                 raise InputError(f"{self.name}: {what} {text!r} is no patch; {hint}")
-            found += [name for name in some if name not in found]
-        return tuple(found)
+            names += [name for name in some if name not in names]
+        return tuple(names)
 
     def _absent(self, text: str) -> str:
         """Return the note on the first patch that is absent, and that a name or wildcard stands for; empty if none."""
@@ -396,16 +396,16 @@ class Mesh:
 
 def meant(wildcard: str, patch: str) -> bool:
     """True if the wildcard stands for the patch, or for its name without that of its zone."""
-    own = patch.rpartition("/")[2]
-    return fnmatchcase(patch, wildcard) or (wildcard != own and fnmatchcase(own, wildcard))
+    name = patch.rpartition("/")[2]
+    return fnmatchcase(patch, wildcard) or (wildcard != name and fnmatchcase(name, wildcard))
 
 
 def gathered(pieces: Pieces, nodes: IntArray) -> FloatArray:
     """Return the coordinates (K, 3) of sorted nodes, range by range."""
-    found = np.empty((len(nodes), 3))
+    points = np.empty((len(nodes), 3))
     for start in range(0, pieces.points, threads.LIMITS.points) if len(nodes) else ():
         first, end = np.searchsorted(nodes, (start, start + threads.LIMITS.points))
         if end > first:
             low = int(nodes[first])
-            found[first:end] = pieces.coordinates(low, int(nodes[end - 1]) + 1)[nodes[first:end] - low]
-    return found
+            points[first:end] = pieces.coordinates(low, int(nodes[end - 1]) + 1)[nodes[first:end] - low]
+    return points

@@ -106,15 +106,15 @@ class Triangulated:
     def of(cls, points: FloatArray, faces: Polygons) -> "Triangulated":
         """Take faces, one at least, on points (N, 3) of a whole mesh."""
         used, rows = np.unique(faces.nodes, return_inverse=True)
-        own = Polygons(rows.reshape(-1), faces.offsets)
+        polygons = Polygons(rows.reshape(-1), faces.offsets)
         vertices = np.ascontiguousarray(points[used])
         near = ON * float(np.ptp(vertices, axis=0).max())
         if are_lines(faces):
-            curve = TriangleSet.curves(vertices, own.nodes.reshape(-1, 2))
+            curve = TriangleSet.curves(vertices, polygons.nodes.reshape(-1, 2))
             return cls(curve, curve, near)
-        sharp = np.concatenate([rim(own), sharp_edges(vertices, own, SHARP)])
+        sharp = np.concatenate([rim(polygons), sharp_edges(vertices, polygons, SHARP)])
         ridges = TriangleSet.curves(vertices, sharp) if len(sharp) else None
-        return cls(TriangleSet.faces(vertices, _cut(own)), ridges, near)
+        return cls(TriangleSet.faces(vertices, _cut(polygons)), ridges, near)
 
     def distance(self, points: FloatArray) -> FloatArray:
         """Return the distance (N,)."""
@@ -149,12 +149,12 @@ class Triangulated:
 def _cut(faces: Polygons) -> IntArray:
     """Return triangles (T, 3): each face cut from its node of the smallest index, so that others who cut it agree."""
     sizes, starts = np.diff(faces.offsets), faces.offsets[:-1]
-    found = []
+    triangles = []
     for size in np.unique(sizes):
         nodes = faces.nodes[starts[sizes == size][:, None] + np.arange(size)]
         nodes = np.take_along_axis(nodes, (np.argmin(nodes, axis=1)[:, None] + np.arange(size)) % size, axis=1)
-        found += [nodes[:, [0, k, k + 1]] for k in range(1, size - 1)]
-    return np.concatenate(found)
+        triangles += [nodes[:, [0, k, k + 1]] for k in range(1, size - 1)]
+    return np.concatenate(triangles)
 
 
 def _dominant(directions: FloatArray, weights: FloatArray, nodes: IntArray, count: int) -> FloatArray:
@@ -243,7 +243,7 @@ class CylinderWall:
             return cls(_fit_cylinder(some, np.array([0.0, 0.0, 1.0]), slopes=0))
         directions = np.linalg.svd(some - some.mean(axis=0), full_matrices=False)[2]
         fits = [_fit_cylinder(some, direction) for direction in directions]
-        return cls(min(fits, key=lambda one: float(np.abs(one.distance(some)).max())))
+        return cls(min(fits, key=lambda shape: float(np.abs(shape.distance(some)).max())))
 
     def distance(self, points: FloatArray) -> FloatArray:
         """Return the signed distance (N,), positive outside."""
@@ -267,8 +267,8 @@ class CylinderWall:
 
     def _stretch(self, points: FloatArray, radial: FloatArray) -> FloatArray:
         """Return (N, 1) what brings radial vectors back to the length of the nodes' own."""
-        own = np.linalg.norm(self.cylinder.axis.radial(points), axis=1, keepdims=True)
-        return np.asarray(own / np.linalg.norm(radial, axis=1, keepdims=True))
+        reach = np.linalg.norm(self.cylinder.axis.radial(points), axis=1, keepdims=True)
+        return np.asarray(reach / np.linalg.norm(radial, axis=1, keepdims=True))
 
 
 FITTED: dict[str, Callable[[FloatArray, bool], SlidingSurface]] = {

@@ -63,12 +63,12 @@ def prisms_on(cells: Polyhedra, count: int, wall: BoolArray) -> list[tuple[IntAr
     whole = (columns[0] == 2 * size) & np.logical_and.reduce([column == size for column in columns[1:]])
     rising = np.argsort((key + start)[leaves])
     feet, tips = (key + start)[leaves][rising], end[leaves][rising]
-    found = []
+    prisms = []
     for k in distinct(size[whole]):
-        own = np.flatnonzero(whole & (size == k))
-        on = faces.nodes[faces.offsets[base[own]][:, None] + np.arange(k)]
-        found.append((on, tips[np.searchsorted(feet, own[:, None] * nodes + on)]))
-    return found
+        rows = np.flatnonzero(whole & (size == k))
+        on = faces.nodes[faces.offsets[base[rows]][:, None] + np.arange(k)]
+        prisms.append((on, tips[np.searchsorted(feet, rows[:, None] * nodes + on)]))
+    return prisms
 
 
 def _per_cell(keys: IntArray, nodes: int, cells: int) -> IntArray:
@@ -101,10 +101,10 @@ class CellScores(NamedTuple):
     quality: FloatArray
     inverted: BoolArray
 
-    def replaced(self, cells: BoolArray, found: CellScores) -> CellScores:
+    def replaced(self, cells: BoolArray, scores: CellScores) -> CellScores:
         """Return the same with what was found of some cells, a mask (C,), in their place."""
         quality, inverted = self.quality.copy(), self.inverted.copy()
-        quality[cells], inverted[cells] = found
+        quality[cells], inverted[cells] = scores
         return CellScores(quality, inverted)
 
 
@@ -133,8 +133,8 @@ class TouchedCells:
         rows = tuple(touching(block, moved) for block in mesh.cells)
         if mesh.whole:
             return cls(mesh, rows, mesh.whole.orientation, mesh.whole.inverted)
-        found = [oriented(mesh.points, block) for block in mesh.cells]
-        return cls(mesh, rows, tuple(sign for sign, _ in found), tuple(count for _, count in found))
+        orientations = [oriented(mesh.points, block) for block in mesh.cells]
+        return cls(mesh, rows, tuple(sign for sign, _ in orientations), tuple(count for _, count in orientations))
 
     @classmethod
     def together(cls, parts: Sequence[TouchedCells]) -> TouchedCells:
@@ -155,21 +155,21 @@ class TouchedCells:
     def scores(self, points: FloatArray) -> CellScores:
         """Judge the touched cells, block by block, with the nodes at `points` (N, 3)."""
         parts = zip(self.mesh.cells, self.rows, self.orientation, strict=True)
-        found = [quality_and_inverted(points, *part) for part in parts if len(part[1])]
-        quality = np.concatenate([np.empty(0), *(values for values, _ in found)])
-        return CellScores(quality, np.concatenate([np.empty(0, np.bool_), *(bad for _, bad in found)]))
+        scored = [quality_and_inverted(points, *part) for part in parts if len(part[1])]
+        quality = np.concatenate([np.empty(0), *(values for values, _ in scored)])
+        return CellScores(quality, np.concatenate([np.empty(0, np.bool_), *(bad for _, bad in scored)]))
 
     def newly_inverted(self, points: FloatArray) -> BoolArray:
         """Return which touched cells (C,) are inverted with the nodes at `points` (N, 3), and were not before."""
         parts = zip(self.mesh.cells, self.rows, self.orientation, strict=True)
-        found = np.concatenate([np.empty(0, np.bool_), *(inverted_of(points, *part) for part in parts)])
-        return found & ~self.before.inverted if any(self.inverted) else found
+        inverted = np.concatenate([np.empty(0, np.bool_), *(inverted_of(points, *part) for part in parts)])
+        return inverted & ~self.before.inverted if any(self.inverted) else inverted
 
     def by_shape(self) -> Iterator[tuple[str, BoolArray]]:
         """Yield each type of the touched cells, and which (C,) are of it."""
         names = [getattr(block, "shape", POLYHEDRON) for block in self.mesh.cells]
         for name in dict.fromkeys(name for name, rows in zip(names, self.rows, strict=True) if len(rows)):
-            yield name, np.repeat([one == name for one in names], [len(rows) for rows in self.rows])
+            yield name, np.repeat([other == name for other in names], [len(rows) for rows in self.rows])
 
     def least(self, points: FloatArray, quality: Sequence[Quality]) -> tuple[Least, ...]:
         """Return, by type, the least quality of the cells that were good before: not inverted, above 0.
@@ -179,11 +179,11 @@ class TouchedCells:
         points : (N, 3) where the nodes are.
         quality : By type, of all touched cells there.
         """
-        if all(one.min > 0.0 and not one.inverted for one in self.quality_before):
-            return tuple(Least(one.min, one.cells) for one in quality)
+        if all(summary.min > 0.0 and not summary.inverted for summary in self.quality_before):
+            return tuple(Least(summary.min, summary.cells) for summary in quality)
         good, now = ~self.before.inverted & (self.before.quality > 0.0), self.scores(points).quality
-        own = [now[good & cells] for _, cells in self.by_shape()]
-        return tuple(Least(float(values.min(initial=np.inf)), len(values)) for values in own)
+        kept = [now[good & cells] for _, cells in self.by_shape()]
+        return tuple(Least(float(values.min(initial=np.inf)), len(values)) for values in kept)
 
     @cached_property
     def quality_before(self) -> tuple[Quality, ...]:
@@ -294,25 +294,25 @@ def touching(block: Volume, moved: NDArray[np.bool_]) -> IntArray:
     """Return the rows of cells with a node in the mask `moved` (N,)."""
     if isinstance(block, Polyhedra):
         return polyhedra.touching(block, moved)
-    found = np.empty(len(block), dtype=np.bool_)
+    mask = np.empty(len(block), dtype=np.bool_)
 
     def chunk(start: int, stop: int) -> None:
-        _have_one(block.nodes[start:stop], moved, found[start:stop])
+        _have_one(block.nodes[start:stop], moved, mask[start:stop])
 
     in_chunks(chunk, len(block), WEIGHT)
-    return np.flatnonzero(found)
+    return np.flatnonzero(mask)
 
 
 @compiled
 def _have_one(
-    nodes: IntArray, moved: NDArray[np.bool_], found: NDArray[np.bool_]
+    nodes: IntArray, moved: NDArray[np.bool_], mask: NDArray[np.bool_]
 ) -> None:  # pragma: no cover - machine code
     """Fill in which cells with nodes (R, k) have one in the mask `moved` (N,)."""
     for i in range(len(nodes)):
-        one = False
+        any_moved = False
         for k in range(nodes.shape[1]):
-            one |= moved[nodes[i, k]]
-        found[i] = one
+            any_moved |= moved[nodes[i, k]]
+        mask[i] = any_moved
 
 
 def _first_cells(block: Volume, rows: IntArray, wall: NDArray[np.bool_]) -> list[tuple[IntArray, IntArray]]:
@@ -322,15 +322,15 @@ def _first_cells(block: Volume, rows: IntArray, wall: NDArray[np.bool_]) -> list
     """
     if isinstance(block, Polyhedra):
         return prisms_on(block, len(rows), wall)
-    found = []
+    cells = []
     for part in rows_of(len(rows), BLOCK):
         nodes = block.nodes[rows[part]]
         on = wall[nodes]
         for base, top in BASES[block.shape]:
             first = on[:, list(base)].all(axis=1) & ~on[:, list(top)].any(axis=1)
             if first.any():
-                found.append((nodes[first][:, list(base)], nodes[first][:, list(top)]))
-    return found
+                cells.append((nodes[first][:, list(base)], nodes[first][:, list(top)]))
+    return cells
 
 
 def _edges(points: FloatArray, base: IntArray, top: IntArray, polyhedra: bool) -> LayerEdges:

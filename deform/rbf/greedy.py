@@ -329,13 +329,13 @@ def adapt(
     with single_threaded_blas():
         problem = Problem.of(sites, kernel, options.polynomial)
         trail = [TrialBasis.of(basis(problem, initial))]
-        while (found := _checked(problem, trail, rule, history)).stop is None:
-            trail = _tried(problem, found, rule, options)
-        chosen = found.basis.chosen
-        interpolant = problem.interpolant(chosen, found.basis.refined())
+        while (checked := _checked(problem, trail, rule, history)).stop is None:
+            trail = _tried(problem, checked, rule, options)
+        chosen = checked.basis.chosen
+        interpolant = problem.interpolant(chosen, checked.basis.refined())
         error = float(np.abs(interpolant(sites.points) - sites.values).max())
-    stop = Stop.ROUNDING if found.stop is Stop.CONVERGED and error >= options.tol_stop else found.stop
-    return Adaptation(interpolant, sites.components, chosen, tuple(history.steps), stop, error, found.basis)
+    stop = Stop.ROUNDING if checked.stop is Stop.CONVERGED and error >= options.tol_stop else checked.stop
+    return Adaptation(interpolant, sites.components, chosen, tuple(history.steps), stop, error, checked.basis)
 
 
 class TrialBasis(NamedTuple):
@@ -370,20 +370,20 @@ def _checked(problem: Problem, trail: Sequence[TrialBasis], rule: Rule, history:
         basis, residual = trial.basis, _combined(errors)
         block = rule.choose(problem.points, residual, basis.chosen, history.options)
         history.record(len(basis.chosen), errors)
-        found = CheckedBasis(basis, residual, block, history.stop(block))
-        if found.stop is not None or guess is None or not np.array_equal(block, guess[len(basis.chosen) :]):
+        checked = CheckedBasis(basis, residual, block, history.stop(block))
+        if checked.stop is not None or guess is None or not np.array_equal(block, guess[len(basis.chosen) :]):
             break
-    return found
+    return checked
 
 
-def _tried(problem: Problem, found: CheckedBasis, rule: Rule, options: GreedyOptions) -> list[TrialBasis]:
+def _tried(problem: Problem, checked: CheckedBasis, rule: Rule, options: GreedyOptions) -> list[TrialBasis]:
     """Extend a checked basis by its block, and by further blocks guessed from a part of the sites.
 
     A residual that comes to be among the worst was large before, or is near a new centre, where it may grow.
     """
-    trail, block = [TrialBasis.of(found.basis.extended(found.block))], found.block
-    residual = np.where(found.residual > BAD * found.residual[block].min(), found.residual, -1.0)
-    while len(trail) < rule.look_ahead and len(residual) * len(found.basis.chosen) > WORTH_GUESSING:
+    trail, block = [TrialBasis.of(checked.basis.extended(checked.block))], checked.block
+    residual = np.where(checked.residual > BAD * checked.residual[block].min(), checked.residual, -1.0)
+    while len(trail) < rule.look_ahead and len(residual) * len(checked.basis.chosen) > WORTH_GUESSING:
         basis, coefficients = trail[-1]
         residual[problem.neighbours(block)] = 0.0
         rows = np.flatnonzero(residual >= 0.0)

@@ -74,7 +74,7 @@ class PrescribedNodes:
         """Sort the patches of a mesh; InputError for names that are no patches, or that are given two parts."""
         surfaces = tuple(Surface.of(mesh, moving.patches) for moving in job.surfaces)
         moves = [name for surface in surfaces for name in surface.patches]
-        slides = {name: one.shape for one in job.slides for name in mesh.named([one.patch], "slide")}
+        slides = {name: slide.shape for slide in job.slides for name in mesh.named([slide.patch], "slide")}
         pairs, sides, flat = _bound(mesh, moves, slides)
         slides = {name: slides[name] for name in _without(slides, flat)}
         others = {*moves, *slides, *pairs, *sides}.difference(job.fixed)
@@ -153,35 +153,36 @@ class PrescribedNodes:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings: signs that a hinge or the tolerance is wrong."""
-        found = [text for one, _, blended in _placements(self.job, self.surfaces) for text in one.warnings(blended)]
+        placements = _placements(self.job, self.surfaces)
+        texts = [text for placement, _, blended in placements for text in placement.warnings(blended)]
         patches = [name for surface in self.surfaces for name in surface.patches]
         edge, tolerance = median_edge(self.mesh.points, self.mesh.faces_of(patches)), self.job.fitting.tolerance
         if (tolerance or 0.0) > COARSE * edge:
-            found.append(f"tolerance = {tolerance:g} is above {COARSE:g} of the surface's median edge, {edge:.3g}")
+            texts.append(f"tolerance = {tolerance:g} is above {COARSE:g} of the surface's median edge, {edge:.3g}")
         for patch, rows in self._on_sliding() if any(map(self._ends_on, self.sliding)) else ():
             parts = [law.displacement(amount) for law, amount in zip(self.laws, self.job.amounts, strict=True)]
             off = self._joined(parts, "move differently")[rows] - self.displacement(self.job.amounts)[rows]
             if (far := float(np.linalg.norm(off, axis=1).max())) > ON_SHAPE * self.size:
-                found.append(
+                texts.append(
                     f"nodes on {patch.patch}: {len(rows)} put back into its plane, up to {far:.4g} from the motion"
                 )
-        return tuple(found)
+        return tuple(texts)
 
     def farthest(self, amounts: Amounts) -> Iterator[tuple[Surface, FloatArray, FloatArray]]:
         """Yield each surface with place and displacement (3,) of the node that moves farthest."""
         move = self.displacement(amounts)
         for surface in self.surfaces:
-            own = move[np.searchsorted(self.nodes, surface.nodes)]
-            row = int(np.argmax(np.linalg.norm(own, axis=1)))
-            yield surface, surface.points[row], own[row]
+            vectors = move[np.searchsorted(self.nodes, surface.nodes)]
+            row = int(np.argmax(np.linalg.norm(vectors, axis=1)))
+            yield surface, surface.points[row], vectors[row]
 
     def reached(self, amounts: Amounts) -> Iterator[tuple[Surface, Reached | None]]:
         """Yield each surface with what it reaches of its angle; None for motions without one, and for an angle of 0."""
         move = self.displacement(amounts)
         for surface, law, moving, amount in zip(self.surfaces, self.laws, self.job.surfaces, amounts, strict=True):
-            own, axis = move[np.searchsorted(self.nodes, surface.nodes)], moving.motion.axis
+            vectors, axis = move[np.searchsorted(self.nodes, surface.nodes)], moving.motion.axis
             turns = axis is not None and moving.motion.unit == "deg" and amount != 0.0
-            yield surface, Reached.of(surface.points, own, axis, amount, law) if axis and turns else None
+            yield surface, Reached.of(surface.points, vectors, axis, amount, law) if axis and turns else None
 
     @property
     def shared_with_fixed(self) -> BoolArray:
@@ -327,8 +328,8 @@ def _check_sections(mesh: Mesh, job: Job) -> None:
 
 def _symmetry(mesh: Mesh, named: tuple[str, ...]) -> dict[str, str]:
     """Return the symmetry planes that the job does not name: their nodes slide by default."""
-    own = [patch for patch in mesh.patches if patch.constraint == "symmetry" and patch.name not in named]
-    return {one.name: "plane" for one in own if plane_of(mesh, one.nodes)}
+    unnamed = [patch for patch in mesh.patches if patch.constraint == "symmetry" and patch.name not in named]
+    return {patch.name: "plane" for patch in unnamed if plane_of(mesh, patch.nodes)}
 
 
 def _covered(mesh: Mesh, named: tuple[str, ...]) -> tuple[str, ...]:
@@ -344,8 +345,8 @@ def _covered(mesh: Mesh, named: tuple[str, ...]) -> tuple[str, ...]:
 
 def _walls(mesh: Mesh) -> tuple[Plane, ...]:
     """Return the planes in which one side of a pair lies."""
-    found = [plane_of(mesh, nodes) for pair in mesh.periodic for nodes in pair.nodes.T]
-    return tuple(plane for plane in found if plane)
+    planes = [plane_of(mesh, nodes) for pair in mesh.periodic for nodes in pair.nodes.T]
+    return tuple(plane for plane in planes if plane)
 
 
 def _check_hinges(job: Job, surfaces: Sequence[Surface]) -> None:

@@ -272,8 +272,8 @@ def deflect(plan: Plan, angle: float, progress: Progress = silent, earlier: Defl
     """Deflect every box to an angle of the first surface; the centres of an earlier deflection come first."""
     known = earlier.boxes if earlier else [None] * len(plan.boxes)
     pairs = zip(plan.boxes, known, strict=True)
-    found = (deflect_box(box, plan.angle_of(box, angle), progress, one) for box, one in pairs)
-    return Deflection(plan, tuple(found))
+    boxes = (deflect_box(box, plan.angle_of(box, angle), progress, reused) for box, reused in pairs)
+    return Deflection(plan, tuple(boxes))
 
 
 def deflect_box(
@@ -286,15 +286,15 @@ def deflect_box(
     is the result. A single step uses the centres and factors of an earlier deflection of a single step.
     """
     reused = earlier.steps[0] if earlier is not None and len(earlier.steps) == 1 else None
-    found, most = [adapted_steps(plan, angle, 1, progress, reused)], plan.job.fitting.max_steps
-    allowed = found[0].inverted
-    while 0 < found[-1].inverted <= allowed and 2 ** len(found) <= most:
-        allowed = found[-1].inverted // 2
-        found.append(adapted_steps(plan, angle, 2 ** len(found), progress))
-    best = with_repair(min(found, key=lambda one: one.inverted), progress)
-    while best.inverted and 2 ** len(found) <= most:
-        found.append(with_repair(adapted_steps(plan, angle, 2 ** len(found), progress), progress))
-        best = min(best, found[-1], key=lambda one: one.inverted)
+    attempts, most = [adapted_steps(plan, angle, 1, progress, reused)], plan.job.fitting.max_steps
+    allowed = attempts[0].inverted
+    while 0 < attempts[-1].inverted <= allowed and 2 ** len(attempts) <= most:
+        allowed = attempts[-1].inverted // 2
+        attempts.append(adapted_steps(plan, angle, 2 ** len(attempts), progress))
+    best = with_repair(min(attempts, key=lambda attempt: attempt.inverted), progress)
+    while best.inverted and 2 ** len(attempts) <= most:
+        attempts.append(with_repair(adapted_steps(plan, angle, 2 ** len(attempts), progress), progress))
+        best = min(best, attempts[-1], key=lambda attempt: attempt.inverted)
     return best
 
 
@@ -308,10 +308,10 @@ def with_repair(deflection: BoxDeflection, progress: Progress = silent) -> BoxDe
     if not fell and not deflection.inverted:
         return deflection
     freedom, aim = plan.freedom(deflection.points), (wanted.wanted, wanted.min_quality)
-    found = repaired(deflection.points, plan.touched, freedom, *aim, progress)
-    seconds = deflection.seconds + found.seconds
-    after = replace(deflection, points=found.points, inverted=len(found.inverted), seconds=seconds, repaired=found)
-    return after.with_points(found.points)
+    repair = repaired(deflection.points, plan.touched, freedom, *aim, progress)
+    seconds = deflection.seconds + repair.seconds
+    after = replace(deflection, points=repair.points, inverted=len(repair.inverted), seconds=seconds, repaired=repair)
+    return after.with_points(repair.points)
 
 
 def least_of(touched: TouchedCells, points: FloatArray, quality: Sequence[Quality]) -> tuple[tuple[Least, Least], ...]:

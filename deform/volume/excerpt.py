@@ -94,32 +94,32 @@ class ScanTask:
             return self.held, nodes
         if high - low <= max(nodes.size, threads.LIMITS.points):
             return self.view_of(self.pieces.coordinates(low, high), low), nodes - low
-        own = distinct(nodes)
-        points = self.pieces.places(own)
-        changed, keys = self.inside(points, own), np.zeros(len(own), dtype=np.uint64)
-        changed[_common(own, self.moving)[0]] = True
-        on, known = _common(own, self.boundary)
+        unique = distinct(nodes)
+        points = self.pieces.places(unique)
+        changed, keys = self.inside(points, unique), np.zeros(len(unique), dtype=np.uint64)
+        changed[_common(unique, self.moving)[0]] = True
+        on, known = _common(unique, self.boundary)
         keys[on] = self.keys[known]
-        return Window(points, changed, keys), np.searchsorted(own, nodes)
+        return Window(points, changed, keys), np.searchsorted(unique, nodes)
 
     def view_of(self, points: FloatArray, first: int) -> Window:
         """Return a view of a range of points (P, 3), the first of which has that index."""
         changed = self.inside(points, np.arange(first, first + len(points)))
         keys = np.zeros(len(points), dtype=np.uint64)
-        own = slice(*np.searchsorted(self.moving, (first, first + len(points))))
-        changed[self.moving[own] - first] = True
-        own = slice(*np.searchsorted(self.boundary, (first, first + len(points))))
-        keys[self.boundary[own] - first] = self.keys[own]
+        rows = slice(*np.searchsorted(self.moving, (first, first + len(points))))
+        changed[self.moving[rows] - first] = True
+        rows = slice(*np.searchsorted(self.boundary, (first, first + len(points))))
+        keys[self.boundary[rows] - first] = self.keys[rows]
         return Window(points, changed, keys)
 
     def inside(self, points: FloatArray, nodes: IntArray) -> BoolArray:
         """Return which nodes (K,) at points (K, 3) lie in a box, and in a zone that deforms in it."""
         inside = np.zeros(len(nodes), dtype=np.bool_)
         for box, zones in self.boxes:
-            own = np.zeros(len(nodes), dtype=np.bool_)
+            deforming = np.zeros(len(nodes), dtype=np.bool_)
             for first, end in zones:
-                own |= (nodes >= first) & (nodes < end)
-            inside |= box.contains(points) & own
+                deforming |= (nodes >= first) & (nodes < end)
+            inside |= box.contains(points) & deforming
         return inside
 
     @property
@@ -204,25 +204,25 @@ def _some(stored: Cells | SomePolyhedra, cells: Volume, rows: IntArray) -> Cells
     return stored.some(faces)
 
 
-def _common(own: IntArray, known: IntArray) -> tuple[IntArray, IntArray]:
+def _common(nodes: IntArray, known: IntArray) -> tuple[IntArray, IntArray]:
     """Return the places, in each of two sorted arrays of distinct indices, of those that both have; `own` has some."""
-    first, end = np.searchsorted(known, (own[0], own[-1] + 1))
+    first, end = np.searchsorted(known, (nodes[0], nodes[-1] + 1))
     near = known[first:end]
-    place = np.searchsorted(own, near)
-    there = np.flatnonzero(own[place] == near)
+    place = np.searchsorted(nodes, near)
+    there = np.flatnonzero(nodes[place] == near)
     return place[there], first + there
 
 
 def _faces_seen(task: ScanTask, view: Window, cells: Volume) -> IntArray:
     """Return which faces (F,) of patches the cells have."""
     if isinstance(cells, Polyhedra):
-        found = face_keys(cells.faces.rows(len(cells.neighbour), len(cells.faces)), view.keys)
+        keys = face_keys(cells.faces.rows(len(cells.neighbour), len(cells.faces)), view.keys)
     else:
-        found = np.concatenate([np.empty(0, np.uint64), *cell_face_keys((cells,), view.keys, view.keys > 0)])
+        keys = np.concatenate([np.empty(0, np.uint64), *cell_face_keys((cells,), view.keys, view.keys > 0)])
     if not len(task.faces):
         return np.empty(0, dtype=np.intp)
-    place = np.minimum(np.searchsorted(task.faces, found), len(task.faces) - 1)
-    return distinct(place[task.faces[place] == found])
+    place = np.minimum(np.searchsorted(task.faces, keys), len(task.faces) - 1)
+    return distinct(place[task.faces[place] == keys])
 
 
 LARGER = 4
@@ -244,15 +244,16 @@ def excerpt(
     task = _task(mesh, border, *_boxes(border, jobs, angles))
     task = _in_memory(task) if runner.shares_memory else task
     inside, places = _nodes_inside(task, runner, progress)
-    found, task = _cells(mesh, task, runner, progress)
+    scanned, task = _cells(mesh, task, runner, progress)
     known = union(task.boundary, inside)
-    beyond = np.setdiff1d(union(*(one.cells.nodes for block in found for one in block)), known, assume_unique=True)
+    cells = [piece.cells for block in scanned for piece in block]
+    beyond = np.setdiff1d(union(*(part.nodes for part in cells)), known, assume_unique=True)
     nodes = union(known, beyond)
     points = np.empty((len(nodes), 3))
     for some, at in ((task.boundary, border.points), (inside, places), (beyond, gathered(pieces, beyond))):
         points[np.searchsorted(nodes, some)] = at
-    blocks = [_block(shape, own, nodes) for (shape, _), own in zip(pieces.blocks, found, strict=True)]
-    bad = tuple(sum(one.inverted - one.mirrored for one in block) for block in found)
+    blocks = [_block(shape, own, nodes) for (shape, _), own in zip(pieces.blocks, scanned, strict=True)]
+    bad = tuple(sum(piece.inverted - piece.mirrored for piece in block) for block in scanned)
     whole = Whole(pieces, nodes, tuple(rows for _, rows in blocks), task.sign, bad)
     return _numbered(mesh, points, tuple(cells for cells, _ in blocks), whole)
 
@@ -323,12 +324,12 @@ def _nodes_inside(task: ScanTask, runner: Runner, progress: Progress) -> tuple[I
     """Return the nodes (M,) in the box and their coordinates (M, 3); InputError for coordinates that are no numbers."""
     count = task.pieces.points
     items = [(start, min(start + threads.LIMITS.points, count)) for start in range(0, count, threads.LIMITS.points)]
-    found = []
-    for i, own in enumerate(runner.map(nodes_inside, task, items), 1):
-        found.append(own)
+    scanned = []
+    for i, piece in enumerate(runner.map(nodes_inside, task, items), 1):
+        scanned.append(piece)
         progress("points", i / len(items))
-    nodes = np.concatenate([np.empty(0, dtype=np.intp), *(own for own, _ in found)])
-    return nodes, np.concatenate([np.empty((0, 3)), *(points for _, points in found)])
+    nodes = np.concatenate([np.empty(0, dtype=np.intp), *(piece for piece, _ in scanned)])
+    return nodes, np.concatenate([np.empty((0, 3)), *(points for _, points in scanned)])
 
 
 def _cells(
@@ -341,40 +342,40 @@ def _cells(
     pieces = task.pieces
     if not sum(count for _, count in pieces.blocks):
         raise InputError(f"{mesh.name}: there are no volume cells")
-    found, seen = [], np.zeros(len(task.faces), dtype=np.bool_)
+    blocks, seen = [], np.zeros(len(task.faces), dtype=np.bool_)
     for block, (_, count) in enumerate(pieces.blocks):
-        own = _judged_cells(task, block, runner, progress)
-        if 2 * sum(one.inverted for one in own) > count:
+        scanned = _judged_cells(task, block, runner, progress)
+        if 2 * sum(piece.inverted for piece in scanned) > count:
             other = replace(task, sign=(*task.sign[:block], -1.0, *task.sign[block + 1 :]))
             mirrored = _judged_cells(other, block, runner, progress)
-            if sum(one.inverted for one in mirrored) < sum(one.inverted for one in own):
-                own, task = mirrored, other
-        for one in own:
-            seen[one.faces] = True
-        found.append(own + _around(task, block, own, runner))
+            if sum(piece.inverted for piece in mirrored) < sum(piece.inverted for piece in scanned):
+                scanned, task = mirrored, other
+        for piece in scanned:
+            seen[piece.faces] = True
+        blocks.append(scanned + _around(task, block, scanned, runner))
     if not seen.all():
         _refuse_loose(mesh, task, task.faces[~seen])
-    return found, task
+    return blocks, task
 
 
-def _around(task: ScanTask, block: int, found: list[CellsFound], runner: Runner) -> list[CellsFound]:
+def _around(task: ScanTask, block: int, scanned: list[CellsFound], runner: Runner) -> list[CellsFound]:
     """Return the polyhedra beyond the faces of the touched ones, with all their faces: their centres are needed."""
-    sides = [one.cells.sides for one in found if isinstance(one.cells, SomePolyhedra)]
-    known = union(*(one.rows for one in found))
-    cells = np.setdiff1d(union(*(one for own in sides for one in (own.owner, own.neighbour))), known, True)
+    sides = [piece.cells.sides for piece in scanned if isinstance(piece.cells, SomePolyhedra)]
+    known = union(*(piece.rows for piece in scanned))
+    cells = np.setdiff1d(union(*(ends for side in sides for ends in (side.owner, side.neighbour))), known, True)
     pieces = np.split(cells, np.flatnonzero(np.diff(cells // (threads.LIMITS.cells // LARGER))) + 1)
-    return list(runner.map(beside, task, [(block, own) for own in pieces if len(own)]))
+    return list(runner.map(beside, task, [(block, rows) for rows in pieces if len(rows)]))
 
 
 def _judged_cells(task: ScanTask, block: int, runner: Runner, progress: Progress) -> list[CellsFound]:
     shape, count = task.pieces.blocks[block]
     size = threads.LIMITS.cells // LARGER if shape == POLYHEDRON else threads.LIMITS.cells
     items = [(block, start, min(start + size, count)) for start in range(0, count, size)]
-    found = []
-    for i, own in enumerate(runner.map(scan_cells, task, items), 1):
-        found.append(own)
+    scanned = []
+    for i, piece in enumerate(runner.map(scan_cells, task, items), 1):
+        scanned.append(piece)
         progress(f"cells ({shape})", i / len(items))
-    return found
+    return scanned
 
 
 def _refuse_loose(mesh: MeshInPieces, task: ScanTask, missing: Keys) -> None:
@@ -386,21 +387,21 @@ def _refuse_loose(mesh: MeshInPieces, task: ScanTask, missing: Keys) -> None:
     raise InputError(f"{mesh.name}: {', '.join(loose)} are of no cell")
 
 
-def _block(shape: str, found: Sequence[CellsFound], nodes: IntArray) -> tuple[Volume, IntArray]:
+def _block(shape: str, scanned: Sequence[CellsFound], nodes: IntArray) -> tuple[Volume, IntArray]:
     """Return the touched cells of a block in the numbers of the excerpt, and their rows in the whole mesh.
 
     Of polyhedra those beyond their faces are there, too, and those beyond these, the latter without all their faces.
     """
-    some = [one.cells for one in found if isinstance(one.cells, SomePolyhedra)]
+    some = [piece.cells for piece in scanned if isinstance(piece.cells, SomePolyhedra)]
     if some:
         return joined(some).within(nodes)
-    count, end = sum(len(one.rows) for one in found), 0
+    count, end = sum(len(piece.rows) for piece in scanned), 0
     cells, rows = np.empty((count, CORNERS[shape]), dtype=np.intp), np.empty(count, dtype=np.intp)
-    for one in found:
-        own = slice(end, end := end + len(one.rows))
-        rows[own] = one.rows
-        if len(one.rows):
-            low, high = int(one.cells.nodes.min()), int(one.cells.nodes.max()) + 1
+    for piece in scanned:
+        place = slice(end, end := end + len(piece.rows))
+        rows[place] = piece.rows
+        if len(piece.rows):
+            low, high = int(piece.cells.nodes.min()), int(piece.cells.nodes.max()) + 1
             first, stop = np.searchsorted(nodes, (low, high))
-            cells[own] = first + np.searchsorted(nodes[first:stop], one.cells.nodes)
+            cells[place] = first + np.searchsorted(nodes[first:stop], piece.cells.nodes)
     return Cells(shape, cells), rows

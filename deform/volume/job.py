@@ -135,7 +135,7 @@ class Job(JobOptions):
     def at(self, angle: float) -> "Job":
         """Return the job with the first surface at `angle`, the others in their proportion to it."""
         amounts = self.amounts_at(angle)
-        moved = (replace(one, amount=amount) for one, amount in zip(self.surfaces, amounts, strict=True))
+        moved = (replace(surface, amount=amount) for surface, amount in zip(self.surfaces, amounts, strict=True))
         return replace(self, surfaces=tuple(moved))
 
 

@@ -114,12 +114,12 @@ class BoxPlan:
         """
         mesh, job = self.mesh, self.job
         shapes: dict[str, SlidingSurface | str] = {}
-        for one in job.repair_slides:
-            shapes |= dict.fromkeys(mesh.named([one.patch], "repair_slides"), one.shape)
+        for slide in job.repair_slides:
+            shapes |= dict.fromkeys(mesh.named([slide.patch], "repair_slides"), slide.shape)
         for section in job.sections:
             if section.slides:
                 shapes[section.patch] = "plane"
-        shapes |= {one.patch: one.surface for one in self.boundary.sliding}
+        shapes |= {slide.patch: slide.surface for slide in self.boundary.sliding}
         inside = np.zeros(len(mesh.points), dtype=np.bool_)
         moving, size = self.sites.moving, self.boundary.size
         inside[self.region.inside] = True
@@ -131,8 +131,8 @@ class BoxPlan:
         free = self.boundary.images.complete(free)
         images = self.boundary.images.within(free)
         inside[np.setdiff1d(self.boundary.images.nodes, images.nodes, assume_unique=True)] = False
-        found = FreeNodes.of(mesh, points, inside, np.flatnonzero(free), shapes, images)
-        return found.with_columns(Columns.of(self.touched, self.walls), points)
+        freedom = FreeNodes.of(mesh, points, inside, np.flatnonzero(free), shapes, images)
+        return freedom.with_columns(Columns.of(self.touched, self.walls), points)
 
     def share(self, angle: float, k: int, count: int) -> Amounts:
         """Return the amounts after k of so many equal steps to an angle."""

@@ -124,7 +124,7 @@ def _inside(mesh: Mesh, zones: tuple[Zone, ...], hexahedron: Hexahedron) -> IntA
 def _scene(boundary: PrescribedNodes, zones: tuple[Zone, ...], all_amounts: Sequence[Amounts]) -> BoxScene:
     moving = boundary.mesh.points[boundary.nodes]
     shares = [k / POSES for k in range(1, POSES + 1)]
-    poses = dict.fromkeys(tuple(share * one for one in amounts) for amounts in all_amounts for share in shares)
+    poses = dict.fromkeys(tuple(share * amount for amount in amounts) for amounts in all_amounts for share in shares)
     moves = [boundary.displacement(pose) for pose in poses]
     largest = max(float(np.linalg.norm(move, axis=1).max()) for move in moves)
     track = np.vstack([moving + move for move in moves])
@@ -170,12 +170,12 @@ def _check_clear(boundary: PrescribedNodes, hexahedron: Hexahedron, inside: IntA
     for patch in mesh.patches:
         if patch.name in allowed:
             continue
-        own = np.intersect1d(patch.nodes, inside, assume_unique=True)
-        own = np.setdiff1d(own, boundary.nodes, assume_unique=True)
+        nodes = np.intersect1d(patch.nodes, inside, assume_unique=True)
+        nodes = np.setdiff1d(nodes, boundary.nodes, assume_unique=True)
         for section in job.sections:
             if section.patch == patch.name:
-                own = own[~_in_plane(mesh.points[own], section, tol)]
-        within = own[hexahedron.contains(mesh.points[own], -tol)]
+                nodes = nodes[~_in_plane(mesh.points[nodes], section, tol)]
+        within = nodes[hexahedron.contains(mesh.points[nodes], -tol)]
         shared = np.intersect1d(patch.nodes, boundary.nodes, assume_unique=True)
         if len(within):
             raise InputError(
@@ -210,12 +210,12 @@ def _at_rest(boundary: PrescribedNodes, inside: IntArray) -> tuple[IntArray, tup
     walls = mesh.on(*(name for name in others if name not in {section.patch for section in slides}))
     sections = []
     for section in slides:
-        own = np.intersect1d(mesh.patch(section.patch).nodes, inside, assume_unique=True)
-        own = np.setdiff1d(own, union(walls, boundary.nodes), assume_unique=True)
-        sections.append((section, own[_in_plane(mesh.points[own], section, tol)]))
+        nodes = np.intersect1d(mesh.patch(section.patch).nodes, inside, assume_unique=True)
+        nodes = np.setdiff1d(nodes, union(walls, boundary.nodes), assume_unique=True)
+        sections.append((section, nodes[_in_plane(mesh.points[nodes], section, tol)]))
     fixed = np.setdiff1d(np.intersect1d(mesh.on(*others), inside, True), boundary.nodes, assume_unique=True)
-    for _, own in sections:
-        fixed = np.setdiff1d(fixed, own, assume_unique=True)
+    for _, nodes in sections:
+        fixed = np.setdiff1d(fixed, nodes, assume_unique=True)
     return _with_images(boundary, inside, fixed), tuple(sections)
 
 

@@ -124,9 +124,9 @@ class Sites:
         """Return which moving nodes (K,) the motion shears: it is not rigid beside them, whatever its amount."""
         rate, points = np.zeros((len(self.known), 3)), boundary.mesh.points
         for surface, law in zip(boundary.surfaces, boundary.laws, strict=True):
-            own = law.rate(0.0)
-            largest = float(np.linalg.norm(own, axis=1).max())
-            rate[np.searchsorted(self.moving, surface.nodes)] = own / largest if largest else own
+            speeds = law.rate(0.0)
+            largest = float(np.linalg.norm(speeds, axis=1).max())
+            rate[np.searchsorted(self.moving, surface.nodes)] = speeds / largest if largest else speeds
         certain = len(self.moving) + len(self.fixed)
         turning = LocalRotation.of(points[self.known], self.edges(boundary), certain, boundary.mesh.plane)
         return np.asarray(turning.strain(rate)[: len(self.moving)] * boundary.size > SHEARED)
@@ -171,14 +171,14 @@ def _distinct(boundary: PrescribedNodes, fixed: IntArray, slid: IntArray) -> tup
             f"{mesh.name}: {len(torn)} nodes of the moving surface lie exactly on nodes that move otherwise, such "
             f"as nodes {nodes[first[torn[0]]]} and {nodes[torn[0]]}"
         )
-    own = first == np.arange(len(nodes))
-    moving, at_rest, sliding = np.split(own, [len(boundary.nodes), len(move)])
+    is_first = first == np.arange(len(nodes))
+    moving, at_rest, sliding = np.split(is_first, [len(boundary.nodes), len(move)])
     return np.flatnonzero(moving), _sampled(at_rest), _sampled(sliding)
 
 
-def _sampled(own: BoolArray) -> IntArray:
+def _sampled(mask: BoolArray) -> IntArray:
     """Return the rows of a mask, every n-th of them if they are more than `MOST_FIXED`."""
-    rows = np.flatnonzero(own)
+    rows = np.flatnonzero(mask)
     return rows[:: max(1, -(-len(rows) // MOST_FIXED))]
 
 
@@ -186,11 +186,11 @@ def _sliding(boundary: PrescribedNodes, region: BoxNodes) -> tuple[tuple[IntArra
     """Return the nodes inside that neither move nor stay: of each sliding patch, and of periodic pairs."""
     known, mesh = union(boundary.nodes, region.fixed), boundary.mesh
     pairs = union(*(pair.nodes for pair in mesh.periodic if not is_thin(mesh, pair)))
-    found = [
+    parts = [
         np.setdiff1d(np.intersect1d(nodes, region.inside, assume_unique=True), known, assume_unique=True)
         for nodes in (*(patch.nodes for patch in boundary.sliding), pairs)
     ]
-    return tuple(found[:-1]), found[-1]
+    return tuple(parts[:-1]), parts[-1]
 
 
 def _surface_edge(boundary: PrescribedNodes, distinct: IntArray) -> float:
@@ -256,14 +256,14 @@ def _zero_sites(
             f"spacing = {spacing:.3g} leaves no site on the box that is half as far from the surface; lower it, or "
             f"enlarge the box ({boundary.job.box.settings})"
         )
-    found = [pinned(faces, boundary.components)] if len(faces) else []
+    sites = [pinned(faces, boundary.components)] if len(faces) else []
     known = np.vstack([known, faces])
     for section in boundary.job.sections:
         polygon = region.hexahedron.section(section.point, np.eye(3)[section.component])
         on_block = apart_from(polygon_sites(polygon, spacing), known, APART * spacing)
         if len(on_block):
-            found.append(pinned(on_block, (section.component,) if section.slides else (0, 1, 2)))
-    return tuple(found)
+            sites.append(pinned(on_block, (section.component,) if section.slides else (0, 1, 2)))
+    return tuple(sites)
 
 
 def _on_box(boundary: PrescribedNodes, region: BoxNodes, spacing: float) -> FloatArray:
@@ -280,12 +280,12 @@ def _on_box(boundary: PrescribedNodes, region: BoxNodes, spacing: float) -> Floa
 
 def _around_walls(boundary: PrescribedNodes, region: BoxNodes, spacing: float) -> FloatArray:
     """Return points (P, 3) where the box cuts the planes of pairs: there may be less than a spacing between two."""
-    found = [np.empty((0, 3))]
+    points = [np.empty((0, 3))]
     for plane in boundary.walls:
         heights = plane.distance(region.hexahedron.corners)
         if heights.min() < 0.0 < heights.max():
-            found.append(border_sites(region.hexahedron.section(plane.point, plane.normal), spacing))
-    return np.vstack(found)
+            points.append(border_sites(region.hexahedron.section(plane.point, plane.normal), spacing))
+    return np.vstack(points)
 
 
 def _in_front(boundary: PrescribedNodes, sites: FloatArray) -> FloatArray:

@@ -43,14 +43,14 @@ class Fits:
     @classmethod
     def on(cls, state: "StepStart", groups: Sequence[DataSites], centers: Sequence[IntArray]) -> "Fits":
         """Fit groups of sites on centres, the rows (C,) of each; InputError if a system cannot be solved."""
-        found = []
+        adaptations = []
         for group, rows in zip(groups, centers, strict=True):
             try:
                 basis = CholeskyBasis.of(Problem.of(group, state.sites.kernel, state.fitting.polynomial), rows)
             except (SolveError, ValueError) as error:
                 raise InputError(f"{state.boundary.mesh.name}: {error}") from None
-            found.append(_solved(basis, Stop.CONVERGED))
-        return cls(tuple(found))
+            adaptations.append(_solved(basis, Stop.CONVERGED))
+        return cls(tuple(adaptations))
 
     @property
     def factors(self) -> tuple[CholeskyBasis, ...]:
@@ -65,7 +65,7 @@ class Fits:
     @property
     def error(self) -> float:
         """Largest error at any data site."""
-        return max(one.max_error for one in self.adaptations)
+        return max(fit.max_error for fit in self.adaptations)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -337,8 +337,8 @@ def rate(step: Step, speed: FloatArray) -> FloatArray:
 
 def initial_centers(group: DataSites, surface: int, count: tuple[int, int]) -> IntArray:
     """Return the rows of the initial centres: so many of the first `surface` sites and of the others."""
-    own, others = group.points[:surface], group.points[surface:]
-    return np.concatenate([farthest(own, count[0]), surface + farthest(others, count[1])])
+    moving, others = group.points[:surface], group.points[surface:]
+    return np.concatenate([farthest(moving, count[0]), surface + farthest(others, count[1])])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -423,7 +423,7 @@ def _on_shapes_rate(state: StepStart, displacement: FloatArray, speed: FloatArra
     for surface, rows, points in _rounds(state):
         speed[rows] = surface.rate(points, displacement[rows], speed[rows])
         displacement[rows] = surface.projected(points, displacement[rows])
-        speed, displacement = (state.tied_sliding.projected(one) for one in (speed, displacement))
+        speed, displacement = (state.tied_sliding.projected(vectors) for vectors in (speed, displacement))
     return state.tied_sliding.projected(speed)
 
 
