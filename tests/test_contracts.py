@@ -163,7 +163,7 @@ BUDGETS = {
     "cases/aircraft": (2026, 13),
     "cases/cli": (1260, 7),
     "cases/compare": (511, 4),
-    "cases/report": (1970, 10),
+    "cases/report": (1972, 10),
     "cases/run": (2034, 10),
     "cases/settings": (981, 5),
     "cases/view": (705, 4),
@@ -176,11 +176,11 @@ BUDGETS = {
     "deform/volume": (3539, 13),
     "geometry": (2071, 13),
     "meshing": (572, 5),
-    "meshing/formats": (8995, 37),
+    "meshing/formats": (9003, 37),
     "meshing/generate": (1566, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 8_193, 450
+MOST_COMPLEXITY, LONGEST = 8_194, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

@@ -217,9 +217,9 @@ class ReportData:
     @cached_property
     def near(self) -> "ReportData":
         """The same with those cells alone that touch a box, or that a slice through one can show."""
-        around = [_grown(one.hexahedron.corners) for one in self.boxes]
-        touched = with_near_cells(self.mesh, [one.touched for one in self.boxes], around)
-        boxes = tuple(replace(one, touched=own) for one, own in zip(self.boxes, touched, strict=True))
+        around = [_grown(box.hexahedron.corners) for box in self.boxes]
+        touched = with_near_cells(self.mesh, [box.touched for box in self.boxes], around)
+        boxes = tuple(replace(box, touched=own) for box, own in zip(self.boxes, touched, strict=True))
         return replace(self, mesh=touched[0].mesh, boxes=boxes)
 
     @property
@@ -310,10 +310,10 @@ def read_json(folder: Path) -> Json:
     """Return the content of metrics.json; InputError if it is missing or damaged."""
     path = folder / "metrics.json"
     with damaged(path, "table of figures"):
-        found = json.loads(path.read_text(encoding="utf-8"))
-        if not isinstance(found, dict):
+        figures = json.loads(path.read_text(encoding="utf-8"))
+        if not isinstance(figures, dict):
             raise InputError("its figures have no names")
-        return found
+        return figures
 
 
 def read_courses(folder: Path) -> dict[str, list[Convergence]]:
@@ -358,13 +358,13 @@ def read_figures(folder: Path) -> tuple[Json, tuple[Check, ...], list[FitRows]]:
 
 def measured(checks: Sequence[Check]) -> tuple[Check, ...]:
     """Return those of a run's checks that only the run could make, of its fits, and mark them so."""
-    own = (check for check in checks if check.name.startswith("site_error"))
-    return tuple(replace(check, where=f"{check.where}; measured by the run") for check in own)
+    errors = (check for check in checks if check.name.startswith("site_error"))
+    return tuple(replace(check, where=f"{check.where}; measured by the run") for check in errors)
 
 
 def _check(row: Json) -> Check:
-    own = {item.name: row[item.name] for item in fields(Check) if item.name in row}
-    return Check(**{**own, "value": float("nan") if row["value"] is None else row["value"]})
+    values = {item.name: row[item.name] for item in fields(Check) if item.name in row}
+    return Check(**{**values, "value": float("nan") if row["value"] is None else row["value"]})
 
 
 def rows_of(settings: Mapping[str, Any]) -> Rows:

@@ -57,7 +57,7 @@ def folder_of(out: Path) -> Path:
 
 def write_run_folder(
     folder: Path,
-    one: Deflection,
+    deflection: Deflection,
     checks: tuple[Check, ...],
     out: Path | None,
     timings: Mapping[str, float],
@@ -70,7 +70,7 @@ def write_run_folder(
     Parameters
     ----------
     folder : Where to; it may exist.
-    one : The deflection.
+    deflection : The deflection.
     checks : The verdict on it.
     out : The file of the deflected mesh, beside which `folder` will be, as `folder_of` says. None if there is no file.
     timings : Seconds by stage.
@@ -78,12 +78,12 @@ def write_run_folder(
     """
     folder.mkdir(parents=True, exist_ok=True)
     place = folder_of(out) if out else home or folder
-    settings = tomli_w.dumps(settings_of(one, place, folder))
+    settings = tomli_w.dumps(settings_of(deflection, place, folder))
     (folder / SETTINGS).write_text(settings, encoding="utf-8")
-    write_arrays(folder, one, is_small(one.plan.mesh))
-    figures = metrics_of(one, checks, out, timings)
+    write_arrays(folder, deflection, is_small(deflection.plan.mesh))
+    figures = metrics_of(deflection, checks, out, timings)
     (folder / "metrics.json").write_text(json.dumps(figures, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    data = data_of(one, settings).with_verdict(checks, figures)
+    data = data_of(deflection, settings).with_verdict(checks, figures)
     if not report_lacks():
         from .page import write_report
         from .pictures import drawn
@@ -92,10 +92,10 @@ def write_run_folder(
     return data
 
 
-def data_of(one: Deflection, settings: str = "") -> ReportData:
+def data_of(deflection: Deflection, settings: str = "") -> ReportData:
     """Return what pictures of a deflection show, before it is judged; `settings` is the content of settings.toml."""
-    fits = [FitRows.of(box) for box in one.boxes]
-    return job_data(one.plan, one.angle, one.points, settings, fits, one.moved_by_repair)
+    fits = [FitRows.of(box) for box in deflection.boxes]
+    return job_data(deflection.plan, deflection.angle, deflection.points, settings, fits, deflection.moved_by_repair)
 
 
 def job_data(
@@ -104,13 +104,13 @@ def job_data(
     """Return what a report shows of points (N, 3), of which a repair (N, 3) is a part."""
     mesh = plan.mesh
     boxes = tuple(
-        Box.of(box, plan.angle_of(box, angle), name_of(plan.patches) if len(plan.boxes) == 1 else box.surface, own)
-        for box, own in zip(plan.boxes, fits, strict=True)
+        Box.of(box, plan.angle_of(box, angle), name_of(plan.patches) if len(plan.boxes) == 1 else box.surface, fit)
+        for box, fit in zip(plan.boxes, fits, strict=True)
     )
     moves = "; ".join(f"{surface.name} by {surface.turned}" for box in boxes for surface in box.surfaces)
     shown = in_view(mesh, (*plan.patches, *plan.stays))
     places, nested = mesh.points[mesh.on(*shown)], loads(settings)
-    tables = {f"surface[{i}]": rows_of(one) for i, one in enumerate(nested.pop("surface", []))}
+    tables = {f"surface[{i}]": rows_of(row) for i, row in enumerate(nested.pop("surface", []))}
     return ReportData(
         title=f"{mesh.name}: {moves}",
         facts=(
@@ -133,19 +133,21 @@ def job_data(
     )
 
 
-def metrics_of(one: Deflection, checks: tuple[Check, ...], out: Path | None, timings: Mapping[str, float]) -> Json:
+def metrics_of(
+    deflection: Deflection, checks: tuple[Check, ...], out: Path | None, timings: Mapping[str, float]
+) -> Json:
     """Return the content of metrics.json; lengths in the mesh's unit."""
-    plan, own = one.plan, deflection_figures(one)
-    boxes = figures_by_box(one) if len(one.boxes) > 1 else {name_of(plan.patches): own}
+    plan, figures = deflection.plan, deflection_figures(deflection)
+    boxes = figures_by_box(deflection) if len(deflection.boxes) > 1 else {name_of(plan.patches): figures}
     part = [] if is_small(plan.mesh) else [PART.format(cells=plan.touched.count)]
     return {
         "mesh": mesh_figures(plan),
-        "angle_deg": one.angle,
+        "angle_deg": deflection.angle,
         "unit": plan.unit,
         "strategy": plan.job.fitting.strategy,
         "version": version("sdm-deflect"),
-        **own,
-        "evaluation": {"seconds": sum(step.evaluation_seconds for box in one.boxes for step in box.steps)},
+        **figures,
+        "evaluation": {"seconds": sum(step.evaluation_seconds for box in deflection.boxes for step in box.steps)},
         "validation": verdict_figures(checks),
         "deflections": boxes,
         "warnings": list(warnings_of(plan)),
@@ -157,11 +159,11 @@ def metrics_of(one: Deflection, checks: tuple[Check, ...], out: Path | None, tim
     }
 
 
-def settings_of(one: Deflection, home: Path, folder: Path) -> dict[str, Any]:
+def settings_of(deflection: Deflection, home: Path, folder: Path) -> dict[str, Any]:
     """Return every setting as resolved, as a configuration in `home` has it; tables become files in `folder`."""
-    plan, job = one.plan, one.plan.job
+    plan, job = deflection.plan, deflection.plan.job
     source, tables = plan.mesh.source, []
-    for number, ((moving, surface), amount) in enumerate(zip(plan.moving, one.amounts, strict=True)):
+    for number, ((moving, surface), amount) in enumerate(zip(plan.moving, deflection.amounts, strict=True)):
         tables.append(_surface(number, moving, surface, amount, folder))
     for table, box in zip(tables, plan.boxes, strict=True) if len(plan.boxes) > 1 else ():
         table["corners"] = box.region.hexahedron.corners.tolist()
@@ -235,18 +237,18 @@ def is_small(mesh: Mesh) -> bool:
     return mesh.whole is None and sum(mesh.cell_counts) <= threads.LIMITS.shown
 
 
-def write_arrays(folder: Path, one: Deflection, whole: bool) -> None:
+def write_arrays(folder: Path, deflection: Deflection, whole: bool) -> None:
     """Write convergence.csv, interpolant.npz, and deflected.vtu: of the `whole` mesh, or of what may change.
 
     The latter holds cells and faces with displacement and quality.
     """
-    plan = one.plan
-    write_convergence(folder / "convergence.csv", one.boxes)
-    write_interpolants(folder / "interpolant.npz", one.boxes)
-    moved, node, quality = _shown(plan, one.points, whole)
+    plan = deflection.plan
+    write_convergence(folder / "convergence.csv", deflection.boxes)
+    write_interpolants(folder / "interpolant.npz", deflection.boxes)
+    moved, node, quality = _shown(plan, deflection.points, whole)
     numbers = {} if whole else {"node": plan.mesh.numbers(node)}
     arrays = {"displacement": moved.points - plan.mesh.points[node], **numbers}
-    if (repair := one.moved_by_repair) is not None:
+    if (repair := deflection.moved_by_repair) is not None:
         arrays["repair"] = repair[node]
     write_vtu(folder / "deflected.vtu", moved, arrays, {"quality": quality})
 

@@ -82,13 +82,13 @@ def read_base(file: Any, report: Callable[[float], None]) -> Fitted:
         report(i / len(base.zones))
         with _about(name):
             zones.append(_zone(base, name))
-    found = _put_together(_without_absent(zones))
+    together = _put_together(_without_absent(zones))
     notes = notes_of({zone.part.name: zone.faults for zone in zones})
     notes = (*notes, *coordinates_beside(file, base))
     if base.dimension < len(base.axes) and base.axes != AXES:
         notes = (PLANE.format(*base.axes), *notes)
     report(1.0)
-    return replace(found, mesh=replace(found.mesh, notes=(*notes, *found.mesh.notes))) if notes else found
+    return replace(together, mesh=replace(together.mesh, notes=(*notes, *together.mesh.notes))) if notes else together
 
 
 def base_of(file: Any) -> Base:
@@ -104,8 +104,8 @@ def base_of(file: Any) -> Base:
     for name, zone in zones.items():
         with _about(name):
             sizes[name] = _size(zone, dimension)
-    found = Base(node, _dimension(sizes, dimension), AXES[:axes], zones, sizes)
-    return replace(found, axes=_plane_first(found)) if found.dimension < axes else found
+    base = Base(node, _dimension(sizes, dimension), AXES[:axes], zones, sizes)
+    return replace(base, axes=_plane_first(base)) if base.dimension < axes else base
 
 
 def _only_base(file: Any) -> tuple[Any, tuple[int, int]]:
@@ -114,8 +114,8 @@ def _only_base(file: Any) -> tuple[Any, tuple[int, int]]:
     if not bases:
         raise MeshFileError("this HDF5 file has no CGNSBase_t; it is no CGNS file")
     each = [tuple(integers(base).tolist()) for base in bases]
-    solid = [i for i, own in enumerate(each) if own == (3, 3)]
-    chosen = solid or [i for i, own in enumerate(each) if own in DIMENSIONS]
+    solid = [i for i, pair in enumerate(each) if pair == (3, 3)]
+    chosen = solid or [i for i, pair in enumerate(each) if pair in DIMENSIONS]
     if len(chosen) != 1:
         held = "cells in three dimensions" if solid else "cells in three dimensions, or in a plane"
         raise MeshFileError(f"{len(chosen)} of {len(bases)} bases have {held}; one is needed")
@@ -169,13 +169,13 @@ def coordinate_data(base: Base, name: str) -> list[Any]:
     expected = base.sizes[name][::-1]
     if any(integers(node).any() for _, node in children(grid, "Rind_t")):
         raise MeshFileError("its coordinates have rind planes, which would stay behind; export the mesh without them")
-    found = [data(child(grid, axis)) for axis in base.axes]
-    for axis, stored in zip(base.axes, found, strict=True):
+    arrays = [data(child(grid, axis)) for axis in base.axes]
+    for axis, stored in zip(base.axes, arrays, strict=True):
         if stored.shape != expected or stored.dtype.kind != "f":
             raise MeshFileError(f"{axis} holds {stored.shape} {stored.dtype}, expected {expected} real numbers")
         if not is_real(stored):
             raise MeshFileError(f"the kind of real numbers that {axis} holds is not supported")
-    return found
+    return arrays
 
 
 @contextmanager
@@ -202,13 +202,13 @@ def _size(zone: Any, dimension: int) -> Size:
 def _without_absent(zones: Sequence[_CgnsZone]) -> list[_CgnsZone]:
     """Return zones with patches that lack faces under another name; a family lacks them in all zones."""
     families = {fault.patch for zone in zones for fault in zone.faults if fault.of_family}
-    found = []
+    kept = []
     for zone in zones:
         absent = {fault.patch for fault in zone.faults} | (families & zone.part.families)
         mesh = replace(zone.part.mesh, patches=without(zone.part.mesh.patches, absent)) if absent else zone.part.mesh
         own = frozenset(PART.format(name) if name in absent else name for name in zone.part.families)
-        found.append(replace(zone, part=replace(zone.part, mesh=mesh, families=own)))
-    return found
+        kept.append(replace(zone, part=replace(zone.part, mesh=mesh, families=own)))
+    return kept
 
 
 def _put_together(zones: Sequence[_CgnsZone]) -> Fitted:
@@ -224,11 +224,11 @@ def _put_together(zones: Sequence[_CgnsZone]) -> Fitted:
         met = meeting(np.concatenate([zone.part.mesh.points for zone in zones]), np.concatenate(free))
         joints.same.append(met)
         joints.touching.extend(np.unique(np.searchsorted(starts, met, side="right") - 1, axis=0).tolist())
-    found = fitted(parts, joints.touching, [rows for rows in joints.same if len(rows)])
+    together = fitted(parts, joints.touching, [rows for rows in joints.same if len(rows)])
     if not (joints.listed or joints.notes):
-        return found
-    pairs_of_mesh = ((name, found.index[rows]) for name, rows in joints.listed)
-    return replace(found, mesh=with_pairs(found.mesh, pairs_of_mesh, tuple(joints.notes)))
+        return together
+    pairs_of_mesh = ((name, together.index[rows]) for name, rows in joints.listed)
+    return replace(together, mesh=with_pairs(together.mesh, pairs_of_mesh, tuple(joints.notes)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -265,7 +265,7 @@ def _joints(zones: Sequence[_CgnsZone], starts: IntArray) -> _Joints:
 
 def _without_touching(zone: _CgnsZone) -> ZoneMesh:
     """Return a zone's part without the faces, on its patches, that only touch those of another zone."""
-    nodes = [one.nodes for one in zone.interfaces if not (one.matching or one.is_periodic)]
+    nodes = [interface.nodes for interface in zone.interfaces if not (interface.matching or interface.is_periodic)]
     if not nodes:
         return zone.part
     marked = np.zeros(len(zone.part.mesh.points), dtype=np.bool_)
@@ -289,15 +289,15 @@ def _zone(base: Base, name: str) -> _CgnsZone:
 
 def _block(base: Base, name: str, points: FloatArray) -> _CgnsZone:
     zone, size = base.zones[name], base.sizes[name]
-    own = cells(size)
-    turned = oriented(points, own)
-    left_handed = bool(2 * np.count_nonzero(turned.nodes[:, 1] != own.nodes[:, 1]) > len(own))
+    block = cells(size)
+    turned = oriented(points, block)
+    left_handed = bool(2 * np.count_nonzero(turned.nodes[:, 1] != block.nodes[:, 1]) > len(block))
     border, rest = block_border(base.node, zone, size, left_handed)
     part = ZoneMesh(name, Mesh(points, (turned,), without([*border.patches, *rest], ())), border.families, block=True)
     free = [faces.nodes for patch in rest for faces in patch.faces]
-    found, faults = interfaces(zone, name, base.sizes, ())
+    joints, faults = interfaces(zone, name, base.sizes, ())
     same = collapsed(points, size)
-    return _CgnsZone(part, found, same, np.concatenate(free) if free else NONE, [*border.faults, *faults])
+    return _CgnsZone(part, joints, same, np.concatenate(free) if free else NONE, [*border.faults, *faults])
 
 
 def _unstructured(base: Base, name: str, points: FloatArray) -> _CgnsZone:

@@ -61,7 +61,7 @@ class Fluent(Format):
 
     def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
         with about(source or out), opened(source or out, KIND) as file:
-            return fewest_bits(own.node.dtype for own in coordinates(_group(file)))
+            return fewest_bits(section.node.dtype for section in coordinates(_group(file)))
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
         """See `Format.rewrite`; only numbers in ``nodes/coords`` change.
@@ -71,17 +71,18 @@ class Fluent(Format):
         with about(source), opened(source, KIND) as file:
             stored = coordinates(_group(file))
             check_points(points, sum(map(len, stored)))
-            values = [points[own.first - 1 : own.last, : own.node.shape[1]] for own in stored]
+            values = [points[section.first - 1 : section.last, : section.node.shape[1]] for section in stored]
             arrays = [
-                (own.node, spans(own.node), new, own.node[()] != new) for own, new in zip(stored, values, strict=True)
+                (section.node, spans(section.node), new, section.node[()] != new)
+                for section, new in zip(stored, values, strict=True)
             ]
             new = Replaced.of(source, arrays)
         new.copy(source, out, progress)
 
     def ending(self, path: Path) -> str:
         """See `Format.ending`: ``.msh.h5``."""
-        own = Path(path.stem).suffix + path.suffix
-        return own if own.lower() in self.suffixes else path.suffix
+        suffix = Path(path.stem).suffix + path.suffix
+        return suffix if suffix.lower() in self.suffixes else path.suffix
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,12 +102,13 @@ def coordinates(mesh: Any) -> list[FluentSection]:
 
     MeshFileError if one is missing, or no such dataset.
     """
-    found = _sections(mesh, "nodes/coords", _count(mesh, "nodeCount"))
-    for own in found:
-        stored, expected = dataset(mesh, _path(mesh, own), "f", "real numbers"), (len(own), number(mesh, "dimension"))
+    sections = _sections(mesh, "nodes/coords", _count(mesh, "nodeCount"))
+    for section in sections:
+        stored = dataset(mesh, _path(mesh, section), "f", "real numbers")
+        expected = len(section), number(mesh, "dimension")
         if stored.shape != expected:
-            raise MeshFileError(f"{_path(mesh, own)} holds {stored.shape} numbers, expected {expected}")
-    return found
+            raise MeshFileError(f"{_path(mesh, section)} holds {stored.shape} numbers, expected {expected}")
+    return sections
 
 
 def read_mesh(mesh: Any, report: Callable[[float], None]) -> Mesh:
@@ -158,38 +160,40 @@ def _count(mesh: Any, name: str) -> int:
     return count
 
 
-def _path(mesh: Any, own: FluentSection) -> str:
-    return str(own.node.name).removeprefix(f"{mesh.name}/")
+def _path(mesh: Any, section: FluentSection) -> str:
+    return str(section.node.name).removeprefix(f"{mesh.name}/")
 
 
 def _sections(mesh: Any, path: str, count: int, gaps: bool = False) -> list[FluentSection]:
     """Sections of an array, rising; MeshFileError if they overlap or do not hold the numbers 1 to `count`."""
-    found, after = _numbered(member(mesh, path)), 1
-    for own in found:
-        if own.first < after or (own.first > after and not gaps):
-            raise MeshFileError(f"{path} goes on with {own.first} to {own.last} at number {after}; the file is damaged")
-        after = own.last + 1
+    sections, after = _numbered(member(mesh, path)), 1
+    for section in sections:
+        if section.first < after or (section.first > after and not gaps):
+            raise MeshFileError(
+                f"{path} goes on with {section.first} to {section.last} at number {after}; the file is damaged"
+            )
+        after = section.last + 1
     if after > count + 1 or (after <= count and not gaps):
         raise MeshFileError(f"{path} ends at number {after - 1}, expected {count}; the file is truncated or damaged")
-    return found
+    return sections
 
 
 def _numbered(group: Any) -> list[FluentSection]:
     nodes = (member(group, name) for name in group if name.isdecimal())
-    found = (FluentSection(number(node, "minId"), number(node, "maxId"), node) for node in nodes)
-    return sorted(filter(len, found), key=lambda own: own.first)
+    sections = (FluentSection(number(node, "minId"), number(node, "maxId"), node) for node in nodes)
+    return sorted(filter(len, sections), key=lambda section: section.first)
 
 
 def _faces(mesh: Any) -> Polygons:
     """All faces, their nodes from 0; those of a plane mesh are lines."""
     nodes, sizes, plane = [], [], number(mesh, "dimension") == 2
-    for own in _sections(mesh, "faces/nodes", _count(mesh, "faceCount")):
-        corners, flat = integers(own.node, "nnodes"), integers(own.node, "nodes")
+    for section in _sections(mesh, "faces/nodes", _count(mesh, "faceCount")):
+        corners, flat = integers(section.node, "nnodes"), integers(section.node, "nodes")
         wrong = (corners != 2) if plane else (corners < 3)
-        if len(corners) != len(own) or wrong.any() or corners.sum() != len(flat):
+        if len(corners) != len(section) or wrong.any() or corners.sum() != len(flat):
             raise MeshFileError(
-                f"{_path(mesh, own)} has {len(flat)} nodes of {len(corners)} faces, expected {len(own)} faces of "
-                f"{'two nodes' if plane else 'three nodes or more'}; the file is damaged"
+                f"{_path(mesh, section)} has {len(flat)} nodes of {len(corners)} faces, expected {len(section)} faces "
+                f"of {'two nodes' if plane else 'three nodes or more'}; the file is damaged"
             )
         nodes.append(flat)
         sizes.append(corners)
@@ -198,13 +202,13 @@ def _faces(mesh: Any) -> Polygons:
 
 def _cells(mesh: Any, name: str, faces: int) -> IntArray:
     """The cell (F,) on one side of each face, from 1; 0 where there is none, and where the file says nothing."""
-    found = np.zeros(faces, dtype=np.intp)
-    for own in _sections(mesh, f"faces/{name}", faces, gaps=True):
-        values = integers(mesh, _path(mesh, own))
-        if len(values) != len(own):
-            raise MeshFileError(f"{_path(mesh, own)} holds {len(values)} numbers, expected {len(own)}")
-        found[own.first - 1 : own.last] = values
-    return found
+    cells = np.zeros(faces, dtype=np.intp)
+    for section in _sections(mesh, f"faces/{name}", faces, gaps=True):
+        values = integers(mesh, _path(mesh, section))
+        if len(values) != len(section):
+            raise MeshFileError(f"{_path(mesh, section)} holds {len(values)} numbers, expected {len(section)}")
+        cells[section.first - 1 : section.last] = values
+    return cells
 
 
 def _bounded(points: FloatArray, faces: Polygons, c0: IntArray, c1: IntArray) -> tuple[Polyhedra, IntArray]:
@@ -249,18 +253,18 @@ def plane_cells(points: FloatArray, cells: Polyhedra) -> tuple[Cells, ...]:
     sides = np.bincount(cell, minlength=len(cells))
     if more := np.count_nonzero(sides > 4):
         raise MeshFileError(f"{more} plane cells have more than four sides; triangles and quadrilaterals can be read")
-    found = []
+    blocks = []
     for count, shape in ((3, "triangle"), (4, "quad")):
-        own = lines.nodes.reshape(-1, 2)[sides[cell] == count].reshape(-1, count, 2)
-        nodes = [own[:, 0, 0], own[:, 0, 1]]
+        edges = lines.nodes.reshape(-1, 2)[sides[cell] == count].reshape(-1, count, 2)
+        nodes = [edges[:, 0, 0], edges[:, 0, 1]]
         while len(nodes) < count:
-            nodes.append(own[np.arange(len(own)), np.argmax(own[:, :, 0] == nodes[-1][:, None], axis=1), 1])
+            nodes.append(edges[np.arange(len(edges)), np.argmax(edges[:, :, 0] == nodes[-1][:, None], axis=1), 1])
         corners = np.stack(nodes, axis=1)
-        if torn := np.count_nonzero((np.sort(corners, axis=1) != np.sort(own[:, :, 0], axis=1)).any(axis=1)):
+        if torn := np.count_nonzero((np.sort(corners, axis=1) != np.sort(edges[:, :, 0], axis=1)).any(axis=1)):
             raise MeshFileError(f"the lines of {torn} plane cells do not close; the file is damaged")
         if len(corners):
-            found.append(oriented(points, Cells(shape, corners)))
-    return tuple(found)
+            blocks.append(oriented(points, Cells(shape, corners)))
+    return tuple(blocks)
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,14 +281,14 @@ class _FluentZone:
 
 def _zones(mesh: Any, faces: int) -> list[_FluentZone]:
     """Zones of faces, but for those of the interior, and empty ones."""
-    found = []
+    zones = []
     for name, (begin, end, kind, zone, shadow) in _topology(member(mesh, "faces/zoneTopology")):
         if kind == INTERIOR or end < begin:
             continue
         if begin < 1 or end > faces:
             raise MeshFileError(f"zone {name} has the faces {begin} to {end}, but there are {faces}")
-        found.append(_FluentZone(name.strip() or f"zone-{zone}", begin, end, kind, zone, shadow))
-    return found
+        zones.append(_FluentZone(name.strip() or f"zone-{zone}", begin, end, kind, zone, shadow))
+    return zones
 
 
 def _topology(topology: Any) -> "zip[tuple[str, list[int]]]":
@@ -320,11 +324,12 @@ def _pair(
     points: FloatArray, zone: _FluentZone, shadows: Sequence[_FluentZone], patches: Mapping[str, Patch]
 ) -> tuple[Periodic, _FluentZone]:
     """Return a periodic zone's pair with its shadow, or else the first that is an image; InputError if none is."""
-    named = [one for one in shadows if zone.number == one.shadow or one.number == zone.shadow]
+    named = [other for other in shadows if zone.number == other.shadow or other.number == zone.shadow]
     reason = InputError("there is no zone of its images")
-    for one in named or shadows:
+    for other in named or shadows:
         try:
-            return pair_of(points, (patches[zone.name], patches[one.name]), PeriodicPatches(zone.name, one.name)), one
+            names = PeriodicPatches(zone.name, other.name)
+            return pair_of(points, (patches[zone.name], patches[other.name]), names), other
         except InputError as error:
             reason = error
     raise reason

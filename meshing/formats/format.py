@@ -74,13 +74,13 @@ def renamed(beside: Path, out: Path) -> Iterator[None]:
 
 def fitting_names(names: Sequence[str], unfit: str, reserved: Container[str] = ()) -> dict[str, str]:
     """Name of each patch in a file: its own where nothing in it matches `unfit`, else one that is not taken."""
-    found: dict[str, str] = {}
+    fitted: dict[str, str] = {}
     for name in names:
         fitting = re.sub(unfit, "_", name) or "_"
-        while fitting in reserved or (fitting != name and (fitting in names or fitting in found.values())):
+        while fitting in reserved or (fitting != name and (fitting in names or fitting in fitted.values())):
             fitting += "_"
-        found[name] = fitting
-    return found
+        fitted[name] = fitting
+    return fitted
 
 
 def fewest_bits(kinds: Iterable[np.dtype[Any]]) -> np.dtype[Any]:

@@ -93,18 +93,18 @@ def _elements41(file: GmshFile, cursor: Cursor, boundary: int) -> Iterator[Eleme
 
 def _groups(file: GmshFile) -> dict[tuple[int, int], list[int]]:
     """Return the physical groups of each entity, by its dimension and number, of a file of version 4.1."""
-    found: dict[tuple[int, int], list[int]] = {}
+    groups: dict[tuple[int, int], list[int]] = {}
     if "Entities" not in file.sections:
-        return found
+        return groups
     cursor = file.cursor("Entities")
     for dimension, count in enumerate(cursor.sizes(4).tolist()):
         for _ in range(count):
             tag = int(cursor.ints(1)[0])
             cursor.reals(6 if dimension else 3)
-            found[dimension, tag] = cursor.ints(int(cursor.sizes(1)[0])).tolist()
+            groups[dimension, tag] = cursor.ints(int(cursor.sizes(1)[0])).tolist()
             if dimension:
                 cursor.ints(int(cursor.sizes(1)[0]))
-    return found
+    return groups
 
 
 def _lines22(words: NumberLines) -> Iterator[ElementBlock]:
@@ -126,9 +126,9 @@ def _lines22(words: NumberLines) -> Iterator[ElementBlock]:
         if wrong := np.count_nonzero(sizes[rows] != 3 + tags[rows] + corners):
             raise MeshFileError(f"{wrong} elements of type {kind} have other than {corners} nodes")
         at = first[rows]
-        own = values[(at + 3 + tags[rows])[:, None] + np.arange(corners)]
+        nodes = values[(at + 3 + tags[rows])[:, None] + np.arange(corners)]
         group, entity = (np.where(tags[rows] > i, values[at + 3 + i], 0) for i in (0, 1))
-        yield ElementBlock(kind, Held(own), np.abs(group), entity)
+        yield ElementBlock(kind, Held(nodes), np.abs(group), entity)
 
 
 def _records22(cursor: ByteCursor) -> Iterator[ElementBlock]:
@@ -195,13 +195,15 @@ class Gmsh(Format):
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
         """See `Format.rewrite`; in text, each coordinate that changed has as many digits as it needs."""
         with about(source), gmsh_file(source) as file:
-            found = nodes(file)
-            check_points(points, found.count)
-        if not found.placed:
-            _points(source, found).rewrite(np.arange(len(points)), points, out, progress)
+            stored = nodes(file)
+            check_points(points, stored.count)
+        if not stored.placed:
+            _points(source, stored).rewrite(np.arange(len(points)), points, out, progress)
             return
         with fresh(out, source) as beside, about(source), source.open("rb") as text, beside.open("wb") as copy:
-            places = (np.concatenate([getattr(own, of) for own in found.placed]) for of in ("values", "begin", "end"))
+            places = (
+                np.concatenate([getattr(part, of) for part in stored.placed]) for of in ("values", "begin", "end")
+            )
             copy_text(text, iter([(0, text.read(), Placed(*places))]), points.ravel(), copy)
             progress(f"writing {out.name}", 1.0)
 
@@ -226,14 +228,14 @@ def _layout(file: GmshFile, path: Path, in_file: bool) -> MeshInPieces | None:
     if in_file and not (file.order and file.version == 41):
         return None
     stored, every = nodes(file), list(elements(file))
-    solid = not SOLIDS.keys().isdisjoint(own.kind for own in every)
+    solid = not SOLIDS.keys().isdisjoint(block.kind for block in every)
     if in_file and (stored.known is not None or len(every) > MOST or not solid):
         return None
     points = _points(path, stored)
     plane = not solid and _is_plane(points)
     given, dimension = (elements(file, 1), 2) if plane else (every, 3)
-    found = _filled(file, stored, points, given, dimension)
-    return replace(found, name=path.resolve().name)
+    mesh = _filled(file, stored, points, given, dimension)
+    return replace(mesh, name=path.resolve().name)
 
 
 def _is_plane(points: TablePieces) -> bool:
@@ -251,31 +253,31 @@ def _filled(
     border = group_patches(own, group_names(file, dimension - 1), faces)
     pieces = replace(points, cells=cells).oriented()
     listed, notes = pairs_listed(file, dimension - 1, stored.index)
-    found = pairs_of(border, listed, pieces.places)
+    pairs = pairs_of(border, listed, pieces.places)
     zones = (Zone("", 0, stored.count),)
-    return MeshInPieces("", pieces, found.patches, zones, (*notes, *found.notes), periodic=found.periodic)
+    return MeshInPieces("", pieces, pairs.patches, zones, (*notes, *pairs.notes), periodic=pairs.periodic)
 
 
 def _by_kind(blocks: Iterable[ElementBlock], wanted: Container[int]) -> dict[int, list[ElementBlock]]:
     """Sort blocks of elements of some kinds by these."""
-    found: dict[int, list[ElementBlock]] = {}
+    kinds: dict[int, list[ElementBlock]] = {}
     for block in blocks:
         if block.kind in wanted:
-            found.setdefault(block.kind, []).append(block)
-    return found
+            kinds.setdefault(block.kind, []).append(block)
+    return kinds
 
 
 def _cells(shape: str, parts: Sequence[ElementBlock], stored: Nodes) -> CellTable:
     """Return the cells of a shape: in the file if nodes are counted from 1, else in memory."""
     order = MIRRORED["wedge"] if shape == "wedge" else ()
     if stored.known is None:
-        return CellTable(shape, Joined(tuple(own.nodes for own in parts)), 1, order)
+        return CellTable(shape, Joined(tuple(block.nodes for block in parts)), 1, order)
     return CellTable(shape, Held(_nodes(parts, stored)), 0, order)
 
 
 def _nodes(parts: Iterable[ElementBlock], stored: Nodes) -> IntArray:
     """Return the nodes (M, k) of elements, counted from 0."""
-    return stored.index(np.concatenate([own.nodes.integers() for own in parts]))
+    return stored.index(np.concatenate([block.nodes.integers() for block in parts]))
 
 
 def pairs_listed(
@@ -293,24 +295,24 @@ def pairs_listed(
 
 def group_names(file: GmshFile, wanted: int) -> dict[int, str]:
     """Return the names of the physical groups of a dimension."""
-    found = PHYSICAL.findall(file.content("PhysicalNames")) if "PhysicalNames" in file.sections else []
-    return {int(tag): name.decode("utf-8", "replace") for dimension, tag, name in found if int(dimension) == wanted}
+    names = PHYSICAL.findall(file.content("PhysicalNames")) if "PhysicalNames" in file.sections else []
+    return {int(tag): name.decode("utf-8", "replace") for dimension, tag, name in names if int(dimension) == wanted}
 
 
 def group_patches(
     blocks_of: Mapping[int, tuple[IntArray, Iterable[ElementBlock]]], names: dict[int, str], faces: dict[int, str]
 ) -> tuple[Patch, ...]:
     """Return the patches in the order of their tags; groups of one name are one patch."""
-    found: dict[tuple[bool, int, int], list[Cells]] = {}
+    groups: dict[tuple[bool, int, int], list[Cells]] = {}
     for kind, (rows, blocks) in blocks_of.items():
-        group, entity = (np.concatenate([own.each(what) for own in blocks]) for what in ("group", "entity"))
+        group, entity = (np.concatenate([block.each(what) for block in blocks]) for what in ("group", "entity"))
         pairs = np.column_stack([group == 0, group, np.where(group == 0, entity, 0)])
         labels, index = np.unique(pairs, axis=0, return_inverse=True)
         for i, (free, physical, part) in enumerate(labels.tolist()):
-            found.setdefault((free, physical, part), []).append(Cells(faces[kind], rows[index.ravel() == i]))
+            groups.setdefault((free, physical, part), []).append(Cells(faces[kind], rows[index.ravel() == i]))
     named: dict[str, list[Cells]] = {}
     nameless = "curve" if "line" in faces.values() else "surface"
-    for (free, physical, part), cells in sorted(found.items(), key=lambda item: item[0]):
+    for (free, physical, part), cells in sorted(groups.items(), key=lambda item: item[0]):
         name = f"entity_{part}" if free else names.get(physical, f"{nameless}_{physical}")
         named.setdefault(name, []).extend(cells)
     return tuple(Patch(name, tuple(cells)) for name, cells in named.items())

@@ -42,12 +42,12 @@ class TextCursor:
 
     def reals(self, count: int) -> Placed:
         """The next `count` numbers."""
-        own = slice(self.at, self.at + count)
+        rows = slice(self.at, self.at + count)
         self.at += count
         if count < 0 or self.at > len(self.words.values):
             raise _ended(self.name)
-        values = np.asarray(self.words.values[own], dtype=np.float64)
-        return Placed(values, self.offset + self.words.begin[own], self.offset + self.words.end[own])
+        values = np.asarray(self.words.values[rows], dtype=np.float64)
+        return Placed(values, self.offset + self.words.begin[rows], self.offset + self.words.end[rows])
 
     def ints(self, count: int) -> IntArray:
         """The next `count` integers."""
@@ -58,9 +58,9 @@ class TextCursor:
 
     def columns(self, count: int, width: int, kind: str, chosen: slice) -> Held:
         """Columns of the next `count` rows of `width` numbers: points if their kind is real, else integers."""
-        found = self.reals(count * width)
-        begin, end = (own.reshape(count, width)[:, chosen] for own in (found.begin, found.end))
-        table = Placed(found.values.reshape(count, width)[:, chosen], begin, end)
+        placed = self.reals(count * width)
+        begin, end = (ends.reshape(count, width)[:, chosen] for ends in (placed.begin, placed.end))
+        table = Placed(placed.values.reshape(count, width)[:, chosen], begin, end)
         if kind == REAL:
             self.placed.append(table)
             return Held(table.values)
@@ -91,9 +91,9 @@ class ByteCursor:
 
     def raw(self, count: int, kind: str) -> NDArray[Any]:
         """The next `count` numbers of a type, in the file's byte order."""
-        own = np.dtype(kind).newbyteorder(self.order)  # type: ignore[arg-type]
-        begin = self.passed(count * own.itemsize)
-        return np.frombuffer(self.data[begin : self.at], own)
+        dtype = np.dtype(kind).newbyteorder(self.order)  # type: ignore[arg-type]
+        begin = self.passed(count * dtype.itemsize)
+        return np.frombuffer(self.data[begin : self.at], dtype)
 
     def reals(self, count: int) -> NDArray[Any]:
         """The next `count` real numbers."""
@@ -195,18 +195,18 @@ def opened(path: Path, data: bytes | mmap) -> GmshFile:
 
 
 def _sections(data: bytes | mmap) -> dict[str, tuple[int, int]]:
-    found: dict[str, tuple[int, int]] = {}
+    sections: dict[str, tuple[int, int]] = {}
     at = 0
     while header := NAME.match(data, at):
         name = header[1].decode("ascii", "replace")
         end = data.find(b"$End" + header[1], header.end())
         if end < 0:
             raise MeshFileError(f"section ${name} does not end; the file is truncated")
-        found.setdefault(name, (header.end(), end))
+        sections.setdefault(name, (header.end(), end))
         at = end + len(name) + 4
     if data[at:].strip():
         raise MeshFileError(f"{data[at : at + 20].strip()!r} between sections is not supported: delete it")
-    return found
+    return sections
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -58,8 +58,8 @@ class Format:
 
     def stored(self, path: Path) -> TablePieces | None:
         """Return where the coordinates are, with less reading than `layout` if that is possible."""
-        found = self.layout(path)
-        return found.pieces if found and isinstance(found.pieces, TablePieces) else None
+        mesh = self.layout(path)
+        return mesh.pieces if mesh and isinstance(mesh.pieces, TablePieces) else None
 
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
         """Return the mesh in a file: all that its layout tells, put into arrays.
@@ -67,9 +67,9 @@ class Format:
         Raises MeshFileError if the file is missing, truncated, damaged, or not of this format.
         """
         with about(path):
-            found = self.layout(path, None, progress)
-            assert found is not None
-            return whole(found, partial(progress, f"reading {path.name}"))
+            mesh = self.layout(path, None, progress)
+            assert mesh is not None
+            return whole(mesh, partial(progress, f"reading {path.name}"))
 
     def points(self, path: Path, progress: Progress = silent) -> tuple[FloatArray, tuple[Zone, ...]]:
         """Return the points (N, 3) of a mesh and its zones; its cells are read only where that must be."""
@@ -99,8 +99,8 @@ class Format:
         if source is None:
             return DOUBLE
         with about(source):
-            found = self.stored(source)
-            return fewest_bits(np.dtype(own.table.kind) for own in found.ranges) if found else DOUBLE
+            pieces = self.stored(source)
+            return fewest_bits(np.dtype(part.table.kind) for part in pieces.ranges) if pieces else DOUBLE
 
     def finer(self, out: Path, mesh: Mesh) -> str:
         """Return the suffix of a file that keeps more digits of a mesh than `out` does."""
@@ -112,10 +112,10 @@ class Format:
         `out` appears whole or not at all, and is never `source`. Coordinates that did not change keep their bytes.
         """
         with about(source):
-            found = self.stored(source)
-            assert found is not None
-            check_points(points, found.points)
-        found.rewrite(np.arange(len(points)), points, out, progress)
+            pieces = self.stored(source)
+            assert pieces is not None
+            check_points(points, pieces.points)
+        pieces.rewrite(np.arange(len(points)), points, out, progress)
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """Write a mesh that came from elsewhere; return a sentence for each thing that the format cannot hold."""

@@ -68,8 +68,8 @@ def in_pieces(path: Path, progress: Progress = silent) -> Iterator[MeshInPieces 
     """
     with hidden_folder() as scratch:
         files = states_of(files_of(path))
-        found = format_of(path).layout(path, scratch, progress)
-        yield found and replace(found, pieces=replace(found.pieces, files=files))  # type: ignore[type-var]
+        mesh = format_of(path).layout(path, scratch, progress)
+        yield mesh and replace(mesh, pieces=replace(mesh.pieces, files=files))  # type: ignore[type-var]
 
 
 def files_of(path: Path) -> list[Path]:

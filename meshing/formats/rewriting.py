@@ -112,11 +112,11 @@ def copy_range(files: tuple[Path, Path], item: Item) -> None:
         if not changes:
             _copy(old, new, begin, end)
             return
-        ends = [own.ends() for own in changes]
+        ends = [change.ends() for change in changes]
         low, high = min(begin, *(first for first, _ in ends)), max(end, *(last for _, last in ends))
         data = bytearray(_read(old, low, high))
-        for own in changes:
-            own.put(data, low)
+        for change in changes:
+            change.put(data, low)
         _write(new, data[begin - low : end - low], begin)
 
 

@@ -48,20 +48,20 @@ class Grid(NamedTuple):
     def stored(self, name: str, kinds: str, *width: int) -> tuple[Any, list[Span]]:
         """Return an array (N, *width), not read yet, and where its numbers are; nothing if HDF5 has packed them."""
         in_hdf5 = isinstance(self.arrays, h5py.File)
-        found = dataset(self.arrays, name, kinds, KINDS[kinds]) if in_hdf5 else self.arrays[name]
-        if found is None:
+        array = dataset(self.arrays, name, kinds, KINDS[kinds]) if in_hdf5 else self.arrays[name]
+        if array is None:
             raise MeshFileError(f"{name} has an unlimited dimension; fix its length with `nccopy -u IN OUT`")
-        if found.dtype.kind not in kinds or not found.shape or found.shape[1:] != width:
+        if array.dtype.kind not in kinds or not array.shape or array.shape[1:] != width:
             expected = f"({', '.join(('N', *map(str, width)))}{'' if width else ','}) {KINDS[kinds]}"
-            raise MeshFileError(f"{name} holds {found.shape} {found.dtype}, expected {expected}")
-        return found, spans(found) if in_hdf5 else [(found.offset, 0, found.size)]
+            raise MeshFileError(f"{name} holds {array.shape} {array.dtype}, expected {expected}")
+        return array, spans(array) if in_hdf5 else [(array.offset, 0, array.size)]
 
     def table(self, path: Path, name: str, kinds: str, *width: int) -> FileTable | Held:
         """Return where the rows of an array are; they are in memory if HDF5 has them in several places, or packed."""
-        found, places = self.stored(name, kinds, *width)
+        array, places = self.stored(name, kinds, *width)
         if len(places) != 1:
-            return Held(found[()].reshape(len(found), -1))
-        return FileTable(path.resolve(), places[0][0], found.dtype.str, len(found), *width)
+            return Held(array[()].reshape(len(array), -1))
+        return FileTable(path.resolve(), places[0][0], array.dtype.str, len(array), *width)
 
 
 @contextmanager
@@ -71,7 +71,7 @@ def opened(path: Path) -> Iterator[Grid]:
         magic = file.read(4)
     if h5py.is_hdf5(path):
         with damage(), h5py.File(path) as found:
-            lengths = {name: len(own) for name, own in found.items() if name.startswith("no_of_")}
+            lengths = {name: len(array) for name, array in found.items() if name.startswith("no_of_")}
             yield Grid(found, lengths, found.attrs)
     elif magic in (b"CDF\1", b"CDF\2"):
         yield _classic(path)
@@ -139,7 +139,7 @@ class Tau(Format):
         with about(source), opened(source) as grid:
             check_points(points, _points(grid, source).points)
             stored = [(*grid.stored(axis, "f"), new) for axis, new in zip(AXES, points.T, strict=True)]
-            new = Replaced.of(source, [(own, places, new, own[()] != new) for own, places, new in stored])
+            new = Replaced.of(source, [(array, places, new, array[()] != new) for array, places, new in stored])
         new.copy(source, out, progress)
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
@@ -170,13 +170,13 @@ def _elements(grid: Grid, path: Path, shapes: Mapping[str, str]) -> list[CellTab
     """Return the cells or faces of each shape that is there."""
     there = {f"points_of_{what}": shape for what, shape in shapes.items() if f"points_of_{what}" in grid.arrays}
     tables = ((shape, grid.table(path, name, "iu", CORNERS[shape])) for name, shape in there.items())
-    return [CellTable(shape, own, 0, MIRRORED[shape] if shape == "wedge" else ()) for shape, own in tables]
+    return [CellTable(shape, table, 0, MIRRORED[shape] if shape == "wedge" else ()) for shape, table in tables]
 
 
 def _check_count(grid: Grid, dimension: str, blocks: Sequence[CellTable]) -> None:
-    announced, found = grid.lengths.get(dimension), sum(block.table.rows for block in blocks)
-    if announced is not None and announced != found:
-        raise MeshFileError(f"{dimension} is {announced}, but {found} of the shapes that are supported are there")
+    announced, count = grid.lengths.get(dimension), sum(block.table.rows for block in blocks)
+    if announced is not None and announced != count:
+        raise MeshFileError(f"{dimension} is {announced}, but {count} of the shapes that are supported are there")
 
 
 def _patches(grid: Grid, path: Path, points: int) -> tuple[Patch, ...]:
@@ -211,8 +211,9 @@ def _markers(grid: Grid, count: int) -> IntArray:
 def _marker_names(grid: Grid, path: Path, markers: Sequence[int]) -> dict[int, str]:
     """Return the name of each marker, by the mapping whose name is the longest beginning of the grid's and has any."""
     mappings_of = (mapped_names(beside.read_bytes().decode("utf-8", "replace")) for beside in mappings(path))
-    mapped = next((found for found in mappings_of if found.keys() & set(markers)), {})
-    return {one: (mapped.get(one) or _text(grid, f"marker_{one}")).replace("\0", "") or str(one) for one in markers}
+    mapped = next((each for each in mappings_of if each.keys() & set(markers)), {})
+    names = {marker: mapped.get(marker) or _text(grid, f"marker_{marker}") for marker in markers}
+    return {marker: name.replace("\0", "") or str(marker) for marker, name in names.items()}
 
 
 def _text(grid: Grid, attribute: str) -> str:
@@ -238,14 +239,14 @@ def mapped_names(text: str) -> dict[int, str]:
     It has blocks of lines ``keyword: value`` (``Markers: 3, 4``, ``Name: wing``) that end with ``block end``; a comment
     begins with ``#``.
     """
-    found: dict[int, str] = {}
+    names: dict[int, str] = {}
     for block in text.split("block end"):
         lines = (line.partition("#")[0].partition(":") for line in block.splitlines())
         values = {keyword.strip(): value.strip() for keyword, _, value in lines}
         if name := values.get("Name"):
             words = re.split(r"[\s,]+", values.get("Markers", ""))
-            found |= {int(word): name for word in words if NUMBER.fullmatch(word)}
-    return found
+            names |= {int(word): name for word in words if NUMBER.fullmatch(word)}
+    return names
 
 
 def _write(mesh: Mesh, file: Any) -> tuple[str, ...]:

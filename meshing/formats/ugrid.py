@@ -87,8 +87,8 @@ class Ugrid(Format):
         return _pieces(path, _tables(path, lambda _: None))
 
     def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
-        own = encoding_of(out)
-        return fewest_bits([ENCODINGS[own].real] if own else [])
+        encoding = encoding_of(out)
+        return fewest_bits([ENCODINGS[encoding].real] if encoding else [])
 
     def finer(self, out: Path, mesh: Mesh) -> str:
         return ending(out).replace("4", "8")
@@ -168,11 +168,11 @@ def mapbc(path: Path) -> Path:
 
 def stands_otherwise(source: Path, out: Path) -> bool:
     """Whether a ``.mapbc`` beside `out` is another than that of a UGRID mesh `source`."""
-    own, table = mapbc(source), mapbc(out)
-    if source.suffix.lower() != SUFFIX or not own.is_file() or not table.exists():
+    named, table = mapbc(source), mapbc(out)
+    if source.suffix.lower() != SUFFIX or not named.is_file() or not table.exists():
         return False
     with about(table):
-        return table.read_bytes() != own.read_bytes()
+        return table.read_bytes() != named.read_bytes()
 
 
 @contextmanager
@@ -242,15 +242,15 @@ def patches(faces: Sequence[Cells], labels: IntArray, names: Mapping[int, str]) 
     if len(ids) > SURFACES:
         raise MeshFileError(f"has {len(ids)} surface ids; more than {SURFACES} are not supported")
     given = set(names.values())
-    found: dict[str, list[Cells]] = {}
+    patches: dict[str, list[Cells]] = {}
     parts = np.split(index, [len(faces[0])])
     blocks = [_by_label(block, own, len(ids)) for block, own in zip(faces, parts, strict=True)]
     for number, *several in zip(ids.tolist(), *blocks, strict=True):
         name = names.get(number, str(number))
         while number not in names and name in given:
             name += "_"
-        found.setdefault(name, []).extend(own for own in several if len(own))
-    return tuple(Patch(name, tuple(own)) for name, own in found.items())
+        patches.setdefault(name, []).extend(own for own in several if len(own))
+    return tuple(Patch(name, tuple(own)) for name, own in patches.items())
 
 
 def _by_label(faces: Cells, labels: IntArray, count: int) -> list[Cells]:
@@ -289,9 +289,9 @@ def _arrays(mesh: Mesh, ids: Mapping[str, int]) -> dict[str, Any]:
     for cells in standard_cells(mesh):
         order = FROM_VTK.get(cells.shape, range(cells.nodes.shape[1]))
         blocks[cells.shape].append(cells.nodes[:, [*order]] + 1)
-    found: dict[str, Any] = {shape: _one(parts, CORNERS[shape]) for shape, parts in blocks.items()}
-    found |= {POINTS: mesh.points, SURFACE: np.concatenate([own for shape in FACES for own in surfaces[shape]])}
-    return {name: found[name] for name in ORDER}
+    arrays: dict[str, Any] = {shape: _one(parts, CORNERS[shape]) for shape, parts in blocks.items()}
+    arrays |= {POINTS: mesh.points, SURFACE: np.concatenate([own for shape in FACES for own in surfaces[shape]])}
+    return {name: arrays[name] for name in ORDER}
 
 
 def _one(parts: Sequence[IntArray], width: int) -> IntArray:

@@ -133,21 +133,21 @@ class UgridFile:
                 f"should have {needed} bytes or more for {shapes[POINTS][0]} points and its cells, but has {size}; it "
                 f"is truncated, damaged, or stored otherwise than {_named(encoding)} says"
             )
-        found = cls(file, encoding, shapes, report)
-        found.check_records()
-        return found
+        ugrid = cls(file, encoding, shapes, report)
+        ugrid.check_records()
+        return ugrid
 
     def check_records(self) -> None:
         """Refuse Fortran records whose lengths are not those that the counts tell, with a MeshFileError."""
         if not self.encoding or not ENCODINGS[self.encoding].records:
             return
-        own = ENCODINGS[self.encoding]
-        lengths = (len(COUNTED) * own.whole.itemsize, own.body(self.shapes))
+        encoding = ENCODINGS[self.encoding]
+        lengths = (len(COUNTED) * encoding.whole.itemsize, encoding.body(self.shapes))
         at = 0
         for length in lengths:
             for place in (at, at + MARKER.itemsize + length):
                 self.file.seek(place)
-                if self.file.read(MARKER.itemsize) != own.marker(length):
+                if self.file.read(MARKER.itemsize) != encoding.marker(length):
                     raise MeshFileError(f"the Fortran record of {length} bytes has another length; the file is damaged")
             at += 2 * MARKER.itemsize + length
 
@@ -158,13 +158,13 @@ class UgridFile:
         """
         if not self.encoding:
             return {name: Held(values) for name, values in self._arrays().items()}
-        own = ENCODINGS[self.encoding]
-        found: dict[str, FileTable | Held] = {}
-        begin = own.begin
+        encoding = ENCODINGS[self.encoding]
+        tables: dict[str, FileTable | Held] = {}
+        begin = encoding.begin
         for name, (rows, width) in self.shapes.items():
-            found[name] = table = FileTable(path, begin, own.kind(name).str, rows, width)
+            tables[name] = table = FileTable(path, begin, encoding.kind(name).str, rows, width)
             begin += rows * table.step
-        return found
+        return tables
 
     def _arrays(self) -> dict[str, Array]:
         """Points (N, 3), and (M, k) whole numbers for each other shape, of a text."""
@@ -220,17 +220,17 @@ def encoded(arrays: Mapping[str, Any], encoding: str) -> Iterator[bytes]:
     if not encoding:
         yield from (text.encode() for values in (counts, *arrays.values()) for text in table("", values, None))
         return
-    own = ENCODINGS[encoding]
-    if counts.max() > np.iinfo(own.whole).max:
-        raise MeshFileError(f"{counts.max()} points or cells are too many for numbers of {own.whole.itemsize} bytes")
-    check_range(arrays[POINTS], own.real)
-    around = own.marker(counts.size * own.whole.itemsize)
-    yield around + counts.astype(own.whole).tobytes() + around
-    around = own.marker(own.body({name: arrays[name].shape for name in ORDER}) if own.records else 0)
+    layout = ENCODINGS[encoding]
+    if counts.max() > np.iinfo(layout.whole).max:
+        raise MeshFileError(f"{counts.max()} points or cells are too many for numbers of {layout.whole.itemsize} bytes")
+    check_range(arrays[POINTS], layout.real)
+    around = layout.marker(counts.size * layout.whole.itemsize)
+    yield around + counts.astype(layout.whole).tobytes() + around
+    around = layout.marker(layout.body({name: arrays[name].shape for name in ORDER}) if layout.records else 0)
     yield around
     for name in ORDER:
         for start in range(0, len(arrays[name]), ROWS):
-            yield arrays[name][start : start + ROWS].astype(own.kind(name)).tobytes()
+            yield arrays[name][start : start + ROWS].astype(layout.kind(name)).tobytes()
     yield around
 
 
@@ -239,13 +239,13 @@ def _shapes(file: BinaryIO, encoding: str) -> dict[str, tuple[int, int]] | None:
     file.seek(0)
     head = file.read(HEAD)
     if not encoding:
-        found = None if b"\0" in head else HEADER.match(head)
-        counts = [int(word) for word in found.groups()] if found else []
+        match = None if b"\0" in head else HEADER.match(head)
+        counts = [int(word) for word in match.groups()] if match else []
     else:
-        own = ENCODINGS[encoding]
-        at = MARKER.itemsize * own.records
-        data = head[at : at + len(COUNTED) * own.whole.itemsize]
-        counts = np.frombuffer(data, own.whole).tolist() if len(data) == len(COUNTED) * own.whole.itemsize else []
+        layout = ENCODINGS[encoding]
+        at = MARKER.itemsize * layout.records
+        data = head[at : at + len(COUNTED) * layout.whole.itemsize]
+        counts = np.frombuffer(data, layout.whole).tolist() if len(data) == len(COUNTED) * layout.whole.itemsize else []
     if not counts or min(counts) < 0:
         return None
     rows = dict(zip(COUNTED, counts, strict=True))

@@ -68,10 +68,10 @@ def _patch_inside(patch: Patch, zone: Zone) -> Patch:
 
 def agreed(named: Iterable[tuple[str, Constraint]]) -> dict[str, Constraint]:
     """Return the constraint of each patch that has several parts: that of all of them, or none."""
-    found: dict[str, Constraint] = {}
-    for name, own in named:
-        found[name] = own if found.get(name, own) == own else ""
-    return found
+    constraints: dict[str, Constraint] = {}
+    for name, constraint in named:
+        constraints[name] = constraint if constraints.get(name, constraint) == constraint else ""
+    return constraints
 
 
 def _unprefixed(patch: Patch, zone: Zone) -> Patch:
@@ -93,22 +93,22 @@ def _shifted_cells(block: Cells | Polyhedra, by: int) -> Cells | Polyhedra:
 def _cells_inside(block: Cells | Polyhedra, zone: Zone) -> Cells | Polyhedra:
     if isinstance(block, Cells):
         return _inside(block, zone, f"{block.shape} cells")
-    own = _within(block.faces, zone)
-    if own.any() and not own.all():
+    inside = _within(block.faces, zone)
+    if inside.any() and not inside.all():
         raise ValueError(f"polyhedra of zone {zone.name} and of other zones must be blocks of their own")
-    if own.all():
+    if inside.all():
         return _shifted_cells(block, -zone.start)
     empty = np.empty(0, dtype=np.intp)
     return Polyhedra(taken(block.faces, empty), empty, empty)
 
 
 def _inside(block: Faces, zone: Zone, what: str) -> Faces:
-    own = _within(block, zone)
+    within = _within(block, zone)
     if isinstance(block, Polygons):
         starts = block.offsets[:-1]
-        some, whole = (np.asarray(of.reduceat(own, starts)) for of in (np.logical_or, np.logical_and))
+        some, whole = (np.asarray(of.reduceat(within, starts)) for of in (np.logical_or, np.logical_and))
     else:
-        some, whole = (np.asarray(of.reduce(own, axis=1)) for of in (np.logical_or, np.logical_and))
+        some, whole = (np.asarray(of.reduce(within, axis=1)) for of in (np.logical_or, np.logical_and))
     if torn := np.count_nonzero(some & ~whole):
         raise ValueError(f"{torn} {what} join zone {zone.name} to another zone")
     return _shifted(block if whole.all() else chosen(block, np.flatnonzero(whole)), -zone.start)
@@ -149,9 +149,9 @@ class Pairs:
 
 def with_pairs(mesh: Mesh, listed: Iterable[Listed], notes: tuple[str, ...] = ()) -> Mesh:
     """Return the mesh with the pairs that its file lists; `notes` are sentences on others."""
-    found = pairs_of(mesh.patches, listed, lambda nodes: mesh.points[nodes])
-    notes = (*mesh.notes, *notes, *found.notes)
-    return replace(mesh, patches=found.patches, periodic=found.periodic, notes=notes)
+    pairs = pairs_of(mesh.patches, listed, lambda nodes: mesh.points[nodes])
+    notes = (*mesh.notes, *notes, *pairs.notes)
+    return replace(mesh, patches=pairs.patches, periodic=pairs.periodic, notes=notes)
 
 
 def written_pairs(mesh: Mesh) -> list[Periodic]:
@@ -173,16 +173,16 @@ def pairs_of(patches: Sequence[Patch], listed: Iterable[Listed], places: Places)
     listed : what the file lists; a pair may be there in several parts, and once more the other way round.
     places : where the nodes are.
     """
-    every, notes, found = list(patches), [], list[Periodic]()
+    every, notes, pairs = list(patches), [], list[Periodic]()
     for name, nodes in listed:
         try:
             new = _fitted(name, ("", ""), nodes, places)
             one, other = (_holder(every, f"{name}~{i}", side) for i, side in enumerate(new.nodes.T, 1))
             every += [patch for patch in dict.fromkeys((one, other)) if patch not in every]
-            _enter(found, replace(new, patches=(one.name, other.name)), places)
+            _enter(pairs, replace(new, patches=(one.name, other.name)), places)
         except InputError as error:
             notes.append(f"{error}; the pair is left out")
-    return Pairs(tuple(found), tuple(every), tuple(notes))
+    return Pairs(tuple(pairs), tuple(every), tuple(notes))
 
 
 def _fitted(name: str, patches: tuple[str, str], nodes: IntArray, places: Places) -> Periodic:
@@ -212,14 +212,14 @@ def _has(known: IntArray, nodes: IntArray) -> bool:
     return True
 
 
-def _enter(found: list[Periodic], new: Periodic, places: Places) -> None:
+def _enter(pairs: list[Periodic], new: Periodic, places: Places) -> None:
     """Add a pair to those found, or its nodes to the one of the same patches and motion."""
-    for i, old in enumerate(found):
+    for i, old in enumerate(pairs):
         for nodes in (new.nodes, new.nodes[:, ::-1]) if set(old.patches) == set(new.patches) else ():
             here, there = places(nodes[:, 0]), places(nodes[:, 1])
             allowed = tolerance(np.concatenate([here, there]), np.arange(2 * len(here)))
             if np.abs(old.image(here) - there).max() <= allowed:
-                found[i] = _fitted(old.name, old.patches, np.concatenate([old.nodes, nodes]), places)
+                pairs[i] = _fitted(old.name, old.patches, np.concatenate([old.nodes, nodes]), places)
                 return
-    same = sum(pair.patches[0] == new.patches[0] for pair in found)
-    found.append(replace(new, name=f"{new.patches[0]}~{same + 1}" if same else new.patches[0]))
+    same = sum(pair.patches[0] == new.patches[0] for pair in pairs)
+    pairs.append(replace(new, name=f"{new.patches[0]}~{same + 1}" if same else new.patches[0]))
