@@ -95,7 +95,7 @@ class Result:
 
     @property
     def points(self) -> FloatArray:
-        """Deflection coordinates (N, 3), in the mesh's unit of length and the order of the old ones."""
+        """Deflected coordinates (N, 3), in the mesh's unit of length and the order of the old ones."""
         return self.deflection.points
 
     @property
@@ -204,10 +204,10 @@ class Result:
         not installed that the extra ``report`` brings.
         """
         from sdm_deflect.cases.report.folder import write_run_folder
-        from sdm_deflect.cases.run.output import OutputError, check_report, output_folder
+        from sdm_deflect.cases.run.output import OutputError, check_installed, output_folder
         from sdm_deflect.meshing.files import permitted_as
 
-        check_report()
+        check_installed("report")
         place = path_of(folder)
         try:
             if place.exists() and any(place.iterdir()) and not (place / "report.html").exists():
@@ -227,9 +227,9 @@ class Result:
 
         Raises InputError if libraries are not installed that the extra ``report`` brings.
         """
-        from sdm_deflect.cases.run.output import check_report
+        from sdm_deflect.cases.run.output import check_installed
 
-        check_report()
+        check_installed("report")
         from sdm_deflect.cases.report.folder import data_of
         from sdm_deflect.cases.report.page import page
         from sdm_deflect.cases.report.pictures import Gallery

@@ -113,8 +113,9 @@ def summary(run: Run) -> Iterator[str]:
         )
         yield f"{name} {fit_text(box, 'm')}; kernel: {kernel_text(box['kernel'])}"
         for surface, motion in box["motion"].items():
+            own, *others = surface.split(", ")
             if motion:
-                yield f"{surface}: {Reached(**motion).text}"
+                yield f"{own}: {Reached(**motion).text}" + f"; {', '.join(others)} follows" * bool(others)
         if box["repair"]:
             yield f"{name} {repair_text(box)}"
     if run.pinned:

@@ -9,7 +9,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import trimesh
 from scipy.interpolate import RBFInterpolator
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, farthest
@@ -277,6 +276,8 @@ def corners_of(faces: Faces) -> FloatArray:
 def distance(points: FloatArray, corners: FloatArray) -> FloatArray:
     """Distance (N,) of points (N, 3) from triangles (T, 3, 3); trimesh, which made neither, measures it."""
     rows = np.arange(3 * len(corners)).reshape(-1, 3)
+    import trimesh  # while the CAD is being built; a finished run is validated without it
+
     mesh = trimesh.Trimesh(SCALE * corners.reshape(-1, 3), rows, process=False)
     return np.asarray(trimesh.proximity.closest_point(mesh, SCALE * points)[1] / SCALE)
 

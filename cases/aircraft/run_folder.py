@@ -11,6 +11,7 @@ import numpy as np
 from sdm_deflect.cases.report.data import METRES, RUN, ReportData, measured, read_figures
 from sdm_deflect.cases.report.finished import Display, FinishedRun, moved_by_repair
 from sdm_deflect.cases.report.folder import write_arrays
+from sdm_deflect.cases.run.output import lacks
 from sdm_deflect.cases.settings.conversion import to_toml
 from sdm_deflect.deform.base.errors import InputError, damaged
 from sdm_deflect.deform.checks import Check, checks_of
@@ -25,10 +26,13 @@ from .case import Case
 from .job import BLOCK, plan_of
 from .reference import Reference, reference
 from .registry import resolve
+from .validation import mesh_check, validate
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.report.pictures import Exhibit
     from sdm_deflect.geometry.model import CadModel
+
+STORED = "the checks and their values are those of the run, and there are no maps of distances from the CAD"
 
 
 def write_deformation(folder: Path, case: Case, found: Deflection, background: Mesh | None) -> None:
@@ -95,6 +99,9 @@ class FinishedCase(FinishedRun):
     def fresh_report_data(self) -> ReportData:
         """Return what its report shows, with the checks of the meshes made again; those of the fits are stored ones."""
         data = self.report_data()
+        if self.lacks:
+            notes = [*data.figures.get("notes", ()), f"{STORED}; {self.lacks}"]
+            return replace(data, figures={**data.figures, "notes": notes})
         with reference(self.case) as deflected_cad:
             fresh = {check.name: check for check in self.verdict(self.background, deflected_cad)}
         return replace(data, checks=(*(fresh.pop(one.name, one) for one in data.checks), *fresh.values()))
@@ -104,6 +111,11 @@ class FinishedCase(FinishedRun):
         from .report import compared
 
         return compared(data, folder)
+
+    @property
+    def lacks(self) -> str:
+        """What is not installed without which no CAD can be built, as a sentence."""
+        return lacks("aircraft")
 
     @property
     def command(self) -> str:
@@ -116,15 +128,15 @@ class FinishedCase(FinishedRun):
         """The mesh around a Chimera block; None without one."""
         return read_vtu(self.folder / "background.vtu") if self.case.domain == "block" else None
 
-    def verdict(self, background: Mesh | None, cad: Callable[[], Reference]) -> tuple[Check, ...]:
+    def verdict(self, background: Mesh | None, cad: Callable[[], Reference | None]) -> tuple[Check, ...]:
         """Return the checks of the mesh and those against the deflected CAD, which is asked for last."""
-        from .validation import validate  # trimesh: a run loads it while its CAD is built
-
         found = Deflection.at(self.plan, self.points, self.repair)
         return validate(self.case, found, checks_of(found, unit="m"), cad(), background)
 
     def validated(self) -> tuple[Check, ...]:
-        """Return the checks that the run made, against CAD built afresh, and those of its files."""
+        """Return the checks that the run made, against CAD built afresh if it can be, and those of its files."""
+        if self.lacks:
+            return (*self.verdict(None, lambda: None), *measured(read_figures(self.folder)[1]))
         with reference(self.case, cache=False) as deflected_cad:
             return self.checked(deflected_cad, undeflected_models)
 
@@ -135,8 +147,6 @@ class FinishedCase(FinishedRun):
 
         Raises InputError or MeshFileError if a file is missing or damaged, or is of another run.
         """
-        from .validation import mesh_check
-
         case, mesh, background = self.case, self.plan.mesh, self.background
         _, stored, _ = read_figures(self.folder)
         meshes, grids = (mesh, *([background] if background else ())), (case.mesh, case.background)

@@ -31,7 +31,7 @@ def validate(
     case: Case,
     deflection: Deflection,
     mesh_checks: Sequence[Check],
-    reference: Reference,
+    reference: Reference | None,
     background: Mesh | None = None,
 ) -> tuple[Check, ...]:
     """Return every check that applies to the case.
@@ -40,7 +40,7 @@ def validate(
     ----------
     deflection : every control surface at its angle.
     mesh_checks : what `checks_of` says of it, as of any mesh.
-    reference : the deflected CAD.
+    reference : the deflected CAD; without it nothing is measured that needs it.
     background : the mesh around a Chimera block.
     """
     mesh, repair = deflection.plan.mesh, deflection.moved_by_repair
@@ -50,11 +50,12 @@ def validate(
         free = union(*(one.freedom.nodes for one in deflection.repairs))
         still = np.setdiff1d(np.arange(len(repair)), free, assume_unique=True)
         checks.append(unmoved("repair_elsewhere", repair, still, mesh.points))
-    if len(slid):
+    if len(slid) and reference:
         checks.append(slid_on_surfaces(mesh, deflected, slid, reference))
-    for box in deflection.plan.boxes:
-        shape = Shape(case, mesh, deflected, box, repair)
-        checks += with_surface(surface_checks(shape, reference), box, deflection.plan)
+    if reference:
+        for box in deflection.plan.boxes:
+            shape = Shape(case, mesh, deflected, box, repair)
+            checks += with_surface(surface_checks(shape, reference), box, deflection.plan)
     if background is not None:
         checks += overset_checks(case, mesh, deflected, background)
     names = {check.name for check in checks}

@@ -202,6 +202,7 @@ Found = tuple["Search", "RepairMode", Path, dict[str, Any]]
 def _search_of_case(case: str, watch: "Stopwatch", given: dict[str, Any]) -> Found:
     """Return how the limits of a case are found, its mesh made."""
     from sdm_deflect.cases.aircraft.registry import resolve
+    from sdm_deflect.cases.run.output import check_installed
 
     threshold, resolution = given.pop("quality") or 0.2, given.pop("resolution") or 1.0
     chosen = {name: given.pop(name) for name in ("scale", "repair", "assignments")}
@@ -209,6 +210,7 @@ def _search_of_case(case: str, watch: "Stopwatch", given: dict[str, Any]) -> Fou
         flag = options.flag(BY_NAME[name]) if name in BY_NAME else f"--{name}"
         raise InputError(f"{flag} is of a mesh, and {case} is a case: replace its settings by --set")
     resolved = resolve(case, **{**chosen, "scale": chosen["scale"] or "small"})
+    check_installed("aircraft")
 
     from sdm_deflect.cases.aircraft.pipeline import case_search, meshed
 

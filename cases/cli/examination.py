@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from tempfile import TemporaryFile
 
-from sdm_deflect.cases.run.output import EXTRAS, LIBRARIES, usable_cores, versions
+from sdm_deflect.cases.run.output import EXTRAS, LIBRARIES, lacks, usable_cores, versions
 from sdm_deflect.deform.base.compiled import CODE_VARIABLE, FOLDER_VARIABLE, code_complaint, code_folder, default_folder
 from sdm_deflect.meshing.cache import MeshCache
 from sdm_deflect.meshing.formats.format import MeshFileError
@@ -42,10 +42,9 @@ def libraries() -> Finding:
 
 def extras() -> Finding:
     """Say which extras are installed; none must be."""
-    absent = {extra: [name for name in modules if find_spec(name) is None] for extra, modules in EXTRAS.items()}
-    ready = [extra for extra, modules in absent.items() if not modules]
-    lacking = [f"{extra} lacks {', '.join(modules)}" for extra, modules in absent.items() if modules]
-    return Finding("extras", True, "; ".join([", ".join(ready) or "none is installed", *lacking]))
+    lacking = {extra: text for extra in EXTRAS if (text := lacks(extra))}
+    ready = [extra for extra in EXTRAS if extra not in lacking]
+    return Finding("extras", True, "; ".join([", ".join(ready) or "none is installed", *lacking.values()]))
 
 
 def compiled() -> Finding:

@@ -39,17 +39,18 @@ def run(
 ) -> int:
     """Build a case as CAD, mesh it, deflect it and validate it."""
     from sdm_deflect.cases.aircraft.registry import resolve
+    from sdm_deflect.cases.run.output import check_installed, lacks, output_folder
 
     resolved = resolve(case, **given)
+    check_installed("aircraft")
 
     from sdm_deflect.cases.aircraft.metrics import summary
     from sdm_deflect.cases.aircraft.pipeline import run_case
     from sdm_deflect.cases.run.metrics import warnings_of
-    from sdm_deflect.cases.run.output import output_folder, report_lacks
 
     from .console import outcome, rigid_lines, verdict, warning_texts
 
-    folder, lacking = out or Path("runs") / resolved.name, report_lacks() if report else ""
+    folder, lacking = out or Path("runs") / resolved.name, lacks("report") if report else ""
     with output_folder(folder) as scratch, options.watched(quiet or (as_json and not verbose), verbose) as watch:
         result = run_case(resolved, watch, scratch, cache, report and not lacking)
     if lacking:
@@ -114,9 +115,12 @@ def validate(folder: Path, as_json: bool, quiet: bool, verbose: bool) -> int:
     from .console import outcome, rigid_lines, verdict
 
     with options.watched(quiet, verbose) as watch, watch.stage("validation"):
-        checks = finished(folder).validated()
-    tables = (verdict(checks, str(folder)), *rigid_lines(checks), outcome(checks))
-    options.print_either(as_json, {"folder": folder, **verdict_figures(checks)}, *tables)
+        run = finished(folder)
+        checks = run.validated()
+    skipped = run.skipped(checks)
+    notes = [f"not measured again: {', '.join(skipped)}; {run.lacks}"] if skipped else []
+    tables = (verdict(checks, str(folder)), *rigid_lines(checks), *notes, outcome(checks))
+    options.print_either(as_json, {"folder": folder, **verdict_figures(checks), "skipped": skipped}, *tables)
     return options.code_of(all(check.passed for check in checks))
 
 
@@ -130,9 +134,9 @@ def report(folder: Path, form: str | None, quiet: bool, verbose: bool) -> int:
     The run may also be the folder beside a deflected mesh. The command writes report.html and figures/ into it.
     """
     from sdm_deflect.cases.finished import finished
-    from sdm_deflect.cases.run.output import check_report
+    from sdm_deflect.cases.run.output import check_installed
 
-    check_report()
+    check_installed("report")
     with options.watched(quiet, verbose) as watch, watch.stage("report"):
         data = finished(folder).report(form or "")
     click.echo(f"{folder / 'report.html'}: {(folder / 'report.html').stat().st_size / 1e6:.1f} MB")

@@ -116,7 +116,8 @@ class FinishedRun:
     def report_data(self) -> ReportData:
         """Return what its report shows, with the checks that it made itself; InputError if a file is damaged."""
         figures, checks, fits = read_figures(self.folder)
-        data = job_data(self.plan, self.plan.angle, self.points, self.settings, fits, self.repair)
+        stored = self.settings, self.folder.resolve().name
+        data = job_data(self.plan, self.plan.angle, self.points, stored, fits, self.repair)
         return data.with_verdict(checks, figures)
 
     def validated(self) -> tuple[Check, ...]:
@@ -134,6 +135,16 @@ class FinishedRun:
         text = difference(self.plan.mesh, self.points, out) if out.exists() else "it is not there"
         whole = Check("mesh_file", float(bool(text)), 0.0, "faults", f"{out.name}: {text}" if text else out.name)
         return (*checks_of(Deflection.at(plan, self.points, self.repair)), *measured(stored), whole)
+
+    @property
+    def lacks(self) -> str:
+        """What is not installed without which some checks cannot be made again, as a sentence."""
+        return ""
+
+    def skipped(self, checks: Sequence[Check]) -> tuple[str, ...]:
+        """Return the names of the run's checks that are not among those that were made again."""
+        names = {check.name for check in checks}
+        return tuple(check.name for check in read_figures(self.folder)[1] if check.name not in names)
 
     def fresh_report_data(self) -> ReportData:
         """Return what a report made anew shows."""

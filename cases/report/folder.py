@@ -1,10 +1,11 @@
 """The folder of a run: settings, figures, arrays, pictures and the page."""
 
 import json
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
-from os.path import relpath
+from os.path import normpath, relpath
 from pathlib import Path
 from tomllib import loads
 from typing import Any
@@ -25,7 +26,7 @@ from sdm_deflect.cases.run.metrics import (
     verdict_figures,
     warnings_of,
 )
-from sdm_deflect.cases.run.output import report_lacks, write_convergence, write_interpolants
+from sdm_deflect.cases.run.output import lacks, write_convergence, write_interpolants
 from sdm_deflect.cases.settings.conversion import table_of
 from sdm_deflect.deform.base import threads
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray, union
@@ -65,7 +66,7 @@ def write_run_folder(
 ) -> ReportData:
     """Write settings.toml, metrics.json, deflected.vtu, convergence.csv, interpolant.npz, figures and report.html.
 
-    Figures and page are left out where their libraries are not installed (`report_lacks`).
+    Figures and page are left out where their libraries are not installed (`lacks`).
 
     Parameters
     ----------
@@ -80,11 +81,13 @@ def write_run_folder(
     place = folder_of(out) if out else home or folder
     settings = tomli_w.dumps(settings_of(deflection, place, folder))
     (folder / SETTINGS).write_text(settings, encoding="utf-8")
-    write_arrays(folder, deflection, is_small(deflection.plan.mesh))
+    whole = is_small(deflection.plan.mesh)
+    write_arrays(folder, deflection, whole)
     figures = metrics_of(deflection, checks, out, timings)
+    figures["notes"] += [] if whole else [PART.format(cells=deflection.plan.touched.count)]
     (folder / "metrics.json").write_text(json.dumps(figures, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    data = data_of(deflection, settings).with_verdict(checks, figures)
-    if not report_lacks():
+    data = data_of(deflection, settings, place.name).with_verdict(checks, figures)
+    if not lacks("report"):
         from .page import write_report
         from .pictures import drawn
 
@@ -92,17 +95,24 @@ def write_run_folder(
     return data
 
 
-def data_of(deflection: Deflection, settings: str = "") -> ReportData:
-    """Return what pictures of a deflection show, before it is judged; `settings` is the content of settings.toml."""
-    fits = [FitRows.of(box) for box in deflection.boxes]
-    return job_data(deflection.plan, deflection.angle, deflection.points, settings, fits, deflection.moved_by_repair)
+def data_of(deflection: Deflection, settings: str = "", name: str = "") -> ReportData:
+    """Return what pictures of a deflection show, before it is judged.
+
+    `settings` is the content of settings.toml in the folder `name`.
+    """
+    fits, repair = [FitRows.of(box) for box in deflection.boxes], deflection.moved_by_repair
+    return job_data(deflection.plan, deflection.angle, deflection.points, (settings, name), fits, repair)
 
 
 def job_data(
-    plan: Plan, angle: float, points: FloatArray, settings: str, fits: Sequence[FitRows], repair: FloatArray | None
-) -> ReportData:
-    """Return what a report shows of points (N, 3), of which a repair (N, 3) is a part."""
-    mesh = plan.mesh
+    plan: Plan, angle: float, points: FloatArray, stored: tuple[str, str], fits: Sequence[FitRows],
+    repair: FloatArray | None,
+) -> ReportData:  # fmt: skip
+    """Return what a report shows of points (N, 3), of which a repair (N, 3) is a part.
+
+    `stored` is the content of settings.toml and the name of its folder.
+    """
+    mesh, (settings, folder) = plan.mesh, stored
     boxes = tuple(
         Box.of(box, plan.angle_of(box, angle), name_of(plan.patches) if len(plan.boxes) == 1 else box.surface, fit)
         for box, fit in zip(plan.boxes, fits, strict=True)
@@ -116,7 +126,7 @@ def job_data(
         facts=(
             ("mesh", mesh.name),
             *((f"{name} moves by up to", travel) for name, travel in travels(plan)),
-            *((f"{name} turns", text) for name, text in motions(plan)),
+            *((f"motion of {name}", text) for name, text in motions(plan)),
         ),
         mesh=mesh,
         points=points,
@@ -124,7 +134,7 @@ def job_data(
         length=MESH_UNITS,
         settings=settings,
         settings_file=SETTINGS,
-        repeat=f"sdm deflect {nested.get('mesh', 'MESH')} --config {SETTINGS}",
+        repeat=_repeat(nested.get("mesh", ""), folder),
         tables={"settings": rows_of(nested), **tables},
         middle=0.5 * (places.min(axis=0) + places.max(axis=0)),
         drawn=shown,
@@ -133,13 +143,18 @@ def job_data(
     )
 
 
+def _repeat(mesh: str, folder: str) -> str:
+    """Return the command that repeats a deflection, as typed where the folder is: it replaces that folder."""
+    source = normpath(Path(folder, mesh)) if mesh else "MESH"
+    return shlex.join(["sdm", "deflect", source, "--config", str(Path(folder, SETTINGS))])
+
+
 def metrics_of(
     deflection: Deflection, checks: tuple[Check, ...], out: Path | None, timings: Mapping[str, float]
 ) -> Json:
     """Return the content of metrics.json; lengths in the mesh's unit."""
     plan, figures = deflection.plan, deflection_figures(deflection)
     boxes = figures_by_box(deflection) if len(deflection.boxes) > 1 else {name_of(plan.patches): figures}
-    part = [] if is_small(plan.mesh) else [PART.format(cells=plan.touched.count)]
     return {
         "mesh": mesh_figures(plan),
         "angle_deg": deflection.angle,
@@ -151,7 +166,7 @@ def metrics_of(
         "validation": verdict_figures(checks),
         "deflections": boxes,
         "warnings": list(warnings_of(plan)),
-        "notes": [*notes_of(plan), *part],
+        "notes": list(notes_of(plan)),
         "files": [str(out)] if out else [],
         "timings": dict(timings),
         "total_seconds": sum(timings.values()),

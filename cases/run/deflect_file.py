@@ -29,7 +29,7 @@ from .metrics import (
     verdict_figures,
     warnings_of,
 )
-from .output import output_files, report_lacks
+from .output import lacks, output_files
 from .progress import Stopwatch
 
 
@@ -165,7 +165,7 @@ def _deflected(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: R
             names.append(wanted.field)
         check_unchanged(plan.mesh.files)
         wanted.keep_tables(scratch)
-    lacking = report_lacks() if wanted.reported else ""
+    lacking = lacks("report") if wanted.reported else ""
     notes = (f"there is no report.html: {lacking}",) if lacking else ()
     return Outcome(plan, tuple(summaries), tuple(names), wanted.reports, lost, notes)
 

@@ -21,7 +21,7 @@ from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.plan import Plan
 
-from .output import report_lacks, write_table
+from .output import lacks, write_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -215,7 +215,7 @@ def write_limits(limits: tuple[Limit, ...], search: Search, folder: Path) -> Tab
     for mode, trials in _curves(limits).items():
         rows += [(mode, f"{t.angle:g}", f"{t.quality_min:.4f}", t.steps, t.where, t.reason) for t in trials]
     write_table(folder / "limit.csv", rows)
-    if not report_lacks():
+    if not lacks("report"):
         _draw(limits, search).savefig(folder / "limit.png", dpi=110, metadata={"Software": None})
     asked = "the quality that was asked for" if search.threshold is None else f"quality >= {search.threshold:g}"
     table = Table(title=f"{search.title}: largest deflections with {asked}", title_justify="left")

@@ -137,6 +137,10 @@ class Targets:
         for folder in self.reports:
             if folder.exists() and not is_report(folder):
                 raise InputError(f"{folder} exists already and is no earlier report; delete it, or choose another out")
+            if Path.cwd().is_relative_to(folder.resolve()):
+                raise InputError(
+                    f"{folder}: this command works in the folder that it is to replace; run it from another"
+                )
         if self._is_folder and self.out.resolve().is_relative_to(format_of(self.source).place(self.source).resolve()):
             raise InputError(f"{self.out} lies in the case that is read; name a folder outside it in out")
 

@@ -40,18 +40,6 @@ FORMULA = ("=", "+", "-", "@", "\t", "\r", "'")
 """What text begins with that a spreadsheet runs, and our mark of it."""
 
 
-def report_lacks() -> str:
-    """Return a sentence on what a report needs and is not installed; empty if all is."""
-    absent = [name for name in ("jinja2", "matplotlib", "PIL") if find_spec(name) is None]
-    return f"a report needs {' and '.join(absent)}: in your clone, pip install '.[report]'" if absent else ""
-
-
-def check_report() -> None:
-    """Raise InputError if a library is missing that a report needs."""
-    if text := report_lacks():
-        raise InputError(text)
-
-
 @contextmanager
 def output_folder(target: Path, stale: Sequence[str] = RUN) -> Iterator[Path]:
     """Yield an empty folder that replaces `target` as one on success; else nothing changes.
@@ -165,10 +153,29 @@ OPTIONAL = (
 EXTRAS = {
     "report": ("jinja2", "markupsafe", "matplotlib", "PIL"),
     "view": ("aiohttp",),
-    "aircraft": ("cadquery", "OCP", "gmsh", "meshio", "pymeshlab", "pytetwild", "rtree", "trimesh"),
+    "aircraft": ("cadquery", "OCP", "gmsh", "meshio", "pymeshlab", "pytetwild", "pyvista", "rtree", "trimesh"),
     "cluster": ("cryptography", "dask", "distributed"),
 }
 """Modules that an installation may lack, by the extra that brings them."""
+BRINGS = {
+    "report": "a report",
+    "view": "sdm view",
+    "aircraft": "making and measuring the SDM's CAD and meshes (sdm run, geometry, limit CASE)",
+    "cluster": "work by others (--workers, --scheduler)",
+}
+"""What needs an extra."""
+
+
+def lacks(extra: str) -> str:
+    """Return a sentence on what is not installed of an extra; empty if all is."""
+    absent = [name for name in EXTRAS[extra] if find_spec(name) is None]
+    return f"{BRINGS[extra]} needs {', '.join(absent)}: in your clone, pip install '.[{extra}]'" if absent else ""
+
+
+def check_installed(extra: str) -> None:
+    """Raise InputError if a library of an extra is missing."""
+    if text := lacks(extra):
+        raise InputError(text)
 
 
 def versions(libraries: Sequence[str] = (*LIBRARIES, *OPTIONAL)) -> dict[str, str]:

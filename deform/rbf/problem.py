@@ -28,6 +28,10 @@ from .kernels import Kernel, kernel_matrix, kernel_sum
 XYZ = (0, 1, 2)
 
 
+class CoincidentSitesError(ValueError):
+    """Two data sites are at one place."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class DataSites:
     """Known displacement components at distinct points."""
@@ -53,7 +57,7 @@ class DataSites:
         first = first_coincident(self.points)
         twice = np.flatnonzero(first != np.arange(len(first)))
         if len(twice):
-            raise ValueError(
+            raise CoincidentSitesError(
                 f"{len(twice)} data sites coincide with another, for example rows {first[twice[0]]} and "
                 f"{twice[0]} at {self.points[twice[0]]}: leave one of each pair, or merge them with `joined`"
             )
@@ -96,7 +100,7 @@ def _check_agreement(points: FloatArray, values: FloatArray, first: IndexArray, 
     gap = np.abs(values - values[first]).max(axis=1)
     worst = int(np.argmax(gap))
     if gap[worst] > tol:
-        raise ValueError(
+        raise CoincidentSitesError(
             f"{int(np.count_nonzero(gap > tol))} pairs of coinciding data sites are to move differently, such as "
             f"at {points[worst]}: by {values[first[worst]]} and by {values[worst]} m"
         )

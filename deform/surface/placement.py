@@ -13,6 +13,7 @@ from sdm_deflect.deform.mesh.axis import Axis
 from .blended import BlendedLaw
 from .motions import MotionLaw
 from .surface import Surface
+from .tail_root import RootLaw
 
 UNITS = (1000.0, 0.001, 25.4, 1.0 / 25.4, 0.3048, 1.0 / 0.3048, 39.37, 1.0 / 39.37)
 """Factors between metres, millimetres, inches and feet."""
@@ -126,6 +127,8 @@ OUTER = 0.9
 """Of the distance of the trailing edge from the hinge: held nodes beyond are its ends."""
 FAR_FROM_ITS_WAY = 0.5
 """Of the largest distance from the hinge: what counts as trailing edge where no nodes follow a motion."""
+NO_DISTANCE = 1e-9
+"""Chords from a rigid turn that are rounding."""
 STATIONS = 2001
 """Places along the span at which the angle is averaged, and the resolution of nodes' places is finer by 1000."""
 
@@ -139,7 +142,7 @@ class Reached:
     full : share of the span over which the trailing edge reaches the full angle.
     mean : mean of the trailing edge's angle over the span, as a share of the angle.
     off : largest distance of a node from where the rigid turn would bring it, over the chord there, from the hinge to
-        the trailing edge; of the nodes beyond the strips beside closed ribs.
+        the trailing edge; without the strips beside closed ribs, and without a tail's root.
     place : coordinates of that node before, in the mesh's unit of length.
     """
 
@@ -166,7 +169,7 @@ class Reached:
         shares, chords = (np.bincount(rows, values[edge]) / count for values in (share, reach))
         angle = np.interp(np.linspace(0.0, at[-1], STATIONS), at, shares)
         chord = np.interp((station - low) / span * finest, at, chords)
-        off = np.where(law.exact, np.linalg.norm(moved - turn, axis=1) / chord, 0.0)
+        off = np.where(_turning(law), np.linalg.norm(moved - turn, axis=1) / chord, 0.0)
         worst = int(np.argmax(off))
         x, y, z = points[worst].tolist()
         return cls(float((angle >= FULL).mean()), float(angle.mean()), float(off[worst]), (x, y, z))
@@ -175,16 +178,26 @@ class Reached:
     def text(self) -> str:
         """The figures as a sentence."""
         place = ", ".join(f"{x:.4g}" for x in self.place)
-        return (
-            f"{self.full:.0%} of the span turns by the full angle; the mean over the span is {self.mean:.0%} of it; "
-            f"nodes are up to {self.off:.2g} chords from a rigid turn" + (f", at ({place})" if self.off else "")
-        )
+        share = f"{self.full:.0%} of the span turns by the full angle; the mean over the span is {self.mean:.0%} of it"
+        if self.full in (0.0, 1.0):  # as in a plane mesh, which has no span
+            share = "turns by the full angle" if self.full else f"turns by {self.mean:.0%} of the angle on average"
+        off = f"; nodes are up to {self.off:.2g} chords from a rigid turn, at ({place})"
+        return share + (off if self.off >= NO_DISTANCE else "")
+
+
+def _turning(law: MotionLaw) -> BoolArray:
+    """Return which nodes (K,) a rigid turn would bring where they go: not in strips, panels and extended roots."""
+    return law.beyond_root if isinstance(law, RootLaw) else law.exact
 
 
 def _edge(law: MotionLaw, station: FloatArray, reach: FloatArray) -> BoolArray:
-    """Return which nodes (K,) are on the trailing edge: those that follow a blended motion, and its ends that stay."""
+    """Return which nodes (K,) are on the trailing edge: those that follow a blended motion, and its ends that stay.
+
+    Of other motions they are those far from the hinge, of a tail those beyond its root.
+    """
     if not isinstance(law, BlendedLaw):
-        return np.asarray(reach >= FAR_FROM_ITS_WAY * reach.max())
+        turning = _turning(law)
+        return np.asarray(turning & (reach >= FAR_FROM_ITS_WAY * reach[turning].max()))
     rows = np.flatnonzero(law.driven)
     rows = rows[np.argsort(station[rows], kind="stable")]
     return np.asarray(law.driven | (law.held & (reach >= OUTER * np.interp(station, station[rows], reach[rows]))))

@@ -83,6 +83,13 @@ class RootLaw:
         """Nodes (K,) of the tail."""
         return self.tail
 
+    @property
+    def beyond_root(self) -> BoolArray:
+        """Nodes (K,) of the tail outboard of the region that is extended."""
+        beyond = self.tail.copy()
+        beyond[self.tail] = ~self._region(0.0).inside
+        return beyond
+
     def displacement(self, amount: float) -> FloatArray:
         """Return how far each node (K, 3) moves.
 

@@ -16,6 +16,8 @@ from sdm_deflect.deform.mesh.mesh import Precision
 from sdm_deflect.deform.mesh.orthogonality import State
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.mesh.touched import Least, TouchedCells
+from sdm_deflect.deform.rbf.interpolant import SolveError
+from sdm_deflect.deform.rbf.problem import CoincidentSitesError
 from sdm_deflect.deform.repair.patch import RepairResult
 from sdm_deflect.deform.repair.repair import repaired
 
@@ -24,7 +26,7 @@ from .plan import BoxPlan, Plan
 from .step import Adapting, Step, Way, rate, solve
 
 MOST_MIDPOINTS = 20_000
-"""Points that are measured; of more, every n-th."""
+"""Largest number of sample points; larger sets are thinned evenly."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +47,8 @@ class ErrorBetween:
     def of(cls, boundary: PrescribedNodes, steps: Sequence[Step], displacement: FloatArray) -> "ErrorBetween | None":
         """Measure the steps of a deflection whose moving nodes (K, 3) go so far; None for surfaces without faces.
 
-        A point of an edge or a face goes as far as the mean of its corners does. That is where a rotation brings it,
-        exactly, and what becomes of the mesh's own, flat face for any motion; of one that bends within a face, the
-        error holds how much.
+        The reference displacement of a midpoint is the mean of its corners': exact for a rotation. For motions that
+        bend a face, the error includes the bending.
         """
         faces = [block for surface in boundary.surfaces for block in boundary.mesh.faces_of(surface.patches)]
         corners = _corners(polygons_of(faces))
@@ -283,19 +284,31 @@ def deflect_box(
 
     Where cells invert that did not before, the angle is taken in twice as many steps while that leaves at most half as
     many such cells, and as long as the repair leaves any. If no number of steps leaves none, the one with the fewest
-    is the result. A single step uses the centres and factors of an earlier deflection of a single step.
+    is the result. A number of steps is passed over if one of them has no solution, for example because a moving node
+    meets a fixed one on the way. A single step uses the centres and factors of an earlier deflection of a single step.
     """
     reused = earlier.steps[0] if earlier is not None and len(earlier.steps) == 1 else None
-    attempts, most = [adapted_steps(plan, angle, 1, progress, reused)], plan.job.fitting.max_steps
+    attempts, count, most = [adapted_steps(plan, angle, 1, progress, reused)], 1, plan.job.fitting.max_steps
     allowed = attempts[0].inverted
-    while 0 < attempts[-1].inverted <= allowed and 2 ** len(attempts) <= most:
-        allowed = attempts[-1].inverted // 2
-        attempts.append(adapted_steps(plan, angle, 2 ** len(attempts), progress))
+    while 0 < attempts[-1].inverted <= allowed and 2 * count <= most:
+        count *= 2
+        if attempt := _possible(plan, angle, count, progress):
+            allowed = attempts[-1].inverted // 2
+            attempts.append(attempt)
     best = with_repair(min(attempts, key=lambda attempt: attempt.inverted), progress)
-    while best.inverted and 2 ** len(attempts) <= most:
-        attempts.append(with_repair(adapted_steps(plan, angle, 2 ** len(attempts), progress), progress))
-        best = min(best, attempts[-1], key=lambda attempt: attempt.inverted)
+    while best.inverted and 2 * count <= most:
+        count *= 2
+        if attempt := _possible(plan, angle, count, progress):
+            best = min(best, with_repair(attempt, progress), key=lambda attempt: attempt.inverted)
     return best
+
+
+def _possible(plan: BoxPlan, angle: float, count: int, progress: Progress) -> BoxDeflection | None:
+    """Deflect in several steps; None if one has no solution."""
+    try:
+        return adapted_steps(plan, angle, count, progress)
+    except (InputError, CoincidentSitesError, SolveError):
+        return None
 
 
 def with_repair(deflection: BoxDeflection, progress: Progress = silent) -> BoxDeflection:
@@ -321,7 +334,7 @@ def least_of(touched: TouchedCells, points: FloatArray, quality: Sequence[Qualit
 
 
 def stepped(plan: BoxPlan, angle: float, ways: Sequence[Way]) -> BoxDeflection:
-    """Deflect in equal steps, each from the end of the last one; `ways` finds the centres of each."""
+    """Deflect in equal steps, each from the end of the last one; `ways` holds a way to choose centres for each."""
     begin, nodes = perf_counter(), plan.sites.moving
     points, steps, reached = plan.mesh.points, [], np.zeros((len(nodes), 3))
     for k, way in enumerate(ways, 1):

@@ -12,7 +12,7 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import Progress, single_threaded_blas
 from sdm_deflect.deform.mesh.images import Images
 from sdm_deflect.deform.mesh.mesh import HERE, Runner
-from sdm_deflect.deform.mesh.sliding import SlidingSurface
+from sdm_deflect.deform.mesh.sliding import Plane, SlidingSurface
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.fitting import Fitting, RuleName, Strategy
 from sdm_deflect.deform.rbf.greedy import Adaptation, GreedyOptions, Rule, Separated, Stop, Worst, adapt, fused
@@ -36,7 +36,7 @@ GROUPINGS: dict[Strategy, Callable[[Sequence[DataSites]], tuple[DataSites, ...]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fits:
-    """FittedStep groups of directions."""
+    """The fits of one step, one for each group of directions."""
 
     adaptations: tuple[Adaptation, ...]
 
@@ -206,7 +206,7 @@ class StepStart:
         if self.following and turns is not None:
             out = self.following.free.following(interpolated, values, turns)
         for section, nodes in self.region.sections:
-            out[np.searchsorted(self.free, nodes), section.component] = 0.0
+            out[np.isin(self.free, nodes, assume_unique=True), section.component] = 0.0
         return self.tied.projected(out)
 
     def carried(self, displacement: FloatArray, boundary: FloatArray, turns: FloatArray | None) -> FloatArray:
@@ -428,10 +428,14 @@ def _on_shapes_rate(state: StepStart, displacement: FloatArray, speed: FloatArra
 
 
 def _rounds(state: StepStart) -> list[tuple[SlidingSurface, IntArray, FloatArray]]:
-    """Return each shape with the rows and points of the sliding nodes on it, once, or in turn if there are several."""
+    """Return each shape with the rows and points of the sliding nodes on it, once, or in turn if there are several.
+
+    Those that are also on a section stay in its plane as well.
+    """
     slid, patches = state.sites.slid, state.boundary.sliding
-    one = [
-        (patch.surface, np.searchsorted(slid, nodes), state.points[nodes])
-        for patch, nodes in zip(patches, state.sites.sliding, strict=True)
-    ]
+    shapes = [*zip((patch.surface for patch in patches), state.sites.sliding, strict=True)]
+    for section, nodes in state.region.sections:
+        both = np.intersect1d(nodes, slid, assume_unique=True)
+        shapes += [(Plane(section.point, np.eye(3)[section.component]), both)] * bool(len(both))
+    one = [(surface, np.searchsorted(slid, nodes), state.points[nodes]) for surface, nodes in shapes]
     return one * (ROUNDS if len(one) + bool(len(state.tied_sliding.nodes)) > 1 else 1)

@@ -13,12 +13,12 @@ import pytest
 from sdm_deflect.cases.report import folder as folders
 from sdm_deflect.cases.report.data import MESH_UNITS, METRES, in_view, name_of
 from sdm_deflect.cases.report.finished import FinishedRun
-from sdm_deflect.cases.report.folder import part_of, write_arrays, write_run_folder
+from sdm_deflect.cases.report.folder import PART, part_of, write_arrays, write_run_folder
 from sdm_deflect.cases.report.page import page
 from sdm_deflect.cases.report.pictures import Gallery
 from sdm_deflect.cases.report.slices import CutPlane, by_size, cut_cells, cut_walls, planes, triangles_of
 from sdm_deflect.cases.report.turnable import TABLES, turnable
-from sdm_deflect.cases.run.output import RUN, check_report
+from sdm_deflect.cases.run.output import RUN, check_installed
 from sdm_deflect.cases.settings.jobs import jobs_of
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.checks import checks_of
@@ -182,6 +182,26 @@ def blended(hinge):
     return jobs_of(job_settings({"surface": [surface], "fixed": ["wing_*"]}))[0]
 
 
+@pytest.mark.parametrize("whole", [True, False])
+def test_a_note_says_when_the_file_is_a_part_of_the_mesh(whole, coarse_wing, tmp_path, monkeypatch):
+    one = deflect(Plan.of(coarse_wing.mesh, [blended(coarse_wing.hinge)]), 3.0)
+    limited(monkeypatch, shown=10**9 if whole else 1)
+    write_run_folder(tmp_path, one, (), None, {})
+    path = tmp_path / "deflected.vtu"
+    cells = sum(format_of(path).read(path).cell_counts)
+    assert (cells == sum(one.plan.mesh.cell_counts)) == whole
+    notes = [note for note in json.loads((tmp_path / "metrics.json").read_text())["notes"] if "holds only" in note]
+    assert notes == ([] if whole else [PART.format(cells=cells)])
+
+
+def test_the_command_that_repeats_it_is_typed_outside_the_folder(coarse_wing, tmp_path):
+    """It replaces the folder of the report, so a shell within would stand in a folder that is gone."""
+    mesh = replace(coarse_wing.mesh, source=str(tmp_path / "a wing.su2"))
+    one = deflect(Plan.of(mesh, [blended(coarse_wing.hinge)]), 3.0)
+    data = write_run_folder(tmp_path / "scratch", one, (), tmp_path / "out.su2", {})
+    assert data.repeat == "sdm deflect 'a wing.su2' --config out-report/settings.toml"
+
+
 @pytest.mark.nightly
 def test_polyhedra_and_nodes_alone_have_a_report(tmp_path):
     block = block_with_body()
@@ -253,7 +273,7 @@ def test_without_its_libraries_a_report_has_all_but_the_page(coarse_wing, tmp_pa
     write_run_folder(tmp_path, one, tuple(checks_of(one)), None, {})
     assert {path.name for path in tmp_path.iterdir()} == FILES - {"report.html"}
     with pytest.raises(InputError, match=r"a report needs jinja2: in your clone, pip install '.\[report\]'"):
-        check_report()
+        check_installed("report")
 
 
 def test_far_field_is_not_drawn_at_first(coarse_wing):

@@ -86,6 +86,10 @@ def test_every_name_is_there(kept):
     assert figures["total_seconds"] > sum(figures["timings"].values())
 
 
+def test_no_note_says_that_the_file_of_the_whole_mesh_is_a_part(kept):
+    assert kept[0]["notes"] == []
+
+
 def test_the_checks_have_their_names(kept):
     figures, names = kept
     checks = figures["validation"]["checks"]

@@ -11,11 +11,13 @@ from sdm_deflect.deform.checks import checks_of, run
 from sdm_deflect.deform.mesh.cells import Cells
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.rbf.fitting import Fitting
+from sdm_deflect.deform.rbf.problem import CoincidentSitesError
+from sdm_deflect.deform.surface.motions import Table
 from sdm_deflect.deform.volume import deflection
 from sdm_deflect.deform.volume.deflection import Deflection, deflect
 from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.deform.volume.step import Adapting, rate, solve
-from tests.deform.blocks import two_bodies
+from tests.deform.blocks import block_with_body, two_bodies
 from tests.deform.jobs import FLAP, blended, box_plan, job, turn
 
 BOX = [[0.2, -0.2, -0.5], [1.6, 0.95, 0.5]]
@@ -155,6 +157,22 @@ def test_steps_are_halved_until_no_further_cell_is_inverted(block, counted):
 def test_the_best_attempt_is_kept_if_none_succeeds(block, counted):
     found, tried = counted(block, {1: 9, 2: 3, 4: 5, 8: 7})
     assert (tried, len(found.steps), found.inverted) == ([1, 2, 4, 8], 2, 3)
+
+
+def test_a_number_of_steps_at_which_a_node_meets_another_is_passed_over():
+    """After half of the way a node of the body is where the far side's is; the end is beyond it, and judged there."""
+    mesh = block_with_body(8)
+    moving, other = mesh.on("body"), mesh.on("z+")
+    rise = 2.0 * (mesh.points[other, 2].min() - mesh.points[moving, 2].max())
+    table = Table(mesh.points[moving], np.tile([0.0, 0.0, rise], (len(moving), 1)))
+    box = [[-1.9, -1.9, -1.9], [1.9, 1.9, 2.0 + 2.0 * rise]]
+    given = {"motion": table, "angle": 1.0, "box": box, "fixed": ("z+",), "fitting": Fitting(max_steps=4)}
+    plan = box_plan(mesh, job(("body",), **given))
+    with pytest.raises(CoincidentSitesError, match="data sites coincide"):
+        deflection.adapted_steps(plan, 1.0, 2, silent)
+    found = deflection.deflect_box(plan, 1.0)
+    assert found.inverted
+    assert len(found.steps) != 2
 
 
 def test_of_equal_attempts_the_one_of_fewer_steps_is_kept(block, counted):

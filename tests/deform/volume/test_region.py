@@ -19,7 +19,7 @@ from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.job import Section
 from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.deform.volume.region import check_disjoint, shared_depth
-from tests.deform.blocks import joined
+from tests.deform.blocks import block_with_body, joined
 from tests.deform.jobs import FLAP, job, turn
 
 LOW, HIGH = np.zeros(3), np.ones(3)
@@ -192,6 +192,21 @@ def test_nodes_of_a_section_slide_in_its_plane_and_no_other_boundary_node_moves(
     assert (result.points[nodes, :2] != block.points[nodes, :2]).any()
     others = np.setdiff1d(block.on("x-", "x+", "y-", "y+", "z-", "z+"), nodes)
     assert np.array_equal(result.points[others], block.points[others])
+
+
+def test_nodes_on_a_section_and_a_sliding_patch_stay_on_both():
+    """They are no free nodes: no other node's component is set to zero in their stead."""
+    section = Section("z-", np.array([0.0, 0.0, -2.0]), 2)
+    box, mesh = [[-1.7, -2.5, -2.5], [1.7, 1.7, 1.7]], block_with_body(8)
+    plan = Plan.of(mesh, [job(("body",), angle=10.0, box=box, sections=(section,), slide={"y-": "plane"})])
+    ((_, nodes),) = plan.boxes[0].region.sections
+    both = np.intersect1d(nodes, mesh.on("y-"))
+    moved = deflect(plan, 10.0).points - mesh.points
+    assert len(both) == 7
+    assert np.all(moved[both][:, [1, 2]] == 0.0)
+    assert np.any(moved[both, 0])
+    inner = np.setdiff1d(plan.boxes[0].region.inside, mesh.on(*mesh.names))
+    assert np.all(moved[inner, 2] != 0.0)
 
 
 def test_sites_of_a_section_are_for_its_normal_alone(block):
