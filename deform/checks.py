@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.base import threads
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, distinct, union
+from sdm_deflect.deform.base.errors import short_list
 from sdm_deflect.deform.base.threads import Stage, unseen
 from sdm_deflect.deform.mesh import polyhedra
 from sdm_deflect.deform.mesh.cells import Polyhedra
@@ -180,7 +181,7 @@ def left_behind(deflection: Deflection, unit: str = "") -> Check:
                 largest = max(largest, float(moved[some[hit]].max(initial=0.0)))
     where = f"{over} nodes that moved, beside {stay} in the box that stay, without patches in fixed and held"
     if count := sum(behind.values()):
-        names = ", ".join(f"{number} of {holder}" for holder, number in behind.items() if number)
+        names = short_list(f"{number} of {holder}" for holder, number in behind.items() if number)
         where = (
             f"{names}; moving nodes that were there are now up to {largest:.4g} {unit}".rstrip()
             + " away: let the zone deform (--zone) and its patch move (--surface), or name the patch in fixed"
@@ -323,7 +324,7 @@ def cell_text(deflection: Deflection, row: int, nodes: IntArray, shape: str) -> 
     """Describe an inverted cell by its row in the mesh, its type, and the patches that its nodes are on."""
     plan, repairs = deflection.plan, deflection.repairs
     on = [patch.name for patch in plan.mesh.patches if np.isin(nodes, patch.nodes).any()]
-    text = f"the first is cell {row} ({shape})" + (f" with nodes on {', '.join(on)}" if on else "")
+    text = f"the first is cell {row} ({shape})" + (f" with nodes on {short_list(on)}" if on else "")
     if not repairs:
         return text
     held = not any(np.isin(nodes, repair.freedom.nodes).any() for repair in repairs)

@@ -164,11 +164,11 @@ BUDGETS = {
     "cases/cli": (1265, 7),
     "cases/compare": (511, 4),
     "cases/report": (1998, 10),
-    "cases/run": (2045, 10),
+    "cases/run": (2049, 10),
     "cases/settings": (981, 5),
     "cases/view": (705, 4),
-    "deform": (663, 3),
-    "deform/base": (806, 6),
+    "deform": (664, 3),
+    "deform/base": (812, 6),
     "deform/mesh": (4230, 16),
     "deform/rbf": (1620, 7),
     "deform/repair": (1568, 6),
@@ -176,11 +176,11 @@ BUDGETS = {
     "deform/volume": (3556, 13),
     "geometry": (2071, 13),
     "meshing": (572, 5),
-    "meshing/formats": (9003, 37),
+    "meshing/formats": (9032, 37),
     "meshing/generate": (1566, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 8_210, 450
+MOST_COMPLEXITY, LONGEST = 8_230, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

@@ -23,7 +23,7 @@ from sdm_deflect.cases.run.metrics import (
     warnings_of,
 )
 from sdm_deflect.deform.base.arrays import union
-from sdm_deflect.deform.base.errors import printable
+from sdm_deflect.deform.base.errors import printable, short_list
 from sdm_deflect.deform.checks import Check, Verdict
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
@@ -109,7 +109,7 @@ def result_table(done: "Outcome", whole: bool) -> Group:
         texts.append(f"first angle {done.angles[0].seconds:.2f} s{mean}")
     if done.files:
         unfit = "" if done.passed else "; do not use the mesh as it is"
-        texts.append(f"wrote {', '.join(map(str, (*done.files, *done.reports)))}{unfit}")
+        texts.append(f"wrote {short_list(map(str, (*done.files, *done.reports)))}{unfit}")
     warned = warnings_of(done.plan)
     last = outcome([check for summary in done.angles for check in summary.checks], warned)
     return Group(*warning_texts(warned, last), *tables, *_texts([*texts, last]))

@@ -20,7 +20,7 @@ from sdm_deflect.cases.settings.job_settings import (
     selections_of,
     with_options,
 )
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.errors import InputError, short_list
 
 from . import options
 
@@ -263,7 +263,7 @@ def _show_plan(wanted: "Targets", plan: "Plan", as_json: bool) -> int:
         for path in (*map(wanted.mesh, wanted.angles), *wanted.extra, *filter(None, [wanted.field]), *wanted.reports)
     ]
     figured = {**plan_figures(plan), "files": names}
-    options.print_either(as_json, figured, plan_table(plan), f"would write {', '.join(names)}")
+    options.print_either(as_json, figured, plan_table(plan), f"would write {short_list(names)}")
     return 0
 
 

@@ -1,7 +1,7 @@
 """A finished run, read from its folder: what is asked of it, whether it is of a case or of any mesh."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from shlex import quote
 from tomllib import loads
@@ -20,7 +20,7 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.plan import Plan
-from sdm_deflect.meshing.formats.registry import format_of
+from sdm_deflect.meshing.formats.registry import format_of, read
 from sdm_deflect.meshing.formats.vtu import vtu_arrays
 
 from .data import MESH_UNITS, RUN, Length, ReportData, in_view, measured, read_figures, read_json
@@ -80,7 +80,7 @@ class FinishedRun:
         if not path or not isinstance(path, str):
             raise InputError(f"{folder / SETTINGS} names no mesh: this deflection was of no file")
         source = (folder / path).resolve()
-        mesh = replace(format_of(source).read(source), name=source.name, source=str(source))
+        mesh = read(source)
         if len(mesh.points) != count:
             raise InputError(f"{source} has {len(mesh.points)} points, but {count} when it was deflected")
         plan = Plan.of(mesh, jobs_of(job_settings(read_job(folder / SETTINGS))))

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.errors import InputError, short_list
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import Zone
 from sdm_deflect.deform.mesh.mesh import DOUBLE, check_unchanged, states_of
@@ -107,8 +107,8 @@ def _deforming(mesh: Path, zones: Sequence[Zone], box: FieldBox, further: Sequen
     wanted = {*box.zones, *further}
     own = [zone for zone in zones if "*" in wanted or wanted & {zone.name, *zone.blocks}]
     if not own:
-        names = ", ".join(zone.name for zone in zones)
-        raise InputError(f"{mesh}: none of its zones {names} is one that deforms: {', '.join(sorted(wanted))}")
+        names = short_list(zone.name for zone in zones)
+        raise InputError(f"{mesh}: none of its zones {names} is one that deforms: {short_list(sorted(wanted))}")
     yield from (slice(zone.start, zone.stop) for zone in own)
 
 

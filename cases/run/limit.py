@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.table import Table
 
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.errors import InputError, short_list
 from sdm_deflect.deform.base.threads import Progress
 from sdm_deflect.deform.checks import run
 from sdm_deflect.deform.mesh.cells import Polyhedra
@@ -206,7 +206,7 @@ def where_worst(deflection: Deflection) -> str:
     if not names:
         return "of a cell within the flow"
     all_on = np.isin(nodes, mesh.on(*mesh.names)).all()
-    return ("of a cell with every node on " if all_on else "of a cell at ") + ", ".join(names)
+    return ("of a cell with every node on " if all_on else "of a cell at ") + short_list(names)
 
 
 def write_limits(limits: tuple[Limit, ...], search: Search, folder: Path) -> Table:

@@ -148,8 +148,9 @@ class Targets:
         if target.exists() and any(given.exists() and target.samefile(given) for given in read):
             raise InputError(f"{target}: this is a file that is read; name another one in out")
         if target.exists() and not self._replaced(target):
-            rule = "only the file that out names, and an earlier sensitivity, are replaced"
-            raise InputError(f"{target} exists already, and {rule}; delete it, or choose another name in out")
+            rule = "and only the file that out names, and an earlier sensitivity, are replaced"
+            fault = rule if target.is_file() or target.is_dir() else "and is a pipe or a device"
+            raise InputError(f"{target} exists already, {fault}; delete it, or choose another name in out")
 
     def _other_tables(self) -> list[Path]:
         """Return the tables that would replace another one."""
@@ -216,8 +217,11 @@ def write_mesh(
 
     In the format of the source only coordinates change; all else in the file stays, byte by byte. A .vtu made from
     another format shows the point array ``displacement`` and the cell array ``quality``. Raises InputError if the
-    source is no longer the file that was read, and MeshFileError as the format does.
+    source is no longer the file that was read, MeshFileError as the format does, and ValueError for a mesh of a file
+    without the states of the files that were read.
     """
+    if source and not mesh.files:
+        raise ValueError(f"{source}: nobody knows the state in which this mesh was read; read it by registry.read")
     form = format_of(out)
     if mesh.whole:
         moved_rows = np.flatnonzero((points != mesh.points).any(axis=1))

@@ -11,7 +11,7 @@ import tokenize
 import warnings
 import zipfile
 import zlib
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
 from io import BytesIO
@@ -30,8 +30,8 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
 
 
-LONGEST, MOST = 80, 900
-"""Letters of a value that a message shows, and of a message: damaged files hold names and numbers of any length."""
+LONGEST, MOST, FEW = 80, 900, 5
+"""Letters of a value and of a message, and names of a list: damaged files hold any number of names of any length."""
 
 
 def sentence(text: str) -> str:
@@ -57,10 +57,16 @@ def shortened(value: object) -> str:
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
 
 
+def short_list(names: Iterable[object]) -> str:
+    """Return names with commas; of many the first few and the number of the others."""
+    own = [str(name) for name in names]
+    return ", ".join(own[:FEW]) + (f" and {len(own) - FEW} more" if len(own) > FEW else "")
+
+
 def nearest(name: str, known: Collection[str], noun: str = "known are") -> str:
     """Return the end of a sentence about a name that is not known: those that come near it, else all."""
     close = get_close_matches(name, list(known), n=3)
-    return f"did you mean {', '.join(close)}?" if close else f"{noun} {', '.join(known) or 'none'}"
+    return f"did you mean {', '.join(close)}?" if close else f"{noun} {short_list(known) or 'none'}"
 
 
 RATIO_VARIABLE = "SDM_DEFLECT_UNPACK_RATIO"

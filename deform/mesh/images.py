@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, distinct
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.errors import InputError, short_list
 
 from .axis import Axis
 from .cells import Patch, Periodic
@@ -371,7 +371,7 @@ def paired(mesh: Mesh, wanted: Sequence[PeriodicPatches]) -> Mesh:
         names = mesh.named([one.first, one.second], "periodic")
         if len(names) != 2:
             raise InputError(
-                f"{mesh.name}: periodic {one.first} {one.second} stands for {', '.join(names)}; name two patches"
+                f"{mesh.name}: periodic {one.first} {one.second} stands for {short_list(names)}; name two patches"
             )
         own.append(pair_of(mesh.points, (mesh.patch(names[0]), mesh.patch(names[1])), one))
     taken = {name for pair in own for name in pair.patches}

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from sdm_deflect.deform.base import threads
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray, union
-from sdm_deflect.deform.base.errors import InputError, nearest
+from sdm_deflect.deform.base.errors import InputError, nearest, short_list
 from sdm_deflect.deform.base.threads import Progress, available_threads, silent
 
 from .cells import LARGEST, PLANE, Cells, Faces, Patch, Periodic, Polyhedra, Volume, Zone, real, several
@@ -282,7 +282,7 @@ class Mesh:
         names = [patch.name for patch in self.patches]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
-            raise InputError(f"patch names must be distinct; given twice: {', '.join(twice)}")
+            raise InputError(f"patch names must be distinct; given twice: {short_list(twice)}")
         self._check_nodes()
         self._check_plane()
         if not self.zones:

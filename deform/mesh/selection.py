@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.errors import InputError, short_list
 
 from .cells import Cells, Faces, Patch, Polygons, taken
 from .edges import Joints, polygons_of
@@ -255,7 +255,7 @@ class Selection:
         numbered = self.patch not in mesh.names and mark and number.isascii() and number.isdigit()
         names = mesh.named([base if numbered else self.patch], place)
         if len(names) > 1:
-            several = f"{self.patch} stands for several patches, {', '.join(names)}; name one of them"
+            several = f"{self.patch} stands for several patches, {short_list(names)}; name one of them"
             raise InputError(f"{mesh.name}: {place} {several}")
         return names[0], ((Component(int(number)), *self.conditions) if numbered else self.conditions)
 

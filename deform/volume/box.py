@@ -9,7 +9,7 @@ from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.hexahedron import FACES, Hexahedron, box
 from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.cells import bounded
+from sdm_deflect.deform.mesh.cells import LARGEST, bounded
 
 GROWTH = 3.0  # margins are at least this multiple of the largest displacement
 GAP = 0.9  # a face that gives way to a patch stops at this share of the distance to it
@@ -150,8 +150,8 @@ class Automatic:
     margin: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.margin < np.inf:
-            raise InputError(f"margin = {self.margin} must be a positive length, or 0 to have it chosen")
+        if not 0.0 <= self.margin < LARGEST:
+            raise InputError(f"margin = {self.margin} must be a length below {LARGEST:g}, or 0 to have it chosen")
 
     @property
     def settings(self) -> str:

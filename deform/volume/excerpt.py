@@ -13,7 +13,7 @@ import numpy as np
 
 from sdm_deflect.deform.base import threads
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, distinct, union
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.errors import InputError, short_list
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.cells import CORNERS, LARGEST, Cells, Faces, Patch, Polyhedra, Volume, Zone
@@ -384,7 +384,7 @@ def _refuse_loose(mesh: MeshInPieces, task: ScanTask, missing: Keys) -> None:
         numbers = [replace(faces, nodes=np.searchsorted(task.boundary, faces.nodes)) for faces in patch.faces]
         count = np.count_nonzero(np.isin(patch_keys(Patch(patch.name, tuple(numbers)), task.keys), missing))
         loose += [f"{count} of {len(patch)} faces of patch {patch.name}"] if count else []
-    raise InputError(f"{mesh.name}: {', '.join(loose)} are of no cell")
+    raise InputError(f"{mesh.name}: {short_list(loose)} are of no cell")
 
 
 def _block(shape: str, scanned: Sequence[CellsFound], nodes: IntArray) -> tuple[Volume, IntArray]:

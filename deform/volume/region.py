@@ -8,7 +8,7 @@ from time import perf_counter
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, union
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.errors import InputError, short_list
 from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.cells import Patch, Zone
 from sdm_deflect.deform.mesh.mesh import Mesh
@@ -105,7 +105,7 @@ def _zones(boundary: PrescribedNodes) -> tuple[Zone, ...]:
     names = [name for zone in mesh.zones for name in zone.blocks or (zone.name,)]
     for name in wanted:
         if name not in (*names, "*"):
-            raise InputError(f"{mesh.name}: zones: {name!r} is no zone; the zones are {', '.join(names)}")
+            raise InputError(f"{mesh.name}: zones: {name!r} is no zone; the zones are {short_list(names)}")
 
     def moves(zone: Zone) -> bool:
         first, end = np.searchsorted(boundary.nodes, (zone.start, zone.stop))
@@ -149,7 +149,7 @@ def check_moving(boundary: PrescribedNodes, hexahedron: Hexahedron, all_amounts:
         both = [hexahedron.contains(places[moves], ON_FACE * boundary.size) for places in (start, start + move)]
         out = int(np.count_nonzero(~(both[0] & both[1])))
         if out:
-            names = ", ".join(surface.label for surface in boundary.surfaces)
+            names = short_list(surface.label for surface in boundary.surfaces)
             low, high = (", ".join(f"{x:.4g}" for x in end) for end in _reach(start[moves], (start + move)[moves]))
             raise InputError(
                 f"{boundary.mesh.name}: {out} of {int(moves.sum())} moving nodes of {names} leave the box at "

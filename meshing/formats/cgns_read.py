@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.errors import short_list
 from sdm_deflect.deform.mesh.cells import Cells, Polyhedra
 from sdm_deflect.deform.mesh.mesh import Mesh, Warned
 
@@ -332,7 +333,7 @@ def _shaped(
 
 def _polyhedral(found: Sequence[ElementSection], points: FloatArray) -> tuple[tuple[Polyhedra], list[NumberedFaces]]:
     if others := [section.name for section in found if section.kind not in (NGON, NFACE)]:
-        raise MeshFileError(f"cells by their faces (NGON_n) and other elements ({', '.join(others)}) in one zone")
+        raise MeshFileError(f"cells by their faces (NGON_n) and other elements ({short_list(others)}) in one zone")
     block, numbers = read_polyhedra(found, len(points))
     inner = len(block.neighbour)
     faces = [

@@ -14,13 +14,13 @@ import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray, union
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.errors import InputError, short_list
 from sdm_deflect.deform.base.threads import Progress
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.cells import Constraint, Patch, Periodic, Polygons
@@ -225,6 +225,7 @@ def _wedge_sides(one: IntArray, other: IntArray, places: Places) -> Sides | None
 
 
 Read = TypeVar("Read")
+POINTS = ("points", "points.gz")
 PART = re.compile(r"processor(0|[1-9]\d{0,8})")
 COLLATED = re.compile(r"processors\d{0,9}(_\d{1,9}-\d{1,9})?")
 BETWEEN = ("processor", "processorCyclic")
@@ -241,6 +242,10 @@ OF_TIMES = (
     "move it to constant/polyMesh and deflect that"
 )
 OF_REGIONS = "the meshes of the regions {} are not deflected: name one as constant/{}/polyMesh to deflect it by itself"
+OF_HOLDERS = (
+    "beside points there is {}, which is not deflected: what takes it for points, such as a mesh motion or a script, "
+    "undoes the deflection; copy the deflected points over it"
+)
 BESIDE = "the parts of the case are neither read nor copied; `sdm apply` moves them by the field of --field FILE"
 
 
@@ -253,7 +258,7 @@ def case_copied(source: Path, out: Path, progress: Progress) -> Iterator[Path]:
     mesh = mesh_folder(source)
     case = mesh if mesh.resolve() == source.resolve() else mesh.parent.parent
     with fresh_folder(case_folder(out), case) as beside:
-        _copy(case, beside, STALE)
+        _copy(case, beside, STALE, mesh)
         progress(f"writing {out.name}", 0.5)
         yield beside / mesh.relative_to(case)
 
@@ -288,33 +293,48 @@ def parts_moved(case: Path, out: Path) -> Iterator[Callable[[Path, FloatArray], 
     of the whole. All files of a part but its points are links to those of the case. Errors as of `fresh_folder`.
     """
     with fresh_folder(out, case) as beside:
-        _copy(case, beside, (*STALE, MESH.name))
+        _copy(case, beside, (*STALE, MESH.name), case / MESH)
 
         def move(part: Path, points: FloatArray) -> tuple[Path, Path]:
             source, copy = part.resolve(), beside / part.name
-            for folder, _, files in os.walk(source):
-                here = copy / Path(folder).relative_to(source)
-                here.mkdir(parents=True)
-                for file in {*files} - ({"points", "points.gz"} if here == copy / MESH else set()):
-                    (here / file).symlink_to(Path(folder, file))
+            _copy(source, copy, (), source / MESH, lambda file, place: place.symlink_to(file))
             move_points(source / MESH, copy / MESH, points)
             return copy, out / part.name
 
         yield move
 
 
-def _copy(case: Path, out: Path, without: Sequence[str]) -> None:
-    """Copy all that a case holds but names of the patterns `without`; links become what they point to."""
-    ignored = shutil.ignore_patterns(*without)
+def _copy(
+    case: Path, out: Path, without: Sequence[str], mesh: Path, copy: Callable[[Path, Path], Any] = shutil.copy2
+) -> None:
+    """Copy all that a case holds but folders of the patterns `without`; links stay links, and lead where they led.
+
+    Only the folders on the way to the folder `mesh`, and its points, are copies in any case: new points go there.
+    """
+    ignored, followed = shutil.ignore_patterns(*without), {mesh, *mesh.parents}
     with about(case):
         for name, folders, files in os.walk(case, followlinks=True):
+            here, place = Path(name), out / Path(name).relative_to(case)
+            if here.is_symlink() and here.parent.resolve().is_relative_to(here.resolve()):
+                raise MeshFileError(f"{here.relative_to(case)} is a link to a folder that it lies in; remove it")
+            place.mkdir(exist_ok=True)
+            shutil.copymode(name, place)
             folders[:] = {*folders} - ignored(name, folders)
-            here = out / Path(name).relative_to(case)
-            here.mkdir(exist_ok=True)
-            shutil.copymode(name, here)
-            for path in (Path(name, file) for file in files):
-                if path.exists():
-                    shutil.copy2(path, here)
+            links = [one for one in folders if (here / one).is_symlink() and here / one not in followed]
+            folders[:] = {*folders}.difference(links)
+            for path in (here / one for one in (*links, *files)):
+                if path.is_symlink() and not (here == mesh and path.name in POINTS):
+                    (place / path.name).symlink_to(_target(path, case))
+                else:
+                    copy(path, place / path.name)
+
+
+def _target(link: Path, case: Path) -> str:
+    """Return what a copy of a link says: the same text if it leads to a place in the case, else the whole path."""
+    text, here = str(link.readlink()), link.parent.resolve()
+    target, home = Path(os.path.normpath(here / text)), case.resolve()
+    within = here == home / link.parent.relative_to(case) and target.is_relative_to(home)
+    return text if within else str(target)
 
 
 def move_points(folder: Path, out: Path, points: FloatArray) -> None:
@@ -324,10 +344,10 @@ def move_points(folder: Path, out: Path, points: FloatArray) -> None:
         old = vectors(file)
         check_points(points, len(old.values))
         data = old.replaced(file.data, points, file.kind("scalar") if file.binary else None)
-    if (folder / "points").is_file():
-        (out / "points").write_bytes(data)
-    else:
-        (out / "points.gz").write_bytes(gzip.compress(data, mtime=0))
+    plain = (folder / "points").is_file()
+    new = out / POINTS[0 if plain else 1]
+    new.unlink(missing_ok=True)  # a link to the points of the source
+    new.write_bytes(data if plain else gzip.compress(data, mtime=0))
 
 
 def is_part(path: Path) -> bool:
@@ -348,8 +368,11 @@ def meshes_beside(case: Path) -> tuple[str, ...]:
     times = [one.name for one in others if one.name.replace(".", "", 1).replace("e-", "", 1).isdecimal()]
     regions = sorted({points.parents[1].name for points in case.glob("constant/*/polyMesh/points*")})
     notes = [BESIDE] if any((folder / MESH).is_dir() for folder in case.glob(STALE[0])) else []
-    notes += [Warned(OF_TIMES.format(", ".join(f"{name}/polyMesh" for name in times)))] if times else []
-    notes += [Warned(OF_REGIONS.format(", ".join(regions), regions[0]))] if regions else []
+    notes += [Warned(OF_TIMES.format(short_list(f"{name}/polyMesh" for name in times)))] if times else []
+    mesh = case / MESH if (case / MESH).is_dir() else case
+    holders = sorted(one.name for one in mesh.glob("points?*") if one.name not in POINTS)
+    notes += [Warned(OF_HOLDERS.format(short_list(holders)))] if holders else []
+    notes += [Warned(OF_REGIONS.format(short_list(regions), regions[0]))] if regions else []
     return tuple(notes)
 
 
@@ -364,8 +387,10 @@ def points_folder(path: Path) -> Path:
     """Return the folder with the points of a case or of a part; MeshFileError if there is none."""
     case = case_folder(path)
     for folder in (case / MESH, case):
-        if any((folder / name).is_file() for name in ("points", "points.gz")):
+        if any((folder / name).is_file() for name in POINTS):
             return folder
+        if (folder / "faces").is_file() and (others := sorted(one.name for one in folder.glob("points*"))):
+            raise MeshFileError(f"{folder} has no points; there is {short_list(others)}: copy it to points")
     if any(is_part(folder) for folder in sorted(case.glob(STALE[0]))):
         raise MeshFileError(f"{case}: {OF_PARTS.format(case)}")
     if not path.exists():

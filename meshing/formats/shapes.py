@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, distinct
+from sdm_deflect.deform.base.errors import short_list
 from sdm_deflect.deform.mesh.cells import MIRRORED, PLANE, Cells, Patch, Polygons, taken
 from sdm_deflect.deform.mesh.faces import cell_face_keys, node_keys, patch_keys
 from sdm_deflect.deform.mesh.mesh import Mesh
@@ -148,4 +149,4 @@ def check_faces(mesh: Mesh) -> None:
         raise MeshFileError("there are no volume cells")
     if loose := loose_faces(mesh):
         counts = (f"{count} of {len(mesh.patch(name))} faces of patch {name}" for name, count in loose.items())
-        raise MeshFileError(f"{', '.join(counts)} are of no cell")
+        raise MeshFileError(f"{short_list(counts)} are of no cell")

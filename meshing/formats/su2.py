@@ -9,6 +9,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.errors import short_list
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import Polyhedra, Zone
 from sdm_deflect.deform.mesh.mesh import DOUBLE, HERE, Mesh, MeshInPieces, Runner
@@ -80,7 +81,7 @@ class Su2(Format):
             renamed = write_mesh(usual, file, partial(progress, f"writing {out.name}"))
         lost = [f"patch {old} is marker {new}" for old, new in renamed.items()]
         if len(mesh.zones) > 1:
-            lost.append("SU2 numbers its zones; the names " + ", ".join(z.name for z in mesh.zones) + " are lost")
+            lost.append("SU2 numbers its zones; the names " + short_list(z.name for z in mesh.zones) + " are lost")
         if mesh.plane and mesh.points[:, 2].any():
             lost.append(f"SU2 has no z in a plane mesh; z = {mesh.points[0, 2]:g} is lost")
         return (*lost, *unwritten(mesh.periodic))

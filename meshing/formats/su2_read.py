@@ -12,6 +12,7 @@ from typing import Any, BinaryIO, TypeVar
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.errors import short_list
 from sdm_deflect.deform.mesh.cells import CORNERS, Cells, Patch
 from sdm_deflect.deform.mesh.mesh import Warned
 
@@ -176,7 +177,7 @@ def notes_of(found: Sequence[KeywordBlock]) -> tuple[str, ...]:
     """Return sentences on points beyond periodic markers, as SU2 made them before version 7, and on free-form boxes."""
     moved = [own for own in found if own.keyword == "NPERIODIC" and own.value.split()[:1] not in ([], ["0"], ["1"])]
     boxes = [own.value for own in found if own.keyword == "FFD_TAG"]
-    return (*([HALO] if moved else []), *(Warned(BOXES.format(", ".join(boxes))) for _ in boxes[:1]))
+    return (*([HALO] if moved else []), *(Warned(BOXES.format(short_list(boxes))) for _ in boxes[:1]))
 
 
 def zones_of(found: Sequence[KeywordBlock]) -> dict[str, list[KeywordBlock]]:

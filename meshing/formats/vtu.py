@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray, distinct
-from sdm_deflect.deform.base.errors import check_unpacked
+from sdm_deflect.deform.base.errors import check_unpacked, short_list
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import CORNERS, Cells, Patch, Polygons, Polyhedra
 from sdm_deflect.deform.mesh.mesh import Mesh
@@ -100,7 +100,7 @@ def read_vtu(path: Path) -> Mesh:
         if not (wide | (grid.types == TYPES["triangle"])).all():
             raise MeshFileError("holds cells other than tetrahedra and triangles")
         if grid.names[:1] != (VOLUME,):
-            raise MeshFileError(f"{NAMES} must start with {VOLUME!r}, but are {', '.join(grid.names)}")
+            raise MeshFileError(f"{NAMES} must start with {VOLUME!r}, but are {short_list(grid.names)}")
         tets, triangles = (grid.block(np.flatnonzero(own)) for own in (wide, ~wide))
         patch, face = (grid.array("CellData", name)[~wide].astype(np.intp) for name in ("patch", "cad_face"))
         assert isinstance(tets, Cells)

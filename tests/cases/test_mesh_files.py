@@ -1,5 +1,6 @@
 """What `sdm deflect` writes never overwrites what it reads, another of its files, or a file of somebody else."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pyvista as pv
 from sdm_deflect.cases.run.mesh_files import Targets, inputs_of, write_mesh, write_sensitivity
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.quality import quality_of
-from sdm_deflect.meshing.formats.registry import FORMATS
+from sdm_deflect.meshing.formats.registry import FORMATS, read
 from tests.meshing.formats.examples import hybrid
 
 
@@ -119,6 +120,12 @@ def test_files_of_others_stay(folder):
         Path(name).unlink()
 
 
+def test_a_pipe_is_not_replaced(folder):
+    os.mkfifo("flap.su2")
+    with pytest.raises(InputError, match="exists already, and is a pipe or a device; delete it, or choose another"):
+        targets("wing.su2", "flap.su2").check()
+
+
 def test_earlier_files_are_replaced(folder):
     job = targets("wing.su2", "flap.su2", sensitive=True)
     mesh = hybrid()
@@ -144,7 +151,9 @@ def test_a_vtu_of_another_format_shows_displacement_and_quality(folder):
     mesh = hybrid()
     FORMATS["su2"].write(mesh, Path("wing.su2"))
     moved = mesh.points + np.array([0.0, 0.0, 0.25])
-    assert write_mesh(Path("wing.su2"), mesh, moved, Path("flap.vtu")) == ()
+    with pytest.raises(ValueError, match=r"read it by registry\.read"):
+        write_mesh(Path("wing.su2"), mesh, moved, Path("flap.vtu"))
+    assert write_mesh(Path("wing.su2"), read("wing.su2"), moved, Path("flap.vtu")) == ()
     grid = pv.read("flap.vtu")
     np.testing.assert_array_equal(grid.points, moved)
     np.testing.assert_allclose(grid.point_data["displacement"], np.tile([0.0, 0.0, 0.25], (14, 1)), atol=1e-15)

@@ -2,11 +2,13 @@
 
 import gzip
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from sdm_deflect.deform.mesh.cells import Polygons
+from sdm_deflect.deform.mesh.mesh import Warned
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import MESH, OpenFoam, kind_of
 from sdm_deflect.meshing.formats.openfoam_files import open_foam, parse
@@ -168,6 +170,58 @@ def test_packed_points_stay_packed_and_links_are_not_written_through(binary, tmp
     np.testing.assert_array_equal(OpenFoam().read(tmp_path / "out").points, points)
     assert (folder / "points.gz").read_bytes() == before
     assert not (tmp_path / "out" / MESH / "points").exists()
+
+
+def test_links_of_a_case_stay_links_and_lead_where_they_led(binary, tmp_path):
+    case, shared = tmp_path / "case", tmp_path / "shared"
+    shutil.copytree(binary, case)
+    shared.mkdir()
+    (shared / "0").mkdir()
+    (shared / "faces").write_bytes((case / MESH / "faces").read_bytes())
+    (case / MESH / "faces").unlink()
+    links = {
+        "loop": ".", "again": ".", "study": "..", "away": "nowhere", "itself": "itself", "0": str(shared / "0"),
+        "constant/polyMesh/faces": "../../../shared/faces", "constant/mesh": "polyMesh", "constant/up": "../system",
+    }  # fmt: skip
+    for name, target in links.items():
+        (case / name).symlink_to(target)
+    mesh = OpenFoam().read(case)
+    before = (case / MESH / "points").read_bytes()
+    OpenFoam().rewrite(case, mesh.points + 1.0, tmp_path / "deep" / "out")
+    out = tmp_path / "deep" / "out"
+    assert all((out / name).is_symlink() for name in links)
+    for name in ("study", "0", "constant/polyMesh/faces"):
+        assert (out / name).resolve() == (case / name).resolve(), name
+    assert (out / "loop").resolve() == out
+    assert (out / "constant/up").resolve() == out / "system"
+    assert (out / "constant/mesh").resolve() == out / MESH
+    np.testing.assert_array_equal(OpenFoam().read(out).points, mesh.points + 1.0)
+    assert (case / MESH / "points").read_bytes() == before
+    assert sum(1 for _ in out.rglob("*")) < 40
+
+
+def test_a_mesh_behind_a_loop_of_links_is_refused_by_its_name(binary, tmp_path):
+    shutil.copytree(binary / MESH, tmp_path / "case" / "polyMesh")
+    (tmp_path / "case" / "constant").symlink_to(".")
+    mesh = OpenFoam().read(tmp_path / "case")
+    with pytest.raises(MeshFileError, match="constant is a link to a folder that it lies in"):
+        OpenFoam().rewrite(tmp_path / "case", mesh.points, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("named", [Path(), MESH])
+def test_other_points_beside_those_of_the_mesh_are_warned_of(binary, named, tmp_path):
+    shutil.copytree(binary, tmp_path / "case")
+    assert not any(isinstance(note, Warned) for note in OpenFoam().read(tmp_path / "case" / named).notes)
+    for i in range(8):
+        shutil.copy(binary / MESH / "points", tmp_path / "case" / MESH / f"points_{i}")
+    (warned,) = [note for note in OpenFoam().read(tmp_path / "case" / named).notes if isinstance(note, Warned)]
+    assert warned.startswith("beside points there is points_0, points_1, points_2, points_3, points_4 and 3 more, ")
+    assert "copy the deflected points over it" in warned
+    (tmp_path / "case" / MESH / "points").unlink()
+    (tmp_path / "case" / "processor0" / MESH).mkdir(parents=True)
+    with pytest.raises(MeshFileError, match=r"polyMesh has no points; there is points_0, .* and 3 more: copy it to"):
+        OpenFoam().read(tmp_path / "case" / named)
 
 
 def test_what_was_read_is_written_as_the_same_bytes(binary, tmp_path):
