@@ -6,7 +6,6 @@ process whose id is PARENT; ``PARENT -- PROGRAM ...`` becomes another program.
 
 import ctypes
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -113,7 +112,9 @@ def peak_bytes() -> int:
         # Unlike ru_maxrss this does not start from the parent's memory at the time of the fork.
         return 1024 * int(next(line.split()[1] for line in lines if line.startswith("VmHWM:")))
     except (OSError, StopIteration):
-        return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        import resource
+
+        return (1 if sys.platform == "darwin" else 1024) * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 if __name__ == "__main__":

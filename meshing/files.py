@@ -1,30 +1,28 @@
 """Files and folders that appear whole or not at all: written into a hidden folder beside their place, and renamed.
 
-A folder that is there already is exchanged for the new one. Each hidden folder holds a file that its process keeps
-locked: the next command that writes there removes those of killed processes.
+A folder that is there already is exchanged for the new one; where the system cannot do that, it is NAME.old meanwhile.
+No command but `sdm doctor` touches what another one made: a hidden folder's lock tells it whether its process lives.
 """
 
 import ctypes
-import fcntl
+import json
 import os
 import shutil
 import signal
 import tempfile
-import threading
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from fnmatch import fnmatchcase
 from functools import reduce
 from operator import and_
 from pathlib import Path
-from typing import BinaryIO
 
 from sdm_deflect.deform.base.errors import REQUESTS
 from sdm_deflect.meshing.formats.format import MeshFileError, renamed, write_errors
 
 NAME, END = ".sdm-deflect-", ".tmp"  # of hidden folders, with eight letters between
-LOCK, ASIDE = ".lock", ".aside"  # in a hidden folder: the locked file, and old folders that are replaced by two renames
+LOCK, NOTE, OLD = ".lock", ".note", ".old"  # the locked file; which folder is NAME.old; how that name ends
 MESHES = ("points*", "constant/polyMesh/*", "processor*/constant/polyMesh/*")  # whose permissions count in a case
 placed: list[Path] = []  # what this process has put in its place
 _hidden: set[Path] = set()
@@ -53,45 +51,39 @@ def _permissions(source: Path) -> int:
 
 @contextmanager
 def hidden_folder(beside: Path | None = None) -> Iterator[Path]:
-    """Give a hidden folder, in the system's temporary one by default; first those of killed processes go."""
-    home = Path(os.path.realpath(beside or tempfile.gettempdir()))
+    """Give a hidden folder that only its owner can read, in the system's temporary one by default."""
+    home, place = Path(os.path.realpath(beside or tempfile.gettempdir())), Path()
     home.mkdir(parents=True, exist_ok=True)
-    for dead in (place for place in home.glob(f"{NAME}????????{END}") if not place.is_symlink()):
-        with suppress(OSError), _opened(dead) as known:
-            fcntl.flock(known, fcntl.LOCK_EX | fcntl.LOCK_NB)  # refused while its process lives
-            _remove(dead)
-    place, lock = _locked(home)
-    _hidden.add(place)
     try:
-        yield place
-    finally:
-        _remove(place)
-        _hidden.discard(place)
-        lock.close()
+        with undisturbed():
+            place = Path(tempfile.mkdtemp(END, NAME, home))
+            _hidden.add(place)
+        with (place / LOCK).open("xb") as lock:
+            with suppress(OSError, ModuleNotFoundError):  # where there are no locks, nobody removes the folder
+                import fcntl
 
-
-def _remove(place: Path) -> None:
-    """Remove a hidden folder; an old folder that was put aside in it, and has no successor, goes back."""
-    for old in (place / ASIDE).glob("*"):
-        if not (place / ASIDE).is_symlink() and not os.path.lexists(place.parent / old.name):
-            old.rename(place.parent / old.name)
-    shutil.rmtree(place, ignore_errors=True)
-
-
-def _opened(place: Path) -> BinaryIO:
-    return open(place / LOCK, "ab", opener=lambda name, flags: os.open(name, flags | os.O_NOFOLLOW, 0o600))
-
-
-def _locked(home: Path) -> tuple[Path, BinaryIO]:
-    """Make a hidden folder and lock it; until then another process may take it for that of a killed one."""
-    while True:
-        place = Path(tempfile.mkdtemp(END, NAME, home))
-        with suppress(FileNotFoundError):
-            lock = _opened(place)
-            with suppress(OSError):  # where the file system knows no locks, nobody removes the folder
                 fcntl.flock(lock, fcntl.LOCK_EX)
-            if (place / LOCK).exists():
-                return place, lock
+            yield place
+    finally:
+        with undisturbed():
+            if place in _hidden:
+                shutil.rmtree(place, ignore_errors=True)
+                _hidden.discard(place)
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """Let signals that ask to end wait for the end of the block."""
+    came, before = list[int](), {}
+    with suppress(ValueError):  # not the main thread
+        before = {one: signal.signal(one, lambda number, _: came.append(number)) for one in REQUESTS}
+    try:
+        yield
+    finally:
+        for one, handler in before.items():
+            signal.signal(one, handler)
+        for number in came:
+            signal.raise_signal(number)
 
 
 @contextmanager
@@ -159,19 +151,14 @@ def _put(place: Path, moves: Mapping[Path, Path], stale: Sequence[str]) -> None:
         _prepare(new, old)
         if new.is_dir() and old.is_dir():
             _keep(new, old, stale)
-    with ExitStack() as stack:
-        came: list[int] = []
-        stack.callback(lambda: list(map(signal.raise_signal, came)))
-        for one in REQUESTS if threading.current_thread() is threading.main_thread() else ():
-            stack.callback(signal.signal, one, signal.signal(one, lambda number, _: came.append(number)))
+    with undisturbed():
         for new, old in moves.items():
             if new.is_dir() and old.is_dir():
-                _exchange(new, old, place / ASIDE)
+                _exchange(new, old, place / NOTE)
             else:
                 new.replace(old)
             placed.append(old)
-        for parent in {old.parent for old in moves.values()}:
-            _flush(parent)
+            _flush(old.parent)
 
 
 def _prepare(new: Path, old: Path) -> None:
@@ -187,10 +174,11 @@ def _prepare(new: Path, old: Path) -> None:
 
 
 def _flush(path: Path) -> None:
-    """Bring a file or a folder to the disk."""
-    handle = os.open(path, os.O_RDONLY)
-    os.fsync(handle)
-    os.close(handle)
+    """Bring a file or a folder to the disk; Windows knows no handles of folders."""
+    if os.name == "posix":
+        handle = os.open(path, os.O_RDONLY)
+        os.fsync(handle)
+        os.close(handle)
 
 
 def _keep(new: Path, old: Path, stale: Sequence[str]) -> None:
@@ -206,15 +194,25 @@ def _keep(new: Path, old: Path, stale: Sequence[str]) -> None:
             place.parent.mkdir(exist_ok=True)
             try:
                 os.link(path, place, follow_symlinks=False)
-            except OSError:  # a file system without hard links, or another user's file
+            except (OSError, AttributeError):  # a file system without hard links, or another user's file
                 shutil.copy2(path, place, follow_symlinks=False)
+    for path in (new, *(path for path in new.rglob("*") if path.is_dir() and not path.is_symlink())):
+        _flush(path)
 
 
-def _exchange(new: Path, old: Path, aside: Path) -> None:
-    """Put a new folder in the place of an old one, which goes where the new one was, or `aside` by a second rename."""
-    rename, here, exchange = getattr(ctypes.CDLL(None), "renameat2", None), -100, 2  # AT_FDCWD, RENAME_EXCHANGE
-    if rename and not rename(here, os.fsencode(new), here, os.fsencode(old), exchange):
+def _exchange(new: Path, old: Path, note: Path) -> None:
+    """Exchange a new folder and an old one, or else rename both: the file `note` says what `sdm doctor` has to know."""
+    rename = getattr(ctypes.CDLL(None), "renameat2", None) if os.name == "posix" else None
+    if rename and not rename(-100, os.fsencode(new), -100, os.fsencode(old), 2):  # AT_FDCWD; RENAME_EXCHANGE
         return
-    aside.mkdir(exist_ok=True)
-    old.rename(aside / old.name)
-    new.rename(old)
+    aside = old.with_name(old.name + OLD)
+    while os.path.lexists(aside):
+        aside = aside.with_name(aside.name + OLD)
+    note.write_text(json.dumps([old.stat().st_ino, aside.name, old.name]), encoding="utf-8")
+    old.rename(aside)
+    try:
+        new.rename(old)
+    except OSError:
+        aside.rename(old)
+        raise
+    shutil.rmtree(aside, ignore_errors=True)

@@ -4,7 +4,11 @@ Names are imported when they are first used: `import sdm_deflect` itself loads n
 """
 
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+if not Path(__file__).with_name("deform").is_dir():  # a clone without symbolic links, as git makes it on Windows
+    __path__.append(str(Path(__file__).parents[1]))
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.api import Result, deflect, plan, read, sweep

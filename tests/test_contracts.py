@@ -161,10 +161,10 @@ def test_no_class_has_the_name_of_another():
 BUDGETS = {
     "cases": (624, 6),
     "cases/aircraft": (2039, 13),
-    "cases/cli": (1265, 7),
+    "cases/cli": (1354, 7),
     "cases/compare": (511, 4),
     "cases/report": (1998, 10),
-    "cases/run": (2049, 10),
+    "cases/run": (2057, 10),
     "cases/settings": (981, 5),
     "cases/view": (705, 4),
     "deform": (664, 3),
@@ -175,12 +175,12 @@ BUDGETS = {
     "deform/surface": (1094, 7),
     "deform/volume": (3556, 13),
     "geometry": (2071, 13),
-    "meshing": (572, 5),
+    "meshing": (571, 5),
     "meshing/formats": (9032, 37),
     "meshing/generate": (1566, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 8_230, 450
+MOST_COMPLEXITY, LONGEST = 8_260, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

@@ -2,11 +2,13 @@
 
 import csv
 import email
+import json
 import os
 import shutil
 import subprocess
 import sys
 import tarfile
+import tomllib
 import venv
 import zipfile
 from pathlib import Path, PurePosixPath
@@ -71,6 +73,63 @@ def test_every_module_and_data_file_of_the_checkout_is_inside(wheel):
     }
     assert {Path(name).suffix for name in files} >= {".py", *DATA}
     assert files | {"sdm_deflect/__init__.py", "sdm_deflect/py.typed"} <= recorded(wheel)
+
+
+def test_each_package_of_the_checkout_is_named():
+    listed = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]["packages"]
+    folders = {path.parent.relative_to(ROOT) for name in FOLDERS[1:] for path in (ROOT / name).rglob("*.py")}
+    assert sorted(listed) == ["sdm_deflect", *sorted(f"sdm_deflect.{'.'.join(folder.parts)}" for folder in folders)]
+
+
+def test_a_clone_without_symbolic_links_is_whole(source, wheel, tmp_path):
+    """Git on Windows makes text files of links: the wheel is the same, and the tree can be imported."""
+    shutil.copytree(source, tmp_path / "clone", symlinks=True)
+    for name in FOLDERS[1:]:
+        link = tmp_path / "clone" / "sdm_deflect" / name
+        target = link.readlink()
+        link.unlink()
+        link.write_text(str(target))
+    (tmp_path / "wheel").mkdir()
+    assert recorded(built("build_wheel", tmp_path / "clone", tmp_path / "wheel")) == recorded(wheel)
+    work = "import sdm_deflect; from sdm_deflect.deform.volume import step; print(sdm_deflect.deflect, step.__file__)"
+    done = subprocess.run(
+        [sys.executable, "-c", work], cwd=tmp_path / "clone", capture_output=True, text=True, check=True
+    )
+    assert str(tmp_path / "clone" / "deform" / "volume" / "step.py") in done.stdout
+
+
+ELSEWHERE = """
+import importlib, json, os, pkgutil, signal, sys, time
+for name in json.loads(sys.argv[1]):  # libraries know what each system has
+    importlib.import_module(name)
+gone = {signal: "SIGHUP SIGKILL SIGPIPE pthread_sigmask", time: "CLOCK_BOOTTIME clock_gettime"}
+gone[os] = "O_DIRECTORY O_NOFOLLOW O_NONBLOCK fork geteuid getuid sched_getaffinity sysconf"
+for module, names in gone.items():
+    for name in names.split():
+        delattr(module, name)
+sys.modules |= dict.fromkeys(("fcntl", "pwd", "resource", "termios"))
+import sdm_deflect
+for found in pkgutil.walk_packages(sdm_deflect.__path__, "sdm_deflect."):
+    if not found.name.endswith("__main__"):
+        print(importlib.import_module(found.name).__name__)
+from sdm_deflect.cases.run.metrics import peak_rss_bytes
+from sdm_deflect.cases.run.progress import process_start
+assert peak_rss_bytes() == 0 and process_start() > 0.0
+"""
+LIBRARIES = (
+    "aiohttp.web", "cadquery", "click", "gmsh", "h5py", "jinja2", "matplotlib.figure", "matplotlib.tri", "meshio",
+    "numba", "PIL.Image", "pyvista", "rich.progress", "rich.table", "scipy.interpolate", "scipy.optimize", "scipy.sparse.linalg",
+    "scipy.spatial", "threadpoolctl", "tomli_w", "trimesh",
+)  # fmt: skip
+
+
+def test_all_modules_import_where_the_names_of_linux_are_missing():
+    """As on Windows and macOS, as far as names go; no test runs there."""
+    words = [sys.executable, "-c", ELSEWHERE, json.dumps(LIBRARIES)]
+    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    modules = {path for name in FOLDERS[1:] for path in (ROOT / name).rglob("*.py") if path.name != "__main__.py"}
+    assert len(done.stdout.splitlines()) == len(modules)
 
 
 def test_licence_readme_and_command_are_in_the_metadata(wheel):

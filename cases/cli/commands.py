@@ -60,18 +60,23 @@ def cache(clear: bool, as_json: bool) -> None:
 
 
 @click.command()
+@click.argument("folder", type=options.FILE, default=Path())
 @options.json_option
 @options.progress_options
-def doctor(as_json: bool, quiet: bool, verbose: bool) -> int:
-    """Check this machine, and say what is missing."""
+def doctor(folder: Path, as_json: bool, quiet: bool, verbose: bool) -> int:
+    """Check this machine, and remove what killed commands left in FOLDER or here.
+
+    It says what is missing. Hidden folders of commands that run, and those of other users, stay.
+    """
     from .console import findings
-    from .examination import EXAMINATIONS
+    from .examination import EXAMINATIONS, leftovers
 
     found = []
     with options.watched(quiet, verbose) as watch, watch.stage("doctor") as progress:
         for i, examine in enumerate(EXAMINATIONS):
             progress(examine.__name__, i / len(EXAMINATIONS))
             found.append(examine())
+        found.append(leftovers(folder))
     options.print_either(as_json, [asdict(one) for one in found], findings(found))
     return options.code_of(all(one.well for one in found))
 

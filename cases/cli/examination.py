@@ -1,17 +1,25 @@
-"""Whether this machine is fit for the program, and if not, what would help."""
+"""Whether this machine is fit for the program, and if not, what would help; what killed commands left, which goes."""
 
+import json
 import os
+import shutil
+import stat
 import subprocess
 import sys
-from collections.abc import Callable
+import tempfile
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
-from tempfile import TemporaryFile
+from pathlib import Path
+from time import time
 
 from sdm_deflect.cases.run.output import EXTRAS, LIBRARIES, lacks, usable_cores, versions
 from sdm_deflect.deform.base.compiled import CODE_VARIABLE, FOLDER_VARIABLE, code_complaint, code_folder, default_folder
+from sdm_deflect.deform.base.errors import short_list
 from sdm_deflect.meshing.cache import MeshCache
+from sdm_deflect.meshing.files import END, LOCK, NAME, NOTE
 from sdm_deflect.meshing.formats.format import MeshFileError
 
 PACKAGES = "libgl1 libegl1 libopengl0 libgomp1 libglu1-mesa libxcursor1 libxft2 libxinerama1 libxrender1"
@@ -20,6 +28,8 @@ COMPILED = ("cadquery", "gmsh", "pymeshlab", "pytetwild", "pyvista", "numba")
 """Libraries with compiled parts that need others of the system, by the names under which they are imported."""
 SECONDS = 120.0
 """An import that takes longer has failed."""
+YOUNG, LONGEST = 60.0, 1 << 16
+"""Seconds within which a command locks the folder that it has made, and bytes of a note in it, at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +84,7 @@ def cache() -> Finding:
     store = MeshCache(default_folder())
     try:
         store.folder.mkdir(parents=True, exist_ok=True)
-        with TemporaryFile(dir=store.folder):
+        with tempfile.TemporaryFile(dir=store.folder):
             pass
     except OSError as error:
         remedy = f"set the environment variable {FOLDER_VARIABLE} to a folder that can be written"
@@ -102,6 +112,80 @@ def _loads(store: MeshCache, key: str) -> bool:
         return store.read(key) is not None
     except MeshFileError:
         return False
+
+
+def leftovers(folder: Path) -> Finding:
+    """Remove what killed commands left in a folder and in the system's temporary one; put back what they put aside."""
+    if not hasattr(os, "O_DIRECTORY"):
+        return Finding("leftovers", True, "not looked for on this system")
+    homes = dict.fromkeys(Path(os.path.realpath(one)) for one in (folder, tempfile.gettempdir()))
+    done = [text for home in homes for place in _hidden(home) for text in _tidied(place)]
+    kept = short_list(place for home in homes for place in _hidden(home))
+    texts = [*done, *([f"in use, or not ours: {kept}"] if kept else [])]
+    return Finding("leftovers", True, "; ".join(texts) or "none")
+
+
+def _hidden(home: Path) -> list[Path]:
+    return sorted(home.glob(f"{NAME}????????{END}"))
+
+
+def _tidied(place: Path) -> Iterator[str]:
+    """Remove a hidden folder of this user whose process has ended, and say so.
+
+    What is removed is what was opened and locked, whatever its path has become meanwhile.
+    """
+    with ExitStack() as stack, suppress(OSError):
+        handle = _opened(stack, place, os.O_RDONLY | os.O_DIRECTORY)
+        if LOCK in _names(handle):
+            import fcntl
+
+            lock = _opened(stack, LOCK, os.O_RDWR | os.O_NONBLOCK, handle)
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        elif time() - os.fstat(handle).st_mtime < YOUNG:
+            return
+        yield from _put_back(place, handle)
+        _remove(place, handle)
+        yield f"removed {place}"
+
+
+def _put_back(place: Path, handle: int) -> Iterator[str]:
+    """Give a run folder that was put aside its name again, or remove it if another has that name by now."""
+    with ExitStack() as stack, suppress(OSError, ValueError, TypeError):
+        note = _opened(stack, NOTE, os.O_RDONLY | os.O_NONBLOCK, handle)
+        number, aside, name = json.loads(os.read(note, LONGEST))
+        old, target = place.with_name(aside), place.with_name(name)
+        folder = _opened(stack, old, os.O_RDONLY | os.O_DIRECTORY)
+        if os.fstat(folder).st_ino != number:
+            return
+        if os.path.lexists(target):
+            _remove(old, folder)
+            yield f"removed {old}, which {target} has replaced"
+        else:
+            old.rename(target)
+            yield f"put {old} back as {target}"
+
+
+def _opened(stack: ExitStack, path: Path | str, flags: int, folder: int | None = None) -> int:
+    """Open a file or a folder of this user, but no link; PermissionError if it is another's, or a pipe."""
+    handle = os.open(path, flags | os.O_NOFOLLOW, dir_fd=folder)
+    stack.callback(os.close, handle)
+    status = os.fstat(handle)
+    if status.st_uid != os.geteuid() or not (stat.S_ISDIR(status.st_mode) or stat.S_ISREG(status.st_mode)):
+        raise PermissionError
+    return handle
+
+
+def _names(handle: int) -> dict[str, bool]:
+    """Return the names in an open folder, and whether each is a folder."""
+    with os.scandir(handle) as entries:
+        return {entry.name: entry.is_dir(follow_symlinks=False) for entry in entries}
+
+
+def _remove(place: Path, handle: int) -> None:
+    """Remove what is in an open folder, and the path if it is an empty folder then."""
+    for name, is_folder in _names(handle).items():
+        (shutil.rmtree if is_folder else os.unlink)(name, dir_fd=handle)
+    place.rmdir()
 
 
 EXAMINATIONS: tuple[Callable[[], Finding], ...] = (libraries, extras, compiled, cache, compiled_code)

@@ -1,6 +1,6 @@
 """Figures of a deflection under the names that other programs read."""
 
-import resource
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from typing import Any
@@ -224,8 +224,13 @@ def travels(plan: Plan) -> Iterator[tuple[str, str]]:
 
 
 def peak_rss_bytes() -> int:
-    """Largest resident memory of this process or of any subprocess that has ended."""
-    return 1024 * max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    """Largest resident memory of this process or of any subprocess that has ended; 0 where the system does not say."""
+    try:
+        import resource
+    except ModuleNotFoundError:
+        return 0
+    used = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return used if sys.platform == "darwin" else 1024 * used
 
 
 def _adaptation(deflection: BoxDeflection) -> Json:

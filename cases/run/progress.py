@@ -1,13 +1,14 @@
 """Stages of a run: who reports progress, who shows it, and how long each stage took."""
 
+import os
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from math import isnan
-from os import sysconf
 from pathlib import Path
-from time import CLOCK_BOOTTIME, clock_gettime, perf_counter
+from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from sdm_deflect.deform.base.errors import printable
@@ -116,9 +117,11 @@ def of_notebook() -> Progress:
 
 
 def process_start() -> float:
-    """Return when this process started, on the clock of `perf_counter`."""
+    """Return when this process started, on the clock of `perf_counter`; other systems than Linux do not say so."""
+    if not hasattr(time, "CLOCK_BOOTTIME"):
+        return perf_counter()
     ticks = int(Path("/proc/self/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[19])
-    return perf_counter() - (clock_gettime(CLOCK_BOOTTIME) - ticks / sysconf("SC_CLK_TCK"))
+    return perf_counter() - (time.clock_gettime(time.CLOCK_BOOTTIME) - ticks / os.sysconf("SC_CLK_TCK"))
 
 
 @dataclass(slots=True)

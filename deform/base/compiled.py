@@ -46,7 +46,7 @@ def code_complaint() -> str:
         status = folder.stat()
     except OSError as error:
         return error.strerror or str(error)
-    private = status.st_uid == os.geteuid() and not status.st_mode & WRITABLE_BY_OTHERS
+    private = not hasattr(os, "geteuid") or (status.st_uid == os.geteuid() and not status.st_mode & WRITABLE_BY_OTHERS)
     return "" if private or os.environ.get(CODE_VARIABLE) else "other users can write there"
 
 

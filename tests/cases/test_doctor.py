@@ -119,7 +119,9 @@ def test_command_prints_and_fails_when_something_is_not_well(monkeypatch, capsys
     monkeypatch.setattr(doctor, "EXAMINATIONS", (lambda: ill,))
     answer = CliRunner().invoke(cli, ["doctor", "--json"], standalone_mode=False)
     assert answer.return_value == 1
-    assert json.loads(answer.stdout) == [{"name": "cache", "well": False, "text": ill.text, "remedy": "rm it"}]
+    shown, leftovers = json.loads(answer.stdout)
+    assert shown == {"name": "cache", "well": False, "text": ill.text, "remedy": "rm it"}
+    assert leftovers["name"] == "leftovers"
     answer = CliRunner().invoke(cli, ["doctor"], standalone_mode=False)
     assert "[bold]file[/bold]" in answer.output
     assert "NOT WELL" in answer.output

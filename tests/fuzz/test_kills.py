@@ -1,7 +1,7 @@
 """Whole commands that signals end at random moments; `tests/meshing/test_files.py` ends a process at each rename.
 
 A command writes over an older result. However it ends, each target is the old or the new one, the line that it prints
-says which, its children end, and nothing else is left once the next command has written there.
+says which, its children end, and nothing else is left once `sdm doctor` was there.
 """
 
 import json
@@ -13,14 +13,16 @@ import sys
 import time
 from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
 from random import Random
 
 import psutil
 import pytest
 
+from sdm_deflect.cases.cli import examination
 from sdm_deflect.deform.base.errors import REQUESTS
-from sdm_deflect.meshing.files import NAME, hidden_folder
+from sdm_deflect.meshing.files import NAME, OLD
 from sdm_deflect.meshing.formats.registry import FORMATS
 from tests.meshing.formats.wing import wing
 
@@ -40,6 +42,14 @@ COMMANDS = {
     "sweep": ((*FLAP, "--no-report", "--angle", "5"), (*FLAP, "--report", "--angles", "2,4")),
 }
 """By name: the words that make an older result, and those of the command that is ended."""
+ALONE = "from sdm_deflect.cases.cli import main; main()"
+WITHOUT = """
+from types import SimpleNamespace
+from sdm_deflect.meshing import files
+files.ctypes = SimpleNamespace(CDLL=str)
+"""
+EXCHANGES = {"exchange": "", "two renames": WITHOUT}
+"""How a folder is replaced: as Linux does it, and as a system does that has no renameat2."""
 MEANS = {"earlier results are as they were": {"old"}, "written already, and whole": {"new"}}
 
 
@@ -52,6 +62,7 @@ class Scenario:
     """A command over an older result; `old` and `new` are what the folder holds before and after it."""
 
     name: str
+    way: str
     place: Path
     old: dict[str, bytes] = field(init=False)
     new: dict[str, bytes] = field(init=False)
@@ -76,7 +87,7 @@ class Scenario:
     def begin(self, number):
         words = (word.format(place=self.place) for word in COMMANDS[self.name][number])
         return subprocess.Popen(
-            [sys.executable, "-m", "sdm_deflect", *words],
+            [sys.executable, "-c", EXCHANGES[self.way] + ALONE, *words],
             env=os.environ | {"TMPDIR": str(self.place / "temporary"), "PYTHONPATH": str(ROOT)},
             stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
             preexec_fn=lambda: [signal.signal(one, signal.SIG_DFL) for one in REQUESTS],
@@ -111,16 +122,17 @@ def whole(name, now, new):
     return now[name][-16:].split() == new[name][-16:].split() or name.endswith("convergence.csv")
 
 
-@pytest.fixture(scope="module", params=COMMANDS)
+@pytest.fixture(scope="module", params=product(COMMANDS, EXCHANGES), ids=", ".join)
 def scenario(request, tmp_path_factory):
-    return Scenario(request.param, tmp_path_factory.mktemp("kills"))
+    return Scenario(*request.param, tmp_path_factory.mktemp("kills"))
 
 
 @pytest.mark.parametrize("number", [*REQUESTS, signal.SIGKILL])
 def test_a_command_that_is_ended_leaves_each_target_old_or_new(scenario, number, monkeypatch):
     random = Random(int(number))
     monkeypatch.setattr("tempfile.tempdir", str(scenario.place / "temporary"))
-    for _ in range(KILLS // 4 // len(COMMANDS)):
+    monkeypatch.setattr(examination, "YOUNG", 0.0)
+    for _ in range(KILLS // 4 // len(COMMANDS) // len(EXCHANGES)):
         shutil.rmtree(scenario.folder)
         for name, content in scenario.old.items():
             (scenario.folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -134,11 +146,12 @@ def test_a_command_that_is_ended_leaves_each_target_old_or_new(scenario, number,
         with process:
             _, said = process.communicate(timeout=SECONDS)
         assert psutil.wait_procs(children, timeout=SECONDS)[1] == []
+        if aside := [path for path in scenario.folder.iterdir() if path.name.endswith(OLD)]:
+            assert (number, scenario.way) == (signal.SIGKILL, "two renames"), aside
         before = scenario.states()
-        with hidden_folder(scenario.folder), hidden_folder():  # as the next command does
-            pass
+        examination.leftovers(scenario.folder)
         code, line, after = process.returncode, said.strip().rpartition("\n")[2], scenario.states()
-        assert [*scenario.place.rglob(f"{NAME}*")] == []
+        assert [*scenario.place.rglob(f"{NAME}*"), *scenario.folder.glob(f"*{OLD}")] == []
         seen = (at, code, line, before, after)
         if code in (0, 1):
             assert after in ({"new"}, set()), seen

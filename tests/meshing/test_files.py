@@ -1,13 +1,16 @@
-"""Files and folders appear whole or not at all, whenever a process ends, and nothing is left."""
+"""Files and folders appear whole or not at all, whenever a process ends, and `sdm doctor` clears what is left."""
 
 import ctypes
 import os
+import shutil
 import signal
 import stat
 from pathlib import Path
 
 import pytest
 
+from sdm_deflect.cases.cli import examination
+from sdm_deflect.deform.base.errors import REQUESTS
 from sdm_deflect.meshing import files
 from sdm_deflect.meshing.files import END, NAME, fresh, hidden_folder, permitted_as, replacing, replacing_files
 from sdm_deflect.meshing.formats.format import MeshFileError
@@ -40,9 +43,12 @@ def in_child(work) -> None:
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 9
 
 
-def next_command(folder: Path) -> None:
-    with hidden_folder(folder):
-        pass
+def doctor(folder: Path) -> str:
+    """Clear up in a folder, also what was made just now and not locked."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(examination, "YOUNG", 0.0)
+        patch.setattr("tempfile.tempdir", str(folder))
+        return examination.leftovers(folder).text
 
 
 def leave(folder: Path, content: dict[str, str]) -> None:
@@ -114,7 +120,7 @@ def test_the_old_folder_stays_if_the_new_one_cannot_take_its_place(tmp_path, mon
     target, rename = put(tmp_path / "run", OLD), Path.rename
 
     def refused(old, new):
-        if new == target and old.parent.name != files.ASIDE:
+        if new == target and old.name != "run.old":
             raise PermissionError
         return rename(old, new)
 
@@ -149,7 +155,7 @@ def mortal(monkeypatch, after: int) -> None:
 @pytest.mark.parametrize("exchange", [True, False])
 @pytest.mark.parametrize("again", [False, True])
 def test_each_target_is_the_old_or_the_new_one_whenever_a_process_is_killed(again, exchange, tmp_path, monkeypatch):
-    """A process ends at each step in turn, and the one that clears up after it as well."""
+    """A process ends at each step in turn, and the doctor who clears up after it as well."""
     new = {f"run/{name}": text for name, text in NEW.items()} | {"mesh": "new", "wing/case": "new"}
     old = {f"run/{name}": text for name, text in OLD.items()} | {"mesh": "old"}
     whole = {f"run/{name}": text for name, text in (NEW | KEPT).items()}
@@ -163,49 +169,109 @@ def test_each_target_is_the_old_or_the_new_one_whenever_a_process_is_killed(agai
 
     def clear_and_die(home: Path) -> None:
         mortal(monkeypatch, 1)
-        next_command(home)
+        doctor(home)
 
     seen = set()
     for after in range(16):
         home = put(tmp_path / str(after), old)
         in_child(lambda home=home, after=after: replace(home, after))
+        before = {name for name in found(home) if not name.startswith(".")}
+        assert {"run/notes.txt", "run.old/notes.txt"} & before  # a person finds the last run without help
         if again:
             in_child(lambda home=home: clear_and_die(home))
-        next_command(home)
+        doctor(home)
         now = found(home)
         run = {name: text for name, text in now.items() if name.startswith("run/")}
         assert run in (whole, {name: text for name, text in old.items() if name.startswith("run/")})
         assert (now["mesh"], now.get("wing/case")) in (("old", None), ("new", None), ("new", "new"))
-        assert not list(home.glob(".*"))
+        assert {path.name for path in home.iterdir()} <= {"run", "mesh", "wing"}
         seen.add((run == whole, now["mesh"], "wing/case" in now))
     assert seen == {(False, "old", False), (False, "new", False), (True, "new", False), (True, "new", True)}
 
 
-def test_what_a_killed_process_left_goes_with_the_next_that_writes_there(tmp_path, monkeypatch):
+def test_what_a_killed_process_left_stays_until_the_doctor_comes(tmp_path, monkeypatch):
     here, there = tmp_path / "here", tmp_path / "there"
+    monkeypatch.setattr("tempfile.tempdir", str(there))
     for folder in (here, there):
         folder.mkdir()
         in_child(lambda folder=folder: leave(folder, OLD))
-    monkeypatch.setattr("tempfile.tempdir", str(there))
-    in_child(lambda: leave(None, OLD))
-    assert [len(list(folder.iterdir())) for folder in (here, there)] == [1, 1]  # the second of them went
-    with hidden_folder(here) as own:
-        next_command(here)
-        assert list(here.iterdir()) == [own]  # its process lives
-    assert [len(list(folder.iterdir())) for folder in (here, there)] == [0, 1]
+    with hidden_folder(here) as own, fresh(here / "new"):
+        assert [len(list(folder.iterdir())) for folder in (here, there)] == [3, 1]  # no command touches another's
+        text = examination.leftovers(here).text
+        assert text.count("removed") == 2
+        assert f"in use, or not ours: {own}" in text or f", {own}" in text
+        assert len(list(here.iterdir())) == 2
+    assert {path.name for path in tmp_path.rglob("*")} == {"here", "there", "new"}
 
 
-def test_links_in_a_folder_of_a_stranger_reach_nothing(tmp_path):
-    """A hidden folder in an archive of somebody's: it goes, but nothing that its links point to is touched."""
-    home, case = put(tmp_path / "home", {"thesis.tex": "mine"}), tmp_path / "case"
-    for i, name in enumerate((files.ASIDE, files.LOCK, "other")):
-        (case / f"{NAME}0000000{i}{END}").mkdir(parents=True)
-        (case / f"{NAME}0000000{i}{END}" / name).symlink_to(home if name != files.LOCK else home / "new")
+def test_the_doctor_leaves_alone_what_is_no_hidden_folder_of_this_user(tmp_path):
+    """A hidden folder in an archive of somebody's: nothing that its links and notes point to is touched."""
+    home, case = put(tmp_path / "home", {"thesis.tex": "mine"}), put(tmp_path / "case", {"thesis.old/a": "mine"})
+    for i, name in enumerate((files.NOTE, files.LOCK, "other")):
+        put(case / f"{NAME}0000000{i}{END}", {} if name == files.LOCK else {files.LOCK: ""})
+        (case / f"{NAME}0000000{i}{END}").mkdir(exist_ok=True)
+        (case / f"{NAME}0000000{i}{END}" / name).symlink_to(home)
     (case / f"{NAME}link0000{END}").symlink_to(home)
     put(case, {".sdm-notes/mine": "mine", f"{NAME}notes": "mine"})
-    next_command(case)
+    for i, note in enumerate(('[1, "thesis.old", "thesis"]', '[1, "../home", "x"]', "[1]", "{", '["", "", ""]')):
+        put(case / f"{NAME}note000{i}{END}", {files.LOCK: "", files.NOTE: note})
+    for i, name in enumerate((files.LOCK, files.NOTE)):
+        place = put(case / f"{NAME}pipe000{i}{END}", {"a": ""} if name == files.LOCK else {files.LOCK: ""})
+        os.mkfifo(place / name)
+    text = doctor(case)
     assert found(home) == {"thesis.tex": "mine"}
-    assert {".sdm-notes", f"{NAME}notes"} <= {path.name for path in case.iterdir()}
+    left = {path.name for path in case.iterdir()}
+    hidden = {f"{NAME}{name}{END}" for name in ("link0000", "00000001", "pipe0000")}
+    assert left == {".sdm-notes", f"{NAME}notes", "thesis.old", *hidden}
+    assert f"in use, or not ours: {case / f'{NAME}00000001{END}'}" in text
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give files to others")
+def test_nobody_touches_the_hidden_folder_of_another_user(tmp_path):
+    place = put(tmp_path / f"{NAME}00000000{END}", {files.LOCK: "", "a": "theirs"})
+    for path in (place, place / files.LOCK, place / "a"):
+        os.chown(path, 65534, 65534)
+    assert "in use, or not ours" in doctor(tmp_path)
+    with hidden_folder(tmp_path), fresh(tmp_path / "new"):
+        pass
+    assert found(place) == {files.LOCK: "", "a": "theirs"}
+
+
+def test_a_pipe_in_a_hidden_folder_stops_no_command(tmp_path):
+    (tmp_path / f"{NAME}00000000{END}").mkdir()
+    os.mkfifo(tmp_path / f"{NAME}00000000{END}" / files.LOCK)
+    with fresh(tmp_path / "new"):
+        pass
+    assert "in use, or not ours" in doctor(tmp_path)
+
+
+def test_a_folder_of_the_users_that_is_called_old_stays(tmp_path, monkeypatch):
+    without_exchange(monkeypatch)
+    put(tmp_path / "run.old", {"a": "mine"})
+    target = put(tmp_path / "run", OLD)
+    with replacing(target, STALE) as beside:
+        put(beside, NEW)
+    doctor(tmp_path)
+    assert found(tmp_path / "run.old") == {"a": "mine"}
+    assert found(target) == KEPT | NEW
+    assert {path.name for path in tmp_path.iterdir()} == {"run", "run.old"}
+
+
+@pytest.mark.parametrize("number", REQUESTS)
+def test_a_signal_while_a_hidden_folder_goes_leaves_nothing_of_it(number, tmp_path, monkeypatch):
+    def interrupted(*given, **more):
+        signal.raise_signal(number)
+        remove(*given, **more)
+
+    def asked(*_):
+        raise KeyboardInterrupt
+
+    remove, before = shutil.rmtree, signal.signal(number, asked)
+    monkeypatch.setattr(shutil, "rmtree", interrupted)
+    with pytest.raises(KeyboardInterrupt), hidden_folder(tmp_path) as place:
+        put(place, OLD)
+    signal.signal(number, before)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_file_is_on_the_disk_before_it_takes_its_place(tmp_path, monkeypatch):
