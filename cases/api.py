@@ -137,7 +137,7 @@ class Result:
 
         `save` writes it to a small file, and `Field.load` reads it where the rest of a large mesh lies.
         """
-        return Field.of(self.deflection)
+        return Field.of(self.deflection, (check.name for check in self.checks if not check.passed))
 
     def figures(self) -> dict[str, Any]:
         """Return all figures, in dictionaries, under the names of metrics.json."""

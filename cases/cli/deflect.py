@@ -145,7 +145,7 @@ def limit(place: str, out: Path | None, as_json: bool, quiet: bool, verbose: boo
 @options.progress_options
 def apply(
     field: Path, meshes: tuple[Path, ...], out: Path | None, zones: tuple[str, ...], as_json: bool, **show: bool
-) -> None:
+) -> int:
     """Move further files of a mesh by a saved field.
 
     `sdm deflect --field` saves it. The files may be the parts of a decomposed OpenFOAM case; every point gets the same
@@ -160,8 +160,11 @@ def apply(
     lines = [f"{file}: {moved} of {points} points moved" for file, points, moved in done.files]
     if done.missing:
         lines.append(f"{done.missing} of {done.places} places of {field} are in none of these meshes")
-    figures = {"files": files, "places": done.places, "missing": done.missing}
+    if done.failed:
+        lines.append(f"FAILED: {', '.join(done.failed)}, when {field} was made; do not use the mesh as it is")
+    figures = {"files": files, "places": done.places, "missing": done.missing, "failed": done.failed}
     options.print_either(as_json, figures, *lines)
+    return options.code_of(not done.failed)
 
 
 @click.command()

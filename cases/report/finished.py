@@ -20,7 +20,7 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.plan import Plan
-from sdm_deflect.meshing.formats.registry import format_of, read
+from sdm_deflect.meshing.formats.registry import ending, format_of, read
 from sdm_deflect.meshing.formats.vtu import vtu_arrays
 
 from .data import MESH_UNITS, RUN, Length, ReportData, in_view, measured, read_figures, read_json
@@ -102,11 +102,15 @@ class FinishedRun:
 
     @property
     def command(self) -> str:
-        """The command that repeats it at ANGLE, with centres of its own."""
+        """The command that repeats it at ANGLE, further surfaces in proportion; empty if these follow no angle."""
+        units = [moving.motion.unit for box in self.plan.boxes for moving in box.job.surfaces]
+        if len(units) > 1 and {*units} != {"deg"}:
+            return ""
         source = Path(self.plan.mesh.source)
-        out = source.with_name(f"{source.stem}-ANGLE-deflected{source.suffix}")
+        out = source.with_name(f"{source.name.removesuffix(ending(source))}-ANGLE-deflected{ending(source)}")
         config = quote(str(self.folder.resolve() / SETTINGS))
-        return f"sdm deflect {quote(str(source))} --config {config} --angle ANGLE --out {quote(str(out))}"
+        amount = "--angle " if self.plan.unit == "deg" else "--set amount="
+        return f"sdm deflect {quote(str(source))} --config {config} {amount}ANGLE --out {quote(str(out))}"
 
     @property
     def background(self) -> Mesh | None:

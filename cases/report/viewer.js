@@ -449,8 +449,8 @@
         [waiting, since] = [true, performance.now()];
         socket.send(JSON.stringify(wish));
       }
-      function spans({ low, high, verified, sentence }) {
-        const share = (one) => `${100 * (one - low) / (high - low)}%`, [start, end] = verified.map(share);
+      function spans({ low, high, fits, sentence }) {
+        const share = (one) => `${100 * (one - low) / (high - low)}%`, [start, end] = fits.map(share);
         Object.assign(slider, { min: low, max: high, value: shown });
         control("band").style.background = `linear-gradient(90deg, var(--line) ${start}, var(--good) ${start} ${end}, var(--line) ${end})`;
         control("range").textContent = sentence;
@@ -468,7 +468,7 @@
         if (!next) slider.value = shown;
         if (document.activeElement !== typed) typed.value = shown;
         control("status").textContent = words.status;
-        control("status").classList.toggle("bad", !words.verified);
+        control("status").classList.toggle("bad", !words.fits);
         control("notes").textContent = words.notes.join(" ");
         if (!words.rests) control("said").textContent = "";
         state = "deflected";
@@ -493,7 +493,6 @@
       slider.addEventListener("input", () => { typed.value = slider.value; ask({ angle: Number(slider.value) }); });
       typed.addEventListener("change", () => ask({ angle: typed.value }));
       typed.addEventListener("keydown", ({ key }) => { if (key === "Enter") ask({ angle: typed.value }); });
-      control("mesh").addEventListener("click", () => ask({ save: true }));
       control("command").addEventListener("click", () => {
         const text = command.replaceAll("ANGLE", shown);
         navigator.clipboard.writeText(text).catch(() => {});

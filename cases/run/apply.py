@@ -27,11 +27,19 @@ Write = Callable[[Path, FloatArray], tuple[Path, Path]]
 
 @dataclass(frozen=True, slots=True)
 class Applied:
-    """What a field moved: each file with its points and how many of them moved; places of the field in no mesh."""
+    """What a field moved.
+
+    Attributes
+    ----------
+    files : each file with its points and how many of them moved.
+    places, missing : of the field, and those that are in none of the parts of a case.
+    failed : names of the checks that the deflection of the field failed.
+    """
 
     files: tuple[tuple[Path, int, int], ...]
     places: int
     missing: int
+    failed: tuple[str, ...]
 
 
 def apply_field(
@@ -50,8 +58,8 @@ def apply_field(
     Raises
     ------
     InputError
-        If no place of the field is a point of a mesh, or one is nearly a point: coordinates were rounded. If a mesh has
-        coordinates of 32 bits, or would be overwritten.
+        If a place of the field is no point of the meshes, but some parts of a case may be missing; or one is nearly a
+        point: coordinates were rounded. If a mesh has coordinates of 32 bits, or would be overwritten.
     MeshFileError
         If a mesh cannot be read or written.
     """
@@ -73,7 +81,7 @@ def apply_field(
                 raise MeshFileError(f"{target}: does not read back as it was written")
             files.append((target, len(points), int(np.count_nonzero((moved != points).any(axis=1)))))
         check_unchanged(states)
-    return Applied(tuple(files), places, places - found)
+    return Applied(tuple(files), places, places - found, field.failed)
 
 
 def _found(field: Field, path: Path, meshes: Sequence[Path], zones: Sequence[str], progress: Progress) -> int:
@@ -87,8 +95,9 @@ def _found(field: Field, path: Path, meshes: Sequence[Path], zones: Sequence[str
                 found |= box.matches(points[rows])
     if rounded := sum(int((near & ~exact).sum()) for exact, near in known):
         raise InputError(f"{path}: {rounded} of its places are nearly points of {_names(meshes)}: write all digits")
-    if not (count := sum(int(exact.sum()) for exact, _ in known)):
-        raise InputError(f"{path}: is of another mesh: none of its places is a point of {_names(meshes)}")
+    count, places = sum(int(exact.sum()) for exact, _ in known), sum(len(box.places) for box in field.boxes)
+    if not count or (count < places and not all(map(is_part, meshes))):
+        raise InputError(f"{path}: is of another mesh: {count} of its {places} places are points of {_names(meshes)}")
     return count
 
 

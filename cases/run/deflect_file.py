@@ -14,7 +14,7 @@ from sdm_deflect.deform.mesh.touched import Layers
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
-from sdm_deflect.meshing.files import fresh, permitted_as
+from sdm_deflect.meshing.files import permitted_as
 from sdm_deflect.meshing.formats.registry import FORMATS, files_of, format_of, in_pieces, read, size_of
 
 from .mesh_files import Targets, check_written, write_mesh, write_sensitivity
@@ -160,8 +160,8 @@ def _deflected(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: R
         if wanted.field:
             from sdm_deflect.deform.volume.field import Field
 
-            with fresh(wanted.field) as beside:
-                Field.of(deflection).save(beside)
+            failed = (check.name for check in checks if not check.passed)
+            Field.of(deflection, failed).save(scratch / wanted.field.name)
             names.append(wanted.field)
         check_unchanged(plan.mesh.files)
         wanted.keep_tables(scratch)

@@ -125,8 +125,7 @@ class Targets:
 
         Raises InputError naming the first such target; for a field of several angles, too.
         """
-        if self.field and len(self.angles) > 1:
-            raise InputError(f"--field {self.field} is of one angle; there are {len(self.angles)}")
+        self._check_field()
         meshes = tuple(self.mesh(angle) for angle in self.angles)
         seen: set[Path] = set()
         for target in (*meshes, *self.extra, *filter(None, [self.field]), *self._other_tables()):
@@ -143,6 +142,13 @@ class Targets:
                 )
         if self._is_folder and self.out.resolve().is_relative_to(format_of(self.source).place(self.source).resolve()):
             raise InputError(f"{self.out} lies in the case that is read; name a folder outside it in out")
+
+    def _check_field(self) -> None:
+        if self.field and len(self.angles) > 1:
+            raise InputError(f"--field {self.field} is of one angle; there are {len(self.angles)}")
+        home = self.out.parent.resolve()
+        if self.field and (self.field.parent.resolve() != home or self.field.suffix != ".npz"):
+            raise InputError(f"--field {self.field}: must be an .npz in {home}, with the mesh, beside which it appears")
 
     def _check_target(self, target: Path, read: Sequence[Path]) -> None:
         if target.exists() and any(given.exists() and target.samefile(given) for given in read):

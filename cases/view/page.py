@@ -3,11 +3,9 @@
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.cases.file_mesh import saved
 from sdm_deflect.cases.report.data import MESH_UNITS, METRES, ReportData, diagonal
 from sdm_deflect.cases.report.finished import FinishedRun
 from sdm_deflect.cases.report.page import HERE, picture, templates
@@ -102,32 +100,31 @@ class View:
             "unit": self.run.unit.strip(),
             "positive": self.run.display.positive,
             "repairs": self.run.repairs,
-            "command": self._command(),
+            "command": self.finished.command,
         }
         return html(self.data, self.scene, live, sum(self.run.mesh.cell_counts), port)
 
     def spans(self) -> Json:
-        """Return the ends of the slider, and the verified angles, in words too."""
+        """Return the ends of the slider, and the angles that fit, in words too."""
         run, spans = self.run, Spans.of(self.run)
-        low, high = spans.verified.low, spans.verified.high
-        sentence = f"{low:+g}{run.unit} to {high:+g}{run.unit} are verified{' without repair' if run.repairs else ''}"
+        low, high = spans.fits.low, spans.fits.high
+        sentence = f"from {low:+g}{run.unit} to {high:+g}{run.unit} the centres of the run fit and no cell inverts"
+        sentence += " without repair" if run.repairs else ""
         return {
             "low": spans.possible.low,
             "high": spans.possible.high,
-            "verified": [low, high],
+            "fits": [low, high],
             "sentence": f"{sentence}; positive is {run.display.positive}",
         }
 
     def answer(self, wish: Json, frame: DeflectedMesh | None) -> tuple[Json | bytes, DeflectedMesh | None]:
         """Return what is said to a page that shows a frame, and the frame that it shows then.
 
-        A page wishes an ``angle``, a number or a text, and whether it ``rests`` and is to be repaired; or to ``save``.
-        The answer is a sentence, ``said``; or, as bytes: the length of a JSON text, this text, and in single precision
-        the points of each part of the scene that moves, after those of a group of cells their qualities.
+        A page wishes an ``angle``, a number or a text, and whether it ``rests`` and is to be repaired. The answer is a
+        sentence, ``said``; or, as bytes: the length of a JSON text, this text, and in single precision the points of
+        each part of the scene that moves, after those of a group of cells their qualities.
         """
         try:
-            if wish.get("save"):
-                return {"said": self._save(frame)}, frame
             angle, rests = parsed(str(wish.get("angle")), self.run.unit), bool(wish.get("rests"))
             moving = frame if frame and frame.angle == angle and frame.repaired is None else self.run.at(angle)
             shown = self.run.repaired(moving) if rests else moving
@@ -137,7 +134,7 @@ class View:
             "angle": angle,
             "rests": rests,
             "status": verdict(shown, self.run),
-            "verified": shown.verified,
+            "fits": shown.fits,
             "notes": [*self._moved(shown), mending(shown, self.run, float(moving.quality.min(initial=1.0)))],
         }
         text = json.dumps(words).encode()
@@ -153,29 +150,14 @@ class View:
                 yield quality[rows]
 
     def _moved(self, frame: DeflectedMesh) -> Iterator[str]:
-        """Yield where the node is of each surface that moves farthest."""
+        """Yield the amount of each surface, and where the node is that moves farthest."""
         length = self.run.display.length
         for one in self.run.surfaces:
             point = frame.points[one.node]
             travel = float(np.linalg.norm(point - self.run.mesh.points[one.node]))
             place = ", ".join(f"{length.factor * c:.5g}" for c in point)
-            yield f"{one.name}: {one.place} at ({place}), moved by {length.text(travel)}."
-
-    def _command(self) -> str:
-        """Return the command that deflects by ANGLE with centres of its own; empty if there is none."""
-        if len(self.run.surfaces) > 1 or self.run.unit[0] == " ":
-            return ""
-        return self.finished.command
-
-    def _save(self, frame: DeflectedMesh | None) -> str:
-        """Write the mesh at an angle beside that of the run, in its format; InputError if it is not verified."""
-        if frame is None or not frame.verified:
-            raise InputError("This angle is not verified: run the command for it instead.")
-        source = Path(self.run.mesh.source) if self.run.mesh.source else self.finished.folder / "deflected.vtu"
-        out = source.with_name(f"{source.stem}-{frame.angle:g}{source.suffix}")
-        if out.exists():
-            raise InputError(f"{out} is there already.")
-        return f"{saved(self.run.mesh, frame.points, out)} is written."
+            amount = f"{one.factor * frame.angle:+.4g}{self.run.unit}"
+            yield f"{one.name} by {amount}: {one.place} at ({place}), moved by {length.text(travel)}."
 
 
 def parsed(text: str, unit: str) -> float:
@@ -187,19 +169,19 @@ def parsed(text: str, unit: str) -> float:
 
 
 def verdict(frame: DeflectedMesh, run: InteractiveRun) -> str:
-    """Return whether the mesh at this angle is verified."""
+    """Return whether the centres of the run fit this angle and no further cell inverts; there are more checks."""
     residual, tolerance = (_small(one, run) for one in (frame.residual, frame.tolerance))
     count = len(frame.inverted)
     if frame.further:
         cells = "1 inverted cell" if count == 1 else f"{count} inverted cells"
         cells += f" ({frame.further} of them not before)" if frame.further < count else ""
         remedy = "" if run.repairs else " Run it at this angle with repair, or turn it less."
-        return f"\N{MULTIPLICATION X} Not verified: {cells}; residual {residual}.{remedy}"
+        return f"\N{MULTIPLICATION X} {cells}; residual {residual}.{remedy}"
     if frame.residual >= frame.tolerance:
-        return f"! Not verified: residual {residual}, above the run's tolerance of {tolerance}. Run it at this angle."
+        return f"! Residual {residual}, above the run's tolerance of {tolerance}. Run it at this angle."
     known = f"{count} inverted cells as before" if count else "no inverted cell"
     least = float((run.weights * frame.quality).min(initial=1.0))
-    return f"\N{CHECK MARK} Verified: residual {residual}, below {tolerance}; {known}; least quality {least:.3f}."
+    return f"\N{CHECK MARK} Residual {residual}, below {tolerance}; {known}; least quality {least:.3f}."
 
 
 def mending(frame: DeflectedMesh, run: InteractiveRun, before: float) -> str:

@@ -60,7 +60,7 @@ class DeflectedMesh:
         return len(np.setdiff1d(self.inverted, self.before, assume_unique=True))
 
     @property
-    def verified(self) -> bool:
+    def fits(self) -> bool:
         """True if the residual is below the tolerance and no further cell is inverted."""
         return self.residual < self.tolerance and not self.further
 
@@ -266,24 +266,24 @@ class Span:
 
 @dataclass(frozen=True, slots=True)
 class Spans:
-    """Where the surfaces can move, and where the interpolant's mesh is verified, without a repair."""
+    """Where the surfaces can move, and where the interpolant's mesh fits (`DeflectedMesh.fits`) without a repair."""
 
     possible: Span
-    verified: Span
+    fits: Span
 
     @classmethod
     def of(cls, run: InteractiveRun) -> "Spans":
-        """Find where the surfaces can move by bisection, and where the mesh is verified by steps from zero."""
+        """Find where the surfaces can move by bisection, and where the mesh fits by steps from zero."""
         step = run.step
         low, high = (sign * step * _last(run, sign * step) for sign in (-1.0, 1.0))
         possible = Span(low, high, _obstacle(run, low - step), _obstacle(run, high + step))
-        return cls(possible, Span(-step * _verified(run, -step, low), step * _verified(run, step, high)))
+        return cls(possible, Span(-step * _fitting(run, -step, low), step * _fitting(run, step, high)))
 
 
-def _verified(run: InteractiveRun, step: float, end: float) -> int:
-    """Return how many steps from zero towards `end` are verified before the first that is not."""
+def _fitting(run: InteractiveRun, step: float, end: float) -> int:
+    """Return how many steps from zero towards `end` fit before the first that does not."""
     k = 0
-    while abs(step * (k + 1)) <= abs(end) and run.at(step * (k + 1)).verified:
+    while abs(step * (k + 1)) <= abs(end) and run.at(step * (k + 1)).fits:
         k += 1
     return k
 

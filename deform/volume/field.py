@@ -4,7 +4,7 @@ What moves a node is its undeflected place: by the box, the interpolants, nearby
 with prescribed final positions. So any part of a mesh can be moved anywhere, in any order, and twice.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -34,7 +34,7 @@ POINTS_AT_A_TIME = 1 << 18
 """Nodes moved at a time."""
 NEAR = 1e-6
 """Share of the distance between places within which a point is no other one, but one that was rounded."""
-FILE = "displacement field of sdm-deflect, 2"
+FILE = "displacement field of sdm-deflect, 3"
 ARRAYS = ("boundary", "values", "turns", "part")
 """Arrays of a step by their names in a file."""
 
@@ -179,13 +179,15 @@ class Field:
     Attributes
     ----------
     boxes : the deflection in one box, or in several that do not overlap.
+    failed : names of the checks that the deflected mesh failed.
     """
 
     boxes: tuple[FieldBox, ...]
+    failed: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, deflected: Deflection) -> "Field":
-        """Take what a deflection has found.
+    def of(cls, deflected: Deflection, failed: Iterable[str] = ()) -> "Field":
+        """Take what a deflection has found, and the names of the checks that it failed.
 
         Raises InputError if its points are rounded, or nodes at one place move apart.
         """
@@ -193,7 +195,7 @@ class Field:
             raise InputError(
                 f"{deflected.plan.mesh.name}: a field is of double precision; take the field of the result itself"
             )
-        return cls(tuple(FieldBox.of(one) for one in deflected.boxes))
+        return cls(tuple(FieldBox.of(one) for one in deflected.boxes), tuple(dict.fromkeys(failed)))
 
     def apply(self, points: FloatArray, progress: Progress = silent) -> FloatArray:
         """Return the deflected coordinates (N, 3) of undeflected points (N, 3); points that stay keep their bits.
@@ -217,6 +219,7 @@ class Field:
     def save(self, path: str | PathLike[str]) -> None:
         """Write it to a file, whole or not at all; Field.load reads it."""
         arrays: dict[str, Any] = {"kind": np.array(FILE), "boxes": np.array(len(self.boxes))}
+        arrays["failed"] = np.array(self.failed, dtype=np.str_)
         for b, box in enumerate(self.boxes):
             arrays |= {
                 f"corners_{b}": box.box.corners, f"zones_{b}": np.array(box.zones, dtype=np.str_),
@@ -242,28 +245,35 @@ class Field:
         with damaged(Path(path), FILE):
             if str(stored["kind"]) != FILE:
                 raise ValueError("it holds something else")
-            return cls(tuple(_box(stored, b) for b in range(int(stored["boxes"]))))
+            return cls(tuple(_box(stored, b) for b in _counted(stored, "boxes")), tuple(stored["failed"].tolist()))
 
 
 def _box(stored: Mapping[str, Any], b: int) -> FieldBox:
     """Return one box of a file; ValueError if its arrays do not fit together."""
-    places, ends = stored[f"places_{b}"], stored[f"ends_{b}"]
+    places, ends, planes = (bounded(stored[f"{name}_{b}"], name) for name in ("places", "ends", "planes"))
     if places.shape != ends.shape or places.ndim != 2 or places.shape[1] != 3:
         raise ValueError(f"places {places.shape} and ends {ends.shape} must be (K, 3) both")
-    steps = tuple(_step(stored, f"_{b}_{i}") for i in range(int(stored[f"steps_{b}"])))
+    steps = tuple(_step(stored, f"_{b}_{i}") for i in _counted(stored, f"steps_{b}"))
     zones = tuple(stored[f"zones_{b}"].tolist())
-    return FieldBox(
-        Hexahedron(stored[f"corners_{b}"]), zones, steps, places, ends, stored[f"planes_{b}"].reshape(-1, 3)
-    )
+    return FieldBox(Hexahedron(stored[f"corners_{b}"]), zones, steps, places, ends, planes.reshape(-1, 3))
+
+
+def _counted(stored: Mapping[str, Any], name: str) -> range:
+    """Return the numbers of the boxes or steps of a file; ValueError if there are none."""
+    if (count := int(stored[name])) < 1:
+        raise ValueError(f"{name} = {count} must be at least 1")
+    return range(count)
 
 
 def _step(stored: Mapping[str, Any], tag: str) -> FieldStep:
     """Return one step of a file; ValueError if its arrays do not fit together."""
-    one = {name: stored[f"{name}{tag}"] for name in (*ARRAYS, "centers", "beta", "alpha", "reach")}
+    one = {name: bounded(stored[f"{name}{tag}"], name) for name in (*ARRAYS, "centers", "beta", "alpha", "reach")}
     count = len(one["boundary"])
     for name, shape in (("values", (count, 3)), ("turns", (count, 3, 3)), ("part", (count,)), ("boundary", (count, 3))):
         if one[name].shape != shape:
             raise ValueError(f"{name} {one[name].shape} of step {tag} must be {shape}")
+    if one["part"].min(initial=0.0) < 0.0:
+        raise ValueError("a part is below 0")
     interpolant = Interpolant(stored_kernel(stored, tag), one["centers"], one["beta"], one["alpha"])
     arrays = one["boundary"], one["values"], one["turns"], one["part"].astype(np.intp)
     return FieldStep(interpolant, *arrays, float(one["reach"]))

@@ -234,7 +234,7 @@ STALE = ("processor*",)
 """Parts of a decomposed case: their meshes would be the old ones, so they are not copied."""
 OF_PARTS = (
     "is decomposed: join it by `reconstructParMesh -constant`, deflect the whole with --field FILE, and move the parts "
-    "by `sdm apply FILE {}/processor*`"
+    "by `sdm apply FILE {}/processor* --out CASE`"
 )
 OF_COLLATED = "is collated: decompose it with `-fileHandler uncollated`"
 OF_TIMES = (

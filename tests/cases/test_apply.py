@@ -138,11 +138,12 @@ def test_other_zones_stay_unless_they_deform(pair, sdm):
     names = (pair / name for name in ("pair.cgns", "field.npz", "turned.cgns", "both.cgns"))
     source, field, turned, both = names
     assert sdm("deflect", source, *BODY, "--field", field, "--out", turned)[0] == 1  # nodes of the other body stay
-    assert sdm("apply", field, source, "--quiet")[0] == 0
+    code, said, _ = sdm("apply", field, source, "--quiet")
+    assert (code, "FAILED: left_behind, when " in said) == (1, True)  # the field knows
     found, start = read(pair / "pair-deflected.cgns").points, read(source).zones[1].start
     assert np.array_equal(found, read(turned).points)
     assert np.array_equal(found[start:], read(source).points[start:])
-    assert sdm("apply", field, source, "--zone", "far", "--quiet", "--out", both)[0] == 0
+    assert sdm("apply", field, source, "--zone", "far", "--quiet", "--out", both)[0] == 1
     moved = read(both).points
     assert np.array_equal(moved[start:], moved[:start])
 
@@ -150,8 +151,15 @@ def test_other_zones_stay_unless_they_deform(pair, sdm):
 def test_a_field_and_a_mesh_that_do_not_belong_together(folder, field, sdm, tmp_path):
     FORMATS["su2"].write(block_with_body(8), tmp_path / "block.su2")
     code, _, said = sdm("apply", field, tmp_path / "block.su2", "--quiet")
-    assert (code, said) == (2, f"sdm: {field}: is of another mesh: none of its places is a point of block.su2\n")
+    assert code == 2
+    assert re.search(r"is of another mesh: 0 of its \d+ places are points of block\.su2", said)
     mesh = read(folder / "wing.su2")
+    points = mesh.points.copy()
+    points[mesh.on("flap_upper")[::2]] += 1e-3
+    FORMATS["su2"].write(mesh.with_points(points), tmp_path / "other.su2")
+    code, _, said = sdm("apply", field, tmp_path / "other.su2", "--quiet")
+    assert code == 2
+    assert re.search(r"is of another mesh: \d+ of its \d+ places are points of other\.su2", said)
     FORMATS["su2"].write(mesh.with_points(np.round(mesh.points, 9)), tmp_path / "rounded.su2")
     code, _, said = sdm("apply", field, tmp_path / "rounded.su2", "--quiet")
     assert code == 2
@@ -162,13 +170,56 @@ def test_a_field_and_a_mesh_that_do_not_belong_together(folder, field, sdm, tmp_
     assert not list(tmp_path.glob("*-deflected*"))
 
 
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("places_0", lambda array: 1e300 * array),
+        ("ends_0", lambda array: 1e300 * array),
+        ("boundary_0_0", lambda array: np.nan * array),
+        ("beta_0_0", lambda array: array + np.inf),
+        ("part_0_0", lambda array: array - 1),
+        ("steps_0", lambda array: array - 2),
+        ("boxes", lambda array: 0 * array),
+        ("failed", lambda array: None),
+    ],
+)
+def test_a_damaged_field_is_one_sentence(name, change, folder, field, sdm, tmp_path):
+    with np.load(field) as stored:
+        arrays = dict(stored)
+    arrays[name] = change(arrays[name])
+    np.savez(tmp_path / "bad.npz", **{key: array for key, array in arrays.items() if array is not None})
+    code, _, said = sdm("apply", tmp_path / "bad.npz", folder / "wing.su2", "--out", tmp_path / "out.su2", "--quiet")
+    assert code == 2
+    assert said.startswith(f"sdm: {tmp_path / 'bad.npz'}: ")
+    assert said.count("\n") == 1
+    assert not (tmp_path / "out.su2").exists()
+
+
+def test_a_field_appears_with_its_mesh_or_not_at_all(folder, sdm, tmp_path, monkeypatch):
+    shutil.copy(folder / "wing.su2", tmp_path)
+    out, field = tmp_path / "out.su2", tmp_path / "f.npz"
+    words = ["deflect", tmp_path / "wing.su2", *TURN, "--out", out, "--field", field]
+    assert sdm(*words)[0] == 0
+    before = {path: path.read_bytes() for path in (out, field)}
+
+    def changed(_):
+        raise InputError("wing.su2: was changed or replaced while it was in use; run the command again")
+
+    monkeypatch.setattr("sdm_deflect.cases.run.deflect_file.check_unchanged", changed)
+    assert sdm(*words, "--angle", "3")[0] == 2
+    assert {path: path.read_bytes() for path in (out, field)} == before
+    for name in (tmp_path / "f.txt", tmp_path / "deep" / "f.npz"):
+        code, _, said = sdm(*words[:-1], name)
+        assert (code, "must be an .npz in" in said) == (2, True)
+
+
 def test_what_cannot_be_is_one_sentence(folder, field, sdm, tmp_path):
     case = tmp_path / "case"
     (case / "processor0" / MESH).mkdir(parents=True)
     shutil.copy(folder / "wing" / MESH / "points", case / "processor0" / MESH)
     (case / "processors4" / MESH).mkdir(parents=True)
     way = "join it by `reconstructParMesh -constant`, deflect the whole with --field FILE, and move the parts by "
-    way += f"`sdm apply FILE {case}/processor*`"
+    way += f"`sdm apply FILE {case}/processor* --out CASE`"
     both = [folder / "wing.su2", folder / "wing.cgns"]
     for words, want in (
         (["deflect", case / "processor0", *TURN], f"{case}: is decomposed: {way}"),

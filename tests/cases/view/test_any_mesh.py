@@ -32,7 +32,7 @@ def test_a_hybrid_mesh_that_slides_is_reproduced(hybrid, wing_folder):
     frame = hybrid.at(10.0)
     assert hybrid.boxes[0].steps[0].first
     assert np.abs(frame.points - points).max() < EQUAL
-    assert frame.verified
+    assert frame.fits
     assert np.array_equal(hybrid.at(0.0).points, hybrid.mesh.points)
     symmetry = hybrid.mesh.patch("symmetry").nodes
     assert np.abs(hybrid.at(7.0).points[symmetry, 1]).max() == 0.0
@@ -44,7 +44,7 @@ def test_a_page_gets_the_points_and_qualities_of_cells_of_any_type(block, bare_d
     folder = bare_deflection(mesh, "case/x.foam" if many else "x.su2", *BODY, fixed="?-")
     view = View.of(FinishedRun.of(folder))
     answer, frame = view.answer({"angle": "-10", "rests": True}, None)
-    assert words(answer)["verified"] is frame.verified
+    assert words(answer)["fits"] is frame.fits
     values = np.frombuffer(answer, dtype="<f4", offset=4 + int.from_bytes(answer[:4], "little"))
     rows = np.concatenate([own for _, own in view.parts if own is not None])
     assert np.array_equal(np.sort(rows), np.arange(len(frame.quality)))
@@ -57,24 +57,22 @@ def test_a_page_gets_the_points_and_qualities_of_cells_of_any_type(block, bare_d
     assert not len(values)
 
 
-def test_inverted_cells_are_counted_and_nothing_is_saved(block, bare_deflection):
+def test_inverted_cells_are_counted(block, bare_deflection):
     view = View.of(FinishedRun.of(bare_deflection(polyhedral(block), "case/x.foam", *BODY, repair="off")))
     answer, frame = view.answer({"angle": 80.0, "rests": True}, None)
-    assert f"Not verified: {len(frame.inverted)} inverted cells" in words(answer)["status"]
-    assert "not verified" in view.answer({"save": True}, frame)[0]["said"]
+    assert f"{len(frame.inverted)} inverted cells" in words(answer)["status"]
+    assert not words(answer)["fits"]
 
 
-def test_the_mesh_at_an_angle_is_saved_and_its_command_printed(wing_folder):
-    view = View.of(FinishedRun.of(wing_folder))
-    _, frame = view.answer({"angle": 4}, None)
-    out = wing_folder.parent / "wing-4.su2"
-    try:
-        assert view.answer({"save": True}, frame)[0]["said"] == f"{out} is written."
-        assert np.abs(read(out).points - frame.points).max() < EQUAL
-        assert "is there already" in view.answer({"save": True}, frame)[0]["said"]
-    finally:
-        out.unlink()
-    command = view._command()
+def test_the_page_writes_nothing_and_says_that_the_command_makes_all_checks(wing_folder):
+    """Once it called meshes verified that `sdm deflect` fails, and wrote them."""
+    view, before = View.of(FinishedRun.of(wing_folder)), sorted(wing_folder.parent.rglob("*"))
+    answer, frame = view.answer({"angle": 4}, None)
+    assert "which makes all checks and writes the mesh" in view.html(1)
+    assert "erified" not in words(answer)["status"] + view.html(1)
+    assert "is not a number" in view.answer({"save": True}, frame)[0]["said"]
+    assert sorted(wing_folder.parent.rglob("*")) == before
+    command = view.finished.command
     assert command.startswith("sdm deflect")
     assert sdm(*split(command.replace("ANGLE", "4"))[1:], "--dry-run", "--quiet") == 0
 
@@ -100,7 +98,11 @@ def test_several_surfaces_turn_in_one_box(tmp_path):
         for name, x, angle in (("left", -1.25, 8.0), ("right", 1.25, -4.0))
     )
     result = deflect(Plan.of(read(tmp_path / "two.su2"), [Job(surfaces=surfaces)]), 8.0)
-    run = InteractiveRun.of(FinishedRun.of(written(tmp_path / "report", result)))
+    view = View.of(FinishedRun.of(written(tmp_path / "report", result)))
+    run = view.run
+    notes = words(view.answer({"angle": 4.0}, None)[0])["notes"]
+    assert [note.partition(":")[0] for note in notes[:2]] == ["left by +4\N{DEGREE SIGN}", "right by -2\N{DEGREE SIGN}"]
+    assert sdm(*split(view.finished.command.replace("ANGLE", "4"))[1:], "--dry-run", "--quiet") == 0
     assert [(one.name, one.factor) for one in run.surfaces] == [("left", 1.0), ("right", -0.5)]
     assert np.abs(run.at(8.0).points - result.points).max() < EQUAL
     boundary = run.boxes[0].plan.boundary
@@ -116,7 +118,7 @@ def test_a_table_is_shown_by_its_share(block, bare_deflection, tmp_path):
     assert np.abs(run.at(1.0).points[nodes] - block.points[nodes] - [0.0, 0.0, 0.2]).max() < EQUAL
     assert run.unit == " of the table"
     spans = Spans.of(run)
-    assert 0.5 in spans.verified
+    assert 0.5 in spans.fits
     assert spans.possible.high == pytest.approx(1.5)
     assert run.angle == 0.5
 

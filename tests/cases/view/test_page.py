@@ -72,7 +72,7 @@ def shown_by(browser, address):
 @pytest.fixture(scope="module")
 def page(browser, server):
     tab = shown_by(browser, server[1])
-    wait_until(lambda: "erified" in tab.locator("#scene-status").inner_text(), "no angle is answered")
+    wait_until(lambda: "esidual" in tab.locator("#scene-status").inner_text(), "no angle is answered")
     yield tab
     tab.close()
 
@@ -115,13 +115,13 @@ def to(page, angle):
     return page.inner_text("#scene-status")
 
 
-def test_the_runs_angle_is_shown_first_and_verified(page):
+def test_the_runs_angle_is_shown_first_and_fits(page):
     assert page.input_value("#scene-typed") == "-12"
-    assert "Verified: residual" in page.inner_text("#scene-status")
+    assert "Residual" in page.inner_text("#scene-status")
     assert "0 inverted" in page.inner_text("#scene-count")
     wait_until(
-        lambda: "are verified without repair; positive is trailing" in page.inner_text("#scene-range"),
-        "no verified angles",
+        lambda: "no cell inverts without repair; positive is trailing" in page.inner_text("#scene-range"),
+        "no angles that fit",
     )
     assert float(page.get_attribute("#scene-angle", "max")) == 85.0
 
@@ -142,7 +142,7 @@ def test_the_slider_moves_the_surface_and_many_inputs_end_at_the_last(page, aile
 
 def test_the_printed_coordinates_are_those_of_the_rotation(page, aileron):
     for angle in (-12.0, 8.0):
-        assert "Verified" in to(page, angle)
+        assert "below" in to(page, angle)
         expected = 1e3 * aileron.at(angle).points[aileron.surfaces[0].node]
         assert np.abs(trailing_edge(page) - expected).max() < 0.006
 
@@ -159,10 +159,10 @@ def test_an_angle_out_of_range_is_refused_with_a_message(page):
     assert said.inner_text() == ""
 
 
-def test_an_angle_beyond_the_verified_ones_is_shown_and_says_so(page):
+def test_an_angle_beyond_those_that_fit_is_shown_and_says_so(page):
     assert "above the run's tolerance" in to(page, -45)
     assert page.locator("#scene-status.bad").count() == 1
-    assert "Verified" in to(page, -12)
+    assert "below" in to(page, -12)
 
 
 def test_the_camera_stays_when_the_mesh_moves_and_buttons_turn_it(page):
@@ -192,13 +192,11 @@ def test_the_section_goes_to_the_worst_cell(page):
     wait_until(lambda: differing(picture(page), before) < 0.02, "the section stays")
 
 
-def test_its_command_is_printed_and_its_mesh_saved(page, folder):
+def test_its_command_is_printed(page):
     to(page, -11)
     page.locator("#scene-command").click()
     assert "--set angle=-11" in page.inner_text("#scene-said")
-    page.locator("#scene-mesh").click()
-    wait_until(lambda: "deflected--11.vtu is written" in page.inner_text("#scene-said"), "nothing is written")
-    assert (folder / "deflected--11.vtu").is_file()
+    assert not page.locator("#scene-mesh").count()
 
 
 def test_markup_in_a_title_is_text(page):
@@ -232,7 +230,7 @@ def test_the_keyboard_reaches_every_control(page):
     for _ in range(60):
         page.keyboard.press("Tab")
         reached.add(page.evaluate("document.activeElement.id || document.activeElement.dataset.turn || ''"))
-    names = "angle typed mesh command deflected view colour lines overlay box sites centres cells threshold axis place"
+    names = "angle typed command deflected view colour lines overlay box sites centres cells threshold axis place"
     assert {
         "turnable",
         "left",
@@ -344,7 +342,7 @@ def test_messages_are_bounded_and_bad_ones_end_the_connection(server, page):
         thread.submit(asyncio.run, everything()).result()
     status = Path(f"/proc/{server[0].pid}/status").read_text()
     assert int(re.search(r"VmHWM:\s+(\d+)", status)[1]) < 1_000_000  # kB
-    assert "Verified" in to(page, 3)
+    assert "below" in to(page, 3)
 
 
 def test_the_mesh_is_repaired_where_the_slider_rests(browser, repaired_folder):

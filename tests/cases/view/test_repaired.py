@@ -22,7 +22,7 @@ def test_at_rest_the_runs_angle_shows_the_runs_mesh(repaired, repaired_folder):
     assert np.array_equal(resting.points, stored.points)
     assert len(moving.inverted)
     assert not len(resting.inverted)
-    assert resting.verified
+    assert resting.fits
     assert np.abs(moving.points + repaired.moved - stored.points).max() < EQUAL
     assert resting.repaired == np.count_nonzero(repaired.moved.any(axis=1))
 

@@ -39,7 +39,7 @@ def test_the_runs_angle_gives_the_runs_mesh(case, bare_run):
     run, stored = InteractiveRun.of(finished), finished.deflected
     frame = run.at(case.angle)
     assert np.abs(frame.points + run.moved - stored.points).max() < EQUAL
-    assert run.repaired(frame).verified
+    assert run.repaired(frame).fits
 
 
 def test_every_step_of_a_run_in_steps_is_met(stepped_folder):
@@ -48,7 +48,7 @@ def test_every_step_of_a_run_in_steps_is_met(stepped_folder):
     assert [len(box.steps) for box in run.boxes] == [2]
     assert np.abs(run.at(-12.0).points - stored.points).max() < EQUAL
     before, after = run.at(-6.0), run.at(-6.0 - 1e-6)  # the first step's end is the second's beginning
-    assert before.verified
+    assert before.fits
     assert np.abs(before.points - after.points).max() < 1e-8
 
 
@@ -57,7 +57,7 @@ def test_zero_is_the_undeflected_mesh_bit_for_bit(aileron, tail):
         frame = run.at(0.0)
         assert np.array_equal(frame.points, run.mesh.points)
         assert frame.residual == 0.0
-        assert frame.verified
+        assert frame.fits
 
 
 @pytest.mark.parametrize("angle", [-12.0, 7.5, 30.0])
@@ -81,10 +81,10 @@ def test_the_quality_is_that_of_the_cells_that_can_change(aileron):
     assert np.array_equal(whole, parts)
 
 
-def test_an_inverted_cell_is_not_verified_unless_it_was_before(aileron):
+def test_a_mesh_with_an_inverted_cell_does_not_fit_unless_it_was_before(aileron):
     bad = replace(aileron.at(-12.0), inverted=np.array([7]))
-    assert not bad.verified
-    assert replace(bad, before=np.array([7])).verified
+    assert not bad.fits
+    assert replace(bad, before=np.array([7])).fits
 
 
 def test_a_motion_that_does_not_exist_is_refused(tail):
@@ -98,11 +98,11 @@ def test_a_motion_that_does_not_exist_is_refused(tail):
 def test_the_spans_end_where_it_fails(tail):
     """Its centres are those of 12 degrees: on some meshes the error is above the tolerance from 5 degrees on."""
     spans = Spans.of(tail)
-    assert tail.at(12.0).verified
-    assert spans.verified.low < 0.0 < spans.verified.high
-    for angle in (spans.verified.low, spans.verified.high):
-        assert tail.at(angle).verified
-    assert not tail.at(spans.verified.high + 0.5).verified
+    assert tail.at(12.0).fits
+    assert spans.fits.low < 0.0 < spans.fits.high
+    for angle in (spans.fits.low, spans.fits.high):
+        assert tail.at(angle).fits
+    assert not tail.at(spans.fits.high + 0.5).fits
     for angle in (spans.possible.low - 0.5, spans.possible.high + 0.5):
         with pytest.raises(InputError):
             tail.at(angle)
