@@ -169,18 +169,18 @@ BUDGETS = {
     "cases/view": (687, 4),
     "deform": (664, 3),
     "deform/base": (812, 6),
-    "deform/mesh": (4230, 16),
+    "deform/mesh": (4286, 16),
     "deform/rbf": (1620, 7),
     "deform/repair": (1568, 6),
     "deform/surface": (1094, 7),
     "deform/volume": (3566, 13),
     "geometry": (2071, 13),
     "meshing": (571, 5),
-    "meshing/formats": (9032, 37),
+    "meshing/formats": (9041, 37),
     "meshing/generate": (1566, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 8_270, 450
+MOST_COMPLEXITY, LONGEST = 8_289, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

@@ -126,10 +126,15 @@ def _with_any(faces: Cells | Polygons, marked: Marks) -> Marks:
 
 
 def _keys_of(block: Volume, rows: IntArray, marked: Marks, keys: Keys) -> Keys:
-    """Keys of the faces with a marked node, once for each cell that has them."""
+    """Keys of the faces with a marked node, once for each cell that has them.
+
+    Faces of polyhedra that have one owner each are no face between two, though both have the same nodes: a baffle.
+    """
     if isinstance(block, Polyhedra):
         found, own = face_keys(block.faces, keys), _with_any(block.faces, marked)
-        return np.concatenate([found[own], found[: len(block.neighbour)][own[: len(block.neighbour)]]])
+        inner, outer = np.split(own, [len(block.neighbour)])
+        between = found[: len(inner)][inner]
+        return np.concatenate([between, between, distinct(found[len(inner) :][outer])])
     return _joined([face_keys(faces, keys)[_with_any(faces, marked)] for faces in faces_of(block, rows)])
 
 

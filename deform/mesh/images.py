@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 
 import numpy as np
 
@@ -15,7 +16,8 @@ from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, dist
 from sdm_deflect.deform.base.errors import InputError, short_list
 
 from .axis import Axis
-from .cells import Patch, Periodic
+from .cells import Patch, Periodic, Polygons
+from .edges import polygons_of
 from .mesh import Mesh
 from .sliding import Plane
 
@@ -246,10 +248,54 @@ def tolerance(points: FloatArray, *nodes: IntArray) -> float:
     return TOLERANCE * max((float(np.abs(points[some]).max(initial=0.0)) for some in nodes), default=0.0)
 
 
+def images_of_faces(
+    one: Polygons, other: Polygons, here: FloatArray, there: FloatArray, near: float
+) -> IntArray | None:
+    """Return the nodes of faces and their images among the nodes of other faces (K, 2), the first ones rising.
+
+    Each face is matched with the one at its centre, then the corners of both: nodes at one place keep images of their
+    own, as on baffles and sliding interfaces.
+
+    Parameters
+    ----------
+    one, other : The faces.
+    here, there : Where the images of the corners of `one` should be (C, 3), and the corners of `other` (D, 3).
+    near : Largest distance of a corner from an image.
+
+    Returns None if the faces do not match.
+    """
+    from scipy.spatial import cKDTree  # takes a tenth of a second to load
+
+    sizes = [np.diff(faces.offsets) for faces in (one, other)]
+    if len(one) != len(other) or not len(one):
+        return None
+    sums = [np.add.reduceat(*pair) for pair in ((here, one.offsets[:-1]), (there, other.offsets[:-1]))]
+    centres = [total / size[:, None] for total, size in zip(sums, sizes, strict=True)]
+    apart, rows = cKDTree(centres[1]).query(centres[0])
+    if apart.max() > near or len(distinct(rows)) < len(rows) or (sizes[0] != sizes[1][rows]).any():
+        return None
+    images = np.empty_like(one.nodes)
+    for size in distinct(sizes[0]):
+        faces, corner = np.flatnonzero(sizes[0] == size), np.arange(size)
+        first, start = one.offsets[faces, None] + corner, other.offsets[rows[faces], None]
+        least = np.full(len(faces), np.inf)
+        for turn, sense in product(range(size), (-1, 1)):
+            second = start + (turn + sense * corner) % size
+            off = np.abs(here[first] - there[second]).max(axis=(1, 2))
+            images[first[off < least]] = other.nodes[second[off < least]]
+            least = np.minimum(least, off)
+        if least.max() > near:
+            return None
+    pairs = np.unique(np.column_stack([one.nodes, images]), axis=0)
+    return pairs if all(len(distinct(side)) == len(pairs) for side in pairs.T) else None
+
+
 def matched(
     points: FloatArray, patches: tuple[Patch, Patch], motion: RigidMotion, allowed: float | None = None
 ) -> IntArray:
     """Return each node of the first patch, and the node of the second that is its image, (K, 2); first ones rise.
+
+    They are matched by faces, or by place alone where the faces of the two patches differ.
 
     Parameters
     ----------
@@ -268,6 +314,11 @@ def matched(
     if len(first) != len(second) or not len(first):
         raise InputError(f"{what} have {len(first)} and {len(second)} nodes: they must match node by node")
     allowed = tolerance(points, first, second) if allowed is None else allowed
+    here, there = polygons_of(one.faces), polygons_of(other.faces)
+    if all(len(distinct(faces.nodes)) == len(first) for faces in (here, there)):
+        moved = points[here.nodes] @ motion[0].T + motion[1]
+        if (pairs := images_of_faces(here, there, moved, points[there.nodes], allowed)) is not None:
+            return pairs
     images = points[first] @ motion[0].T + motion[1]
     apart, rows = cKDTree(points[second]).query(images)
     if apart.max() > allowed:

@@ -195,8 +195,8 @@ def _remedy(mesh: Mesh, patch: Patch, tol: float) -> str:
     """Say how to declare a patch: a plane one may slide as well."""
     for pair in mesh.periodic:
         if patch.name in pair.patches:
-            first, second = pair.patches
-            return f"{first} and {second} do not match node by node, so it can only stay: name it in fixed"
+            sides = " and ".join(dict.fromkeys(pair.patches))
+            return f"the sides of {sides} do not match, so it can only stay: name it in fixed"
     points = mesh.points[patch.nodes]
     plane = np.linalg.matrix_rank(points - points[0], tol) < 3
     return f"name it in fixed{f' or slide ({patch.name}:plane)' if plane else ''}"

@@ -19,14 +19,15 @@ from typing import Any, TypeVar
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray, union
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray, distinct, union
 from sdm_deflect.deform.base.errors import InputError, short_list
 from sdm_deflect.deform.base.threads import Progress
 from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.cells import Constraint, Patch, Periodic, Polygons
+from sdm_deflect.deform.mesh.cells import Constraint, Patch, Periodic, Polygons, taken
 from sdm_deflect.deform.mesh.edges import polygons_of
 from sdm_deflect.deform.mesh.images import (
     RigidMotion,
+    images_of_faces,
     nearest_rotation,
     rotation_between,
     rotation_of,
@@ -100,13 +101,13 @@ def _pair(patch: FoamPatch, names: tuple[str, str], one: Polygons, other: Polygo
     points = places(nodes[0]), places(nodes[1])
     if len(nodes[0]) == len(nodes[1]) and len(nodes[0]) and np.isfinite(points).all():
         for rotation, shift in _motions(patch, one, other, points, places):
-            rows = _matched(points[0] @ rotation.T + shift, points[1])
-            if rows is not None:
-                here, there = points[0], points[1][rows]
+            found = _matched(one, other, (rotation, shift), places)
+            if found is not None:
+                here, there = (places(side) for side in found.T)
                 if not np.array_equal(rotation, np.eye(3)):
                     rotation = rotation_of(here - here.mean(axis=0), there - there.mean(axis=0))
                 shift = _shift(here @ rotation.T, there)
-                return Periodic(patch.name, names, np.column_stack([nodes[0], nodes[1][rows]]), rotation, shift)
+                return Periodic(patch.name, names, found, rotation, shift)
     return Periodic(patch.name, names, np.empty((0, 2), dtype=np.intp))
 
 
@@ -165,12 +166,20 @@ def _centres(faces: Polygons, places: Places) -> FloatArray:
     return np.asarray(sums / np.diff(faces.offsets)[:, None])
 
 
-def _matched(points: FloatArray, others: FloatArray) -> IntArray | None:
-    """Return which of others (K, 3) each of points (K, 3) is; None if they are not the same places."""
-    distance, rows = cKDTree(others).query(points)
-    near = NEAR * float(np.ptp(others, axis=0).max())
-    same = distance.max() <= near and len(np.unique(rows)) == len(rows)
-    return np.asarray(rows, dtype=np.intp) if same else None
+def _matched(one: Polygons, other: Polygons, motion: RigidMotion, places: Places) -> IntArray | None:
+    """Return the nodes of faces and their images among the nodes of other faces (K, 2); None if they do not match.
+
+    Faces that differ, as those of a sliding interface, may still have nodes at the same places.
+    """
+    nodes, rotation, shift = (union(one.nodes), union(other.nodes)), *motion
+    there = places(nodes[1])
+    near = NEAR * float(np.ptp(there, axis=0).max())
+    found = images_of_faces(one, other, places(one.nodes) @ rotation.T + shift, places(other.nodes), near)
+    if found is not None:
+        return found
+    distance, rows = cKDTree(there).query(places(nodes[0]) @ rotation.T + shift)
+    same = len(nodes[0]) == len(there) and distance.max() <= near and len(distinct(rows)) == len(rows)
+    return np.column_stack([nodes[0], nodes[1][rows]]) if same else None
 
 
 def _sides(patches: Sequence[Patch], kind: Constraint, places: Places) -> Iterator[Periodic]:
@@ -178,36 +187,36 @@ def _sides(patches: Sequence[Patch], kind: Constraint, places: Places) -> Iterat
     own = [patch for patch in patches if patch.constraint == kind and len(patch)]
     if not own:
         return
-    names = own[0].name, own[-1].name
-    nodes = union(*(patch.nodes for patch in own))
+    names, faces = (own[0].name, own[-1].name), polygons_of([block for patch in own for block in patch.faces])
     found: Sides | None = None
-    if kind == "empty" and np.isfinite(points := places(nodes)).all():
-        found = _flat_sides(nodes, points)
+    if kind == "empty" and np.isfinite(places(faces.nodes)).all():
+        found = _flat_sides(faces, places)
     elif kind == "wedge" and len(own) == 2:
-        found = _wedge_sides(own[0].nodes, own[1].nodes, places)
+        found = _wedge_sides(polygons_of(own[0].faces), polygons_of(own[1].faces), places)
     name = "_".join(dict.fromkeys(names))
     yield Periodic(name, names, *(found or (np.empty((0, 2), dtype=np.intp),)))
 
 
-def _flat_sides(nodes: IntArray, points: FloatArray) -> Sides | None:
+def _flat_sides(faces: Polygons, places: Places) -> Sides | None:
     """Return the nodes of both sides and the motion between them; None if they are not in two planes across an axis."""
+    points = places(faces.nodes)
     near = NEAR * float(np.ptp(points, axis=0).max())
     for axis in np.argsort(np.ptp(points, axis=0)).tolist():
-        low = points[:, axis] < 0.5 * (points[:, axis].min() + points[:, axis].max())
-        sides = points[low], points[~low]
-        if len(sides[0]) == len(sides[1]) and max(np.ptp(side[:, axis]) for side in sides) <= near:
+        low = points[faces.offsets[:-1], axis] < 0.5 * (points[:, axis].min() + points[:, axis].max())
+        one, other = taken(faces, np.flatnonzero(low)), taken(faces, np.flatnonzero(~low))
+        heights = [places(union(side.nodes))[:, axis] for side in (one, other)]
+        if len(heights[0]) == len(heights[1]) and max(map(np.ptp, heights)) <= near:
             shift = np.zeros(3)
-            shift[axis] = np.median(sides[1][:, axis]) - np.median(sides[0][:, axis])
-            rows = _matched(sides[0] + shift, sides[1])
-            if rows is not None:
-                return np.column_stack([nodes[low], nodes[~low][rows]]), np.eye(3), shift
+            shift[axis] = np.median(heights[1]) - np.median(heights[0])
+            if (found := _matched(one, other, (np.eye(3), shift), places)) is not None:
+                return found, np.eye(3), shift
     return None
 
 
-def _wedge_sides(one: IntArray, other: IntArray, places: Places) -> Sides | None:
+def _wedge_sides(one: Polygons, other: Polygons, places: Places) -> Sides | None:
     """Return the same for the two sides of a wedge, which meet on its axis."""
-    points = places(one), places(other)
-    if len(one) != len(other) or len(one) < 3 or not np.isfinite(points).all():
+    points = places(union(one.nodes)), places(union(other.nodes))
+    if len(points[0]) != len(points[1]) or len(points[0]) < 3 or not np.isfinite(points).all():
         return None
     front, back = (Plane.fitted(side) for side in points)
     n, m = front.normal, back.normal
@@ -219,9 +228,9 @@ def _wedge_sides(one: IntArray, other: IntArray, places: Places) -> Sides | None
     centre = np.linalg.solve(np.vstack([n, m, axis]), np.array([n @ front.point, m @ back.point, 0.0]))
     size = np.abs(np.vstack(points)).max()
     hinge = Axis(np.where(np.abs(centre) < EXACT * size, 0.0, centre), axis)
-    rotation, shift = rotation_between(*points, hinge)
-    rows = _matched(points[0] @ rotation.T + shift, points[1])
-    return None if rows is None else (np.column_stack([one, other[rows]]), rotation, shift)
+    motion = rotation_between(*points, hinge)
+    found = _matched(one, other, motion, places)
+    return None if found is None else (found, *motion)
 
 
 Read = TypeVar("Read")

@@ -6,7 +6,7 @@ import pytest
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.cells import Patch, Periodic
+from sdm_deflect.deform.mesh.cells import Cells, Patch, Periodic
 from sdm_deflect.deform.mesh.images import (
     PeriodicPatches,
     RigidMotion,
@@ -50,6 +50,50 @@ def test_translation_is_found_and_has_no_rotation_at_all() -> None:
     motion = translation_between(points[patches[0].nodes], points[patches[1].nodes])
     assert np.array_equal(matched(points, patches, motion), pairs)
     assert np.array_equal(fitted(points, "shift", ("left", "right"), pairs).rotation, np.eye(3))
+
+
+def split_grid(motion: RigidMotion) -> tuple[FloatArray, tuple[Patch, Patch], dict[int, int]]:
+    """Two sides of quadrilaterals and triangles, each cut along a line: nodes of both halves are at the same places.
+
+    The second side is in another order; each of its faces begins at another corner, and goes around the other way.
+    """
+    u, v = (axis.ravel() for axis in np.meshgrid(np.linspace(0.0, 1.0, 5), np.linspace(0.0, 1.0, 4), indexing="ij"))
+    half = np.column_stack([0.7 * u, 1.0 + v, 0.1 * u * v])
+    quads = np.array([[4 * i + j, 4 * i + j + 1, 4 * i + j + 5, 4 * i + j + 4] for i in range(4) for j in range(3)])
+    side = np.concatenate([half, half * [-1.0, 1.0, 1.0]])  # they share the line u = 0
+    faces = [*quads.tolist(), *(quads + 20)[:, ::-1].tolist()]
+    faces = [part for face in faces for part in ([face[:3], [face[0], *face[2:]]] if face[0] % 3 else [face])]
+    order = RNG.permutation(40)
+    points = np.concatenate([side, np.empty_like(side)])
+    points[40 + order] = side @ motion[0].T + motion[1]
+    others = [np.roll(40 + order[face[::-1]], RNG.integers(4)).tolist() for face in faces]
+    sides = []
+    for name, own in (("left", faces), ("right", [others[i] for i in RNG.permutation(len(others))])):
+        blocks = [
+            Cells(shape, np.array([f for f in own if len(f) == n])) for shape, n in (("quad", 4), ("triangle", 3))
+        ]
+        sides.append(Patch(name, tuple(blocks)))
+    return points, (sides[0], sides[1]), {node: 40 + int(order[node]) for node in range(40)}
+
+
+@pytest.mark.parametrize("degrees", [0.0, 37.0])
+def test_nodes_at_one_place_have_images_of_their_own(degrees: float) -> None:
+    """A sliding interface, or a baffle, ends on both sides of a pair."""
+    motion = (np.eye(3), np.array([0.0, 0.0, 3.0])) if not degrees else about(Axis(np.zeros(3), np.eye(3)[0]), degrees)
+    points, patches, expected = split_grid(motion)
+    assert len(np.unique(points[:40], axis=0)) == 36
+    assert dict(matched(points, patches, motion).tolist()) == expected
+    (pair,) = paired(Mesh(points, (), patches), [PeriodicPatches("left", "right")]).periodic
+    assert dict(pair.nodes.tolist()) == expected
+
+
+def test_faces_that_differ_are_matched_by_their_nodes() -> None:
+    motion = np.eye(3), np.array([0.0, 0.0, 3.0])
+    quad, shift = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]), motion[1]
+    points = np.concatenate([quad, quad + shift])
+    whole = Patch("left", (Cells("quad", np.array([[0, 1, 2, 3]])),))
+    halves = Patch("right", (Cells("triangle", np.array([[4, 5, 6], [4, 6, 7]])),))
+    assert np.array_equal(matched(points, (whole, halves), motion), np.arange(8).reshape(2, 4).T)
 
 
 def test_sides_of_a_plane_mesh_turn_about_z_and_stay_in_their_plane() -> None:
