@@ -13,9 +13,10 @@ from typing import Any
 from sdm_deflect.cases.run.inspection import NAMES, extent, reach
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, shortened
-from sdm_deflect.deform.mesh.cells import Patch, Polyhedra
+from sdm_deflect.deform.mesh.cells import Patch
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import POLYHEDRON, Quality, by_shape, oriented
+from sdm_deflect.deform.mesh.quality import Quality, by_shape, oriented
+from sdm_deflect.deform.mesh.standard import parts_of
 from sdm_deflect.meshing.formats.format import MeshFileError
 
 
@@ -48,7 +49,8 @@ class FileMesh(Mesh):
     def __repr__(self) -> str:
         shapes = Counter[str]()
         for block in self.cells:
-            shapes[POLYHEDRON if isinstance(block, Polyhedra) else block.shape] += len(block)
+            for shape, _, own, _ in parts_of(block):
+                shapes[shape] += len(own)
         counts = "".join(f", {count} {NAMES[shape]}" for shape, count in shapes.items())
         width = max(map(len, self.names), default=0)
         rows = (

@@ -19,7 +19,8 @@ from sdm_deflect.deform.mesh.edges import edges_of, polygons_of
 from sdm_deflect.deform.mesh.faces import faces_of
 from sdm_deflect.deform.mesh.images import is_thin, plane_of
 from sdm_deflect.deform.mesh.mesh import EVERY_BIT, Mesh
-from sdm_deflect.deform.mesh.quality import POLYHEDRON, inverted_of
+from sdm_deflect.deform.mesh.quality import inverted_of
+from sdm_deflect.deform.mesh.standard import type_of
 from sdm_deflect.deform.mesh.touched import Layers, first_layer
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.surface import OnPatches
@@ -313,9 +314,8 @@ def first_inverted(deflection: Deflection) -> str:
         if bad.any():
             cell = int(rows[np.argmax(bad)])
             number = row + int(numbers[i][cell])
-            if isinstance(block, Polyhedra):
-                return cell_text(deflection, number, polyhedra.nodes_of(block, cell), POLYHEDRON)
-            return cell_text(deflection, number, block.nodes[cell], block.shape)
+            nodes = polyhedra.nodes_of(block, cell) if isinstance(block, Polyhedra) else block.nodes[cell]
+            return cell_text(deflection, number, nodes, type_of(block, cell))
         row += mesh.cell_counts[i]
     raise ValueError("no cell is inverted that was not before")
 

@@ -159,28 +159,28 @@ def test_no_class_has_the_name_of_another():
 
 
 BUDGETS = {
-    "cases": (624, 6),
+    "cases": (626, 6),
     "cases/aircraft": (2039, 13),
     "cases/cli": (1357, 7),
-    "cases/compare": (511, 4),
-    "cases/report": (2002, 10),
-    "cases/run": (2072, 10),
+    "cases/compare": (509, 4),
+    "cases/report": (1990, 10),
+    "cases/run": (2071, 10),
     "cases/settings": (981, 5),
-    "cases/view": (687, 4),
+    "cases/view": (681, 4),
     "deform": (664, 3),
     "deform/base": (812, 6),
-    "deform/mesh": (4286, 16),
+    "deform/mesh": (4532, 17),
     "deform/rbf": (1620, 7),
-    "deform/repair": (1568, 6),
+    "deform/repair": (1570, 6),
     "deform/surface": (1094, 7),
-    "deform/volume": (3566, 13),
+    "deform/volume": (3567, 13),
     "geometry": (2071, 13),
     "meshing": (571, 5),
-    "meshing/formats": (9041, 37),
+    "meshing/formats": (8984, 37),
     "meshing/generate": (1566, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 8_289, 450
+MOST_COMPLEXITY, LONGEST = 8_335, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

@@ -10,12 +10,12 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 
-from sdm_deflect.cases.report.data import Box, MovedSurface, ReportData, drawn_measure, shape_of
+from sdm_deflect.cases.report.data import Box, MovedSurface, ReportData, drawn_measure, qualities
 from sdm_deflect.cases.report.figures import panels
 from sdm_deflect.cases.report.pictures import Exhibit, saved
 from sdm_deflect.cases.report.slices import AXES, QUALITY_MAP, QUALITY_RANGE, CutPlane, draw_slice, planes
 from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.mesh.quality import MEASURES, POLYHEDRON, quality_of
+from sdm_deflect.deform.mesh.quality import MEASURES
 
 from .figures import ComparedRun, alike
 
@@ -107,12 +107,11 @@ def _histograms(runs: Sequence[ComparedRun]) -> Iterator[tuple[Figure, str]]:
 
 def _histogram(panel: Axes, shape: str, curves: Sequence[tuple[str, FloatArray, dict[str, Any]]]) -> str:
     """Draw the quality of cells of a type by name of the run, and say how large the smallest is."""
-    top = 1.0 if shape != POLYHEDRON else 0.25
-    bins = np.linspace(min(0.0, *(float(values.min()) for _, values, _ in curves)), top, 41)
+    bins = np.linspace(min(0.0, *(float(values.min()) for _, values, _ in curves)), 1.0, 41)
     for name, values, look in curves:
-        share = 100.0 * np.histogram(np.clip(values, bins[0], top), bins)[0] / len(values)
+        share = 100.0 * np.histogram(np.clip(values, bins[0], 1.0), bins)[0] / len(values)
         panel.stairs(share, bins, label=name, **look)
-    panel.set(xlabel=f"{MEASURES[shape]} of a cell", ylabel="share of the cells, %", xlim=(bins[0], top))
+    panel.set(xlabel=f"{MEASURES[shape]} of a cell", ylabel="share of the cells, %", xlim=(bins[0], 1.0))
     panel.set_yscale("symlog", linthresh=0.1)
     panel.set_title(shape, fontsize="medium")
     panel.legend(loc="upper left", fontsize="small")
@@ -126,9 +125,8 @@ def _qualities(data: ReportData, before: bool) -> dict[str, FloatArray]:
     parts: dict[str, list[FloatArray]] = {}
     points = data.mesh.points if before else data.points
     for box in data.boxes:
-        for block, rows, sign in zip(data.mesh.cells, box.touched.rows, box.touched.orientation, strict=True):
-            if len(rows):
-                parts.setdefault(shape_of(block), []).append(quality_of(points, block, rows, sign))
+        for shape, values in qualities(box.touched, [points]).items():
+            parts.setdefault(shape, []).append(values[0])
     return {shape: np.concatenate(own) for shape, own in parts.items()}
 
 
@@ -142,7 +140,7 @@ def _states(runs: Sequence[ComparedRun], pair: Pair) -> Iterator[tuple[str, Repo
 def _sections(runs: Sequence[ComparedRun], pair: Pair, row: int, plane: CutPlane, folder: Path) -> Overlay:
     """Draw one of the sections of a surface in each state, with the same axes."""
     first, (_, surface) = runs[0].data, pair[0]
-    measure = drawn_measure(first.mesh)
+    measure = drawn_measure(first.boxes)
     place = f"{plane.what}, {AXES[plane.axis]} = {first.length.text(plane.station)}"
     exhibits: dict[str, Exhibit] = {}
     smallest = []

@@ -18,9 +18,9 @@ from sdm_deflect.deform.base.errors import InputError, damaged, read_arrays
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.cells import Polyhedra, Volume
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import MEASURES, POLYHEDRON, Quality, quality_of
+from sdm_deflect.deform.mesh.quality import MEASURES, Quality, quality_of
+from sdm_deflect.deform.mesh.standard import parts_of
 from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.volume.deflection import BoxDeflection
 from sdm_deflect.deform.volume.plan import BoxPlan
@@ -32,8 +32,6 @@ Rows = list[tuple[str, str, str, str]]
 """Name, value, unit and meaning of settings."""
 RUN = "whole folder of a run"
 """What a folder is not whose files are damaged."""
-OF_POLYHEDRA = 6.0
-"""Quality of polyhedra is coloured times this: that of a cube is then 1."""
 AROUND = 0.13
 """Margin around a box of what slices show, by its size."""
 LARGER = 3.0
@@ -277,26 +275,25 @@ def diagonal(points: FloatArray) -> float:
     return float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 0.0
 
 
-def shape_of(block: Volume) -> str:
-    """Return the type of the cells of a block."""
-    return POLYHEDRON if isinstance(block, Polyhedra) else block.shape
+def qualities(touched: TouchedCells, states: Sequence[FloatArray]) -> dict[str, FloatArray]:
+    """Return the quality (S, M) of the touched cells with their nodes at each of S states (N, 3), by type."""
+    parts: dict[str, list[FloatArray]] = {}
+    for block, rows, sign in zip(touched.mesh.cells, touched.rows, touched.orientation, strict=True):
+        if len(rows):
+            values = np.array([quality_of(points, block, rows, sign) for points in states])
+            for shape, _, _, at in parts_of(block, rows):
+                parts.setdefault(shape, []).append(values[:, at])
+    return {shape: np.concatenate(own, axis=1) for shape, own in parts.items()}
 
 
-def drawn_quality(points: FloatArray, block: Volume, rows: IntArray, orientation: float) -> FloatArray:
-    """Return the quality (R,) of cells as it is coloured: that of polyhedra is drawn times `OF_POLYHEDRA`."""
-    if not len(rows):
-        return np.empty(0)
-    return (OF_POLYHEDRA if isinstance(block, Polyhedra) else 1.0) * quality_of(points, block, rows, orientation)
-
-
-def drawn_measure(mesh: Mesh) -> str:
-    """Return what the colours of cells mean, in words."""
+def drawn_measure(boxes: Sequence[Box]) -> str:
+    """Return what the colours of the cells that touch boxes mean, in words."""
     shapes: dict[str, set[str]] = {}
-    for block in mesh.cells:
-        shapes.setdefault(MEASURES[shape_of(block)], set()).add(shape_of(block))
+    for shape, _ in (pair for box in boxes for pair in box.touched.by_shape()):
+        shapes.setdefault(MEASURES[shape], set()).add(shape)
     alone = len(shapes) == 1
     texts = [one if alone else f"{one} ({', '.join(sorted(own))})" for one, own in sorted(shapes.items())]
-    return ("; ".join(texts) or "quality").replace(MEASURES[POLYHEDRON], f"{OF_POLYHEDRA:g} x {MEASURES[POLYHEDRON]}")
+    return "; ".join(texts) or "quality"
 
 
 def name_of(patches: Sequence[str]) -> str:

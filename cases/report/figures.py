@@ -7,9 +7,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.mesh.quality import MEASURES, POLYHEDRON, quality_of
+from sdm_deflect.deform.mesh.quality import MEASURES
 
-from .data import Box, ReportData, shape_of
+from .data import Box, ReportData, qualities
 
 STYLES = (
     {"color": "#0072b2", "ls": "-", "marker": "o"},
@@ -65,28 +65,17 @@ def convergence(data: ReportData) -> tuple[Figure, str]:
 
 def quality(data: ReportData) -> tuple[Figure, str]:
     """Quality of the cells that touch each hexahedron by type, before and after, and what is seen."""
-    found = [(box, *pair) for box in data.boxes for pair in _qualities(data, box).items()]
+    states = list(data.states.values())
+    found = [(box, *pair) for box in data.boxes for pair in qualities(box.touched, states).items()]
     figure, axes = panels(len(found))
     texts = [_histogram(data, one, *part) for one, part in zip(axes, found, strict=True)]
     return figure, "Histograms of the quality of cells before and after the deflection. " + " ".join(texts)
 
 
-def _qualities(data: ReportData, box: Box) -> dict[str, FloatArray]:
-    """Quality (2 or 3, M) of the touched cells in each state, by type."""
-    parts: dict[str, list[FloatArray]] = {}
-    touched, states = box.touched, data.states.values()
-    for block, rows, sign in zip(data.mesh.cells, touched.rows, touched.orientation, strict=True):
-        if len(rows):
-            pair = np.array([quality_of(points, block, rows, sign) for points in states])
-            parts.setdefault(shape_of(block), []).append(pair)
-    return {shape: np.concatenate(own, axis=1) for shape, own in parts.items()}
-
-
 def _histogram(data: ReportData, axes: Axes, box: Box, shape: str, values: FloatArray) -> str:
     """Draw the histograms of one type of cell in one hexahedron, by state (2 or 3, M), and say what is seen."""
     before, after = values[0], values[-1]
-    top = 1.0 if shape != POLYHEDRON else 0.25
-    bins = np.linspace(min(0.0, float(values.min())), top, 51)
+    bins = np.linspace(min(0.0, float(values.min())), 1.0, 51)
     bars(axes, after, bins, "deflected", color="#e0a36a", fill=True)
     bars(axes, before, bins, "undeflected", color="black", lw=1.4)
     if len(values) > 2:

@@ -67,7 +67,7 @@ def page(data: ReportData, gallery: Gallery) -> str:
         **picture(data, turnable(data)),
         "figures": data.figures,
         "gallery": gallery,
-        "measure": drawn_measure(data.mesh),
+        "measure": drawn_measure(data.boxes),
         "toml_file": b64encode(data.settings.encode()).decode("ascii"),
         "surroundings": surroundings(),
         "versions": versions(),

@@ -24,8 +24,9 @@ from sdm_deflect.deform.mesh.edges import are_lines, edges_of, polygons_of
 from sdm_deflect.deform.mesh.faces import FACES
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.polyhedra import corner_edges
+from sdm_deflect.deform.mesh.quality import quality_of
 
-from .data import Box, MovedSurface, ReportData, drawn_measure, drawn_quality
+from .data import Box, MovedSurface, ReportData, drawn_measure
 
 Colour = tuple[int, int, int]
 Direction = tuple[float, float, float]
@@ -198,7 +199,7 @@ def slices(data: ReportData, box: Box, surface: MovedSurface) -> tuple[Figure, s
         before, after = (draw_slice(one, data, points, box, plane, name) for one, (name, points) in pairs)
         place = f"{plane.what.capitalize()}, {AXES[plane.axis]} = {data.length.text(plane.station)}"
         texts.append(f"{place}: smallest of its cells {before:.3f} before, {after:.3f} after.")
-    shades, measure = ScalarMappable(QUALITY_RANGE, QUALITY_MAP), drawn_measure(data.mesh)
+    shades, measure = ScalarMappable(QUALITY_RANGE, QUALITY_MAP), drawn_measure(data.boxes)
     figure.colorbar(shades, cax=figure.add_axes(BAR), label=f"{measure} of a cell", extend="min")
     figure.suptitle(surface.name, fontsize="medium")
     return figure, (
@@ -244,11 +245,11 @@ def cut_cells(
     beyond += [points[:, c] > window[0, c] for c in (right, up)] + [points[:, c] < window[1, c] for c in (right, up)]
     rows = np.flatnonzero(np.all([with_node(block, mask) for mask in beyond], axis=0))
     if isinstance(block, Cells) and block.shape in PLANE:
-        return list(points[block.nodes[rows]][:, :, plane.across]), drawn_quality(points, block, rows, orientation)
+        return list(points[block.nodes[rows]][:, :, plane.across]), quality_of(points, block, rows, orientation)
     cell, edges = cell_edges(block, rows)
     polygons = _cut(points, cell, edges, len(rows), plane)
     kept = [i for i, polygon in enumerate(polygons) if len(polygon) > 2]
-    return [polygons[i] for i in kept], drawn_quality(points, block, rows[kept], orientation)
+    return [polygons[i] for i in kept], quality_of(points, block, rows[kept], orientation)
 
 
 def cut_walls(mesh: Mesh, points: FloatArray, plane: CutPlane) -> FloatArray:

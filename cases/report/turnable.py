@@ -16,9 +16,10 @@ from sdm_deflect.deform.mesh.cells import Cells, Patch, Polyhedra
 from sdm_deflect.deform.mesh.edges import area_vectors, edges_of, polygons_of, sharp_edges
 from sdm_deflect.deform.mesh.faces import FACES
 from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.quality import quality_of
 from sdm_deflect.meshing.formats.polyhedra import faces_by_cell
 
-from .data import Box, ReportData, drawn_measure, drawn_quality
+from .data import Box, ReportData, drawn_measure
 from .slices import (
     BLUE,
     BOX_EDGES,
@@ -78,7 +79,7 @@ def turnable(data: ReportData, most_cells: int = MOST_CELLS, most_triangles: int
             "change": shades(CHANGE_MAP),
             "changes": [CHANGE_RANGE.vmin, CHANGE_RANGE.vmax],
         },
-        "measure": drawn_measure(data.mesh),
+        "measure": drawn_measure(data.boxes),
         "plane": data.mesh.plane,
         "unit": data.length.shown,
         "factor": data.length.factor,
@@ -168,7 +169,7 @@ def cells(data: ReportData, most: int) -> Json:
         rows = union(*(one.touched.rows[i] for one in data.boxes))
         sign = data.boxes[0].touched.orientation[i]
         states = (data.mesh.points, data.points, *([] if data.interpolated is None else [data.interpolated]))
-        qualities = [drawn_quality(points, block, rows, sign) for points in states]
+        qualities = [quality_of(points, block, rows, sign) for points in states]
         found.append((block, rows, np.array(qualities)))
     worst = np.concatenate([np.empty(0), *(pair.min(axis=0) for _, _, pair in found)])
     limit = np.partition(worst, most - 1)[most - 1] if len(worst) > most else np.inf

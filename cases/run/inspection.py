@@ -11,8 +11,9 @@ from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, printable
 from sdm_deflect.deform.mesh.cells import Polyhedra
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import POLYHEDRON, by_shape, check_most, oriented
+from sdm_deflect.deform.mesh.quality import by_shape, check_most, oriented
 from sdm_deflect.deform.mesh.selection import MARK, Part, selected
+from sdm_deflect.deform.mesh.standard import POLYHEDRON
 from sdm_deflect.meshing.formats.registry import read
 
 Json = dict[str, Any]
@@ -155,13 +156,11 @@ def reach(extent: list[list[float]]) -> str:
 
 
 def _quality_line(found: Json) -> str:
-    line = (
+    return (
         f"{found['cells']} {NAMES[found['shape']]}, {found['inverted']} inverted; {found['measure']} "
-        f"min {found['min']:.3f}, 1 % {found['p01']:.3f}, mean {found['mean']:.3f}"
+        f"min {found['min']:.3f}, 1 % {found['p01']:.3f}, mean {found['mean']:.3f}, "
+        f"{found['below_0_2']:.3%} below 0.2, {found['below_0_4']:.3%} below 0.4"
     )
-    if found["shape"] == POLYHEDRON:  # an ideal cell of many faces is far below 1
-        return line
-    return f"{line}, {found['below_0_2']:.3%} below 0.2, {found['below_0_4']:.3%} below 0.4"
 
 
 def _face_quality(mesh: Mesh) -> Json | None:

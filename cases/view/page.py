@@ -143,11 +143,10 @@ class View:
         return len(text).to_bytes(4, "little") + text + values, shown
 
     def _values(self, frame: DeflectedMesh) -> Iterator[FloatArray]:
-        quality = self.run.weights * frame.quality
         for nodes, rows in self.parts:
             yield frame.points[nodes]
             if rows is not None:
-                yield quality[rows]
+                yield frame.quality[rows]
 
     def _moved(self, frame: DeflectedMesh) -> Iterator[str]:
         """Yield the amount of each surface, and where the node is that moves farthest."""
@@ -180,7 +179,7 @@ def verdict(frame: DeflectedMesh, run: InteractiveRun) -> str:
     if frame.residual >= frame.tolerance:
         return f"! Residual {residual}, above the run's tolerance of {tolerance}. Run it at this angle."
     known = f"{count} inverted cells as before" if count else "no inverted cell"
-    least = float((run.weights * frame.quality).min(initial=1.0))
+    least = float(frame.quality.min(initial=1.0))
     return f"\N{CHECK MARK} Residual {residual}, below {tolerance}; {known}; least quality {least:.3f}."
 
 

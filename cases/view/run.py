@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.cases.report.data import OF_POLYHEDRA, name_of
+from sdm_deflect.cases.report.data import name_of
 from sdm_deflect.cases.report.finished import Display, FinishedRun
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError, read_arrays
-from sdm_deflect.deform.mesh.cells import Polyhedra
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE
@@ -110,7 +109,6 @@ class InteractiveRun:
     changed : nodes of each box that may move.
     surfaces : the moving surfaces of all boxes.
     touched : the cells that touch a box.
-    weights : (L,) by what their quality is multiplied before it is drawn.
     points, moved : (N, 3) the mesh of the run, and how far its repair has moved each node.
     """
 
@@ -121,7 +119,6 @@ class InteractiveRun:
     changed: tuple[IntArray, ...] = field(repr=False)
     surfaces: tuple[Mover, ...] = field(repr=False)
     touched: TouchedCells = field(repr=False)
-    weights: FloatArray = field(repr=False)
     points: FloatArray = field(repr=False)
     moved: FloatArray = field(repr=False)
 
@@ -132,7 +129,6 @@ class InteractiveRun:
         Raises InputError if the centres or the points do not belong to its plan.
         """
         plan, angle, moved = finished.plan, finished.angle, finished.repair
-        flat = [OF_POLYHEDRA if isinstance(block, Polyhedra) else 1.0 for block in plan.mesh.cells]
         run = cls(
             display=finished.display,
             angle=angle,
@@ -145,7 +141,6 @@ class InteractiveRun:
                 for row in range(len(box.job.surfaces))
             ),
             touched=plan.touched,
-            weights=np.repeat(flat, [len(own) for own in plan.touched.rows]),
             points=finished.points,
             moved=np.zeros_like(finished.points) if moved is None else moved,
         )

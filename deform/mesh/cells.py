@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray, union
 from sdm_deflect.deform.base.errors import InputError, shortened
+
+if TYPE_CHECKING:
+    from .standard import CellTypes
 
 CORNERS = {
     "line": 2, "triangle": 3, "quad": 4, "tetra": 4, "pyramid": 5, "wedge": 6, "hexahedron": 8,
@@ -131,7 +134,7 @@ class Polygons:
         return Polygons(self.nodes[own[0] : own[-1]], own - own[0])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Polyhedra:
     """Cells of any shape, given by their faces as OpenFOAM does.
 
@@ -152,6 +155,13 @@ class Polyhedra:
 
     def __len__(self) -> int:
         return int(max(self.owner.max(initial=-1), self.neighbour.max(initial=-1))) + 1
+
+    @cached_property
+    def types(self) -> CellTypes:
+        """The types of the cells: many are tetrahedra, pyramids, wedges or hexahedra."""
+        from .standard import CellTypes
+
+        return CellTypes.of(self)
 
 
 Faces = Cells | Polygons

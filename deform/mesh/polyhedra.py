@@ -87,10 +87,13 @@ def measure_cells(
 
 @compiled_exactly
 def smallest_pyramids(
-    owner: IntArray, neighbour: IntArray, faces: FloatArray, cells: FloatArray, smallest: FloatArray
+    owner: IntArray, neighbour: IntArray, faces: FloatArray, cells: FloatArray, smallest: FloatArray, least: FloatArray
 ) -> None:  # pragma: no cover - machine code
-    """Fill in the volume (C,) of the smallest pyramid of each cell, on one of its faces with the tip at its centre."""
-    smallest[:] = np.inf
+    """Fill in the volume (C,) of the smallest pyramid of each cell, on one of its faces with the tip at its centre.
+
+    `least` (C,) is the smallest cosine between a face's area vector and the line from the cell's centre to the face's.
+    """
+    smallest[:] = least[:] = np.inf
     for i in range(len(owner)):
         for k in range(2 if i < len(neighbour) else 1):
             cell = neighbour[i] if k else owner[i]
@@ -98,6 +101,8 @@ def smallest_pyramids(
                 height = minus(row_of(faces, i, 0), row_of(cells, cell, 0))
                 volume = (1.0 - 2.0 * k) * dot(row_of(faces, i, 3), height) / 3.0
                 smallest[cell] = min(smallest[cell], volume)
+                cosine = 3.0 * volume / (norm(row_of(faces, i, 3)) * norm(height) + NO_AREA)
+                least[cell] = min(least[cell], cosine)
 
 
 @compiled_exactly
@@ -182,15 +187,12 @@ class Pyramids:
     ----------
     smallest : (R,) volume of the smallest pyramid of each cell, negative where a face has turned past the centre.
     volume : (R,) volume of each cell: the sum of its pyramids.
+    orthogonality : (R,) smallest cosine between a face's area vector and the line from the cell's centre to the face's.
     """
 
     smallest: FloatArray = field(repr=False)
     volume: FloatArray = field(repr=False)
-
-    @property
-    def quality(self) -> FloatArray:
-        """Smallest pyramid over the cell's volume (R,): 1/F for an ideal cell of F faces."""
-        return np.asarray(self.smallest / np.maximum(np.abs(self.volume), TINY))
+    orthogonality: FloatArray = field(repr=False)
 
     @property
     def inverted(self) -> NDArray[np.bool_]:
@@ -210,16 +212,16 @@ def pyramids_of(
         -1 if the normals of the faces point into their owners, else 1.
     """
     some = np.arange(len(cells)) if rows is None else rows
-    smallest, volume = np.empty((2, len(some)))
+    smallest, volume, least = np.empty((3, len(some)))
     for part in rows_of(len(some), max(ROWS, -(-len(some) // PARTS))):
         numbers, owner, neighbour = sides_of(cells, some[part])
         spans = spans_of(cells.faces, numbers)
         faces, measured = measured_cells(
             points, cells.faces.nodes, spans, owner, neighbour, orientation, len(some[part])
         )
-        smallest_pyramids(owner, neighbour, faces, measured, smallest[part])
+        smallest_pyramids(owner, neighbour, faces, measured, smallest[part], least[part])
         volume[part] = measured[:, 3]
-    return Pyramids(smallest, volume)
+    return Pyramids(smallest, volume, least)
 
 
 def measured_cells(

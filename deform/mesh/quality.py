@@ -1,9 +1,14 @@
 """Shape quality of cells of every type, and which of them are inverted: the one measure of the whole program.
 
-Tetrahedra have the paper's mean ratio; pyramids, wedges and hexahedra the scaled Jacobian of VTK; polyhedra their
-smallest face pyramid over their volume. Of plane cells, triangles have their mean ratio and quads VTK's scaled
-Jacobian. A tetrahedron is inverted if its signed volume is not positive, another cell of fixed shape if the determinant
-of its edges at some corner is not, a polyhedron if OpenFOAM's checkMesh says so.
+Tetrahedra have the paper's mean ratio; pyramids, wedges and hexahedra the scaled Jacobian of VTK. Of plane cells,
+triangles have their mean ratio and quads VTK's scaled Jacobian. Cells that a file gives by their faces are judged by
+their types, too. Those of no type have the cell's own half of the orthogonal quality of Ansys Fluent: the smallest
+cosine between the normal of a face and the line from the cell's centre to the face's. (Ansys Meshing User's Guide,
+Orthogonal Quality: the smallest of these and of those with the lines to the centres of the cells around.)
+
+A tetrahedron is inverted if its signed volume is not positive, another cell of fixed shape if the determinant of its
+edges at some corner is not, a cell given by its faces if OpenFOAM's checkMesh says so: such meshes have hexahedra with
+a corner that is not, and solvers take them.
 """
 
 from collections.abc import Iterable
@@ -17,8 +22,8 @@ from sdm_deflect.deform.base.errors import InputError
 
 from . import compiled_quality, polyhedra
 from .cells import MIRRORED, VOLUMES, Cells, Polyhedra, Volume
+from .standard import POLYHEDRON, parts_of
 
-POLYHEDRON = "polyhedron"
 MEASURES = {
     "triangle": "mean ratio",
     "quad": "scaled Jacobian",
@@ -26,7 +31,7 @@ MEASURES = {
     "pyramid": "scaled Jacobian",
     "wedge": "scaled Jacobian",
     "hexahedron": "scaled Jacobian",
-    POLYHEDRON: "smallest face pyramid over volume",
+    POLYHEDRON: "orthogonal quality",
 }
 """What the quality of each type of cell is."""
 
@@ -77,7 +82,11 @@ def quality_and_inverted(
     """Return `quality_of` (R,) and `inverted_of` (R,) at once."""
     if isinstance(block, Polyhedra):
         pyramids = polyhedra.pyramids_of(points, block, rows, orientation)
-        return pyramids.quality, pyramids.inverted
+        quality = pyramids.orthogonality
+        for _, cells, own, at in block.types.parts(rows):
+            if isinstance(cells, Cells):
+                quality[at] = compiled_quality.quality_and_inverted(points, cells, own, orientation)[0]
+        return quality, pyramids.inverted
     return compiled_quality.quality_and_inverted(points, block, rows, orientation)
 
 
@@ -180,10 +189,10 @@ def by_shape(points: FloatArray, parts: Iterable[tuple[Volume, IntArray | None, 
     for block, rows, orientation in parts:
         if not len(block if rows is None else rows):
             continue
-        shape = POLYHEDRON if isinstance(block, Polyhedra) else block.shape
         value, bad = quality_and_inverted(points, block, rows, orientation)
-        values.setdefault(shape, []).append(value)
-        inverted[shape] = inverted.get(shape, 0) + int(np.count_nonzero(bad))
+        for shape, _, _, own in parts_of(block, rows):
+            values.setdefault(shape, []).append(value[own])
+            inverted[shape] = inverted.get(shape, 0) + int(np.count_nonzero(bad[own]))
     return tuple(summarise(_joined(values[shape]), shape, inverted[shape]) for shape in values)
 
 

@@ -23,7 +23,8 @@ from .cells import Polyhedra, Volume, taken
 from .edges import rows_of
 from .mesh import Mesh
 from .polyhedra import corner_edges
-from .quality import POLYHEDRON, Quality, by_shape, check_most, inverted_of, oriented, quality_and_inverted
+from .quality import Quality, by_shape, check_most, inverted_of, oriented, quality_and_inverted
+from .standard import parts_of
 
 
 def alone(cells: Polyhedra, rows: IntArray) -> Polyhedra:
@@ -167,9 +168,12 @@ class TouchedCells:
 
     def by_shape(self) -> Iterator[tuple[str, BoolArray]]:
         """Yield each type of the touched cells, and which (C,) are of it."""
-        names = [getattr(block, "shape", POLYHEDRON) for block in self.mesh.cells]
-        for name in dict.fromkeys(name for name, rows in zip(names, self.rows, strict=True) if len(rows)):
-            yield name, np.repeat([other == name for other in names], [len(rows) for rows in self.rows])
+        masks, start = dict[str, BoolArray](), 0
+        for block, rows in zip(self.mesh.cells, self.rows, strict=True):
+            for name, _, _, own in parts_of(block, rows):
+                masks.setdefault(name, np.zeros(self.count, dtype=np.bool_))[start : start + len(rows)][own] = True
+            start += len(rows)
+        yield from masks.items()
 
     def least(self, points: FloatArray, quality: Sequence[Quality]) -> tuple[Least, ...]:
         """Return, by type, the least quality of the cells that were good before: not inverted, above 0.

@@ -19,6 +19,7 @@ from sdm_deflect.deform.mesh.cells import Cells, Polyhedra, Volume
 from sdm_deflect.deform.mesh.compiled_quality import CORNERS
 from sdm_deflect.deform.mesh.polyhedra import corner_edges
 from sdm_deflect.deform.mesh.sliding import CylinderWall, Plane, SlidingSurface
+from sdm_deflect.deform.mesh.standard import parts_of
 
 REGULAR = np.array([[1.0, 0.5, 0.5], [0.0, np.sqrt(3.0) / 2.0, np.sqrt(3.0) / 6.0], [0.0, 0.0, np.sqrt(2.0 / 3.0)]])
 """Edges (columns) of the regular tetrahedron of edge 1."""
@@ -110,18 +111,18 @@ class Tetrahedra:
         parts : Blocks, their rows, and their orientation (-1: nodes are counted left-handed).
         """
         nodes, cells, regular, count = [], [], [], 0
-        for block, rows, orientation in parts:
-            four, own = corners_of(points, block, rows)
-            if orientation < 0 and isinstance(block, Cells):
-                four = four[:, [0, 2, 1, 3]]
-            simple = isinstance(block, Cells) and block.shape in SIMPLICES
-            if not simple:
-                keep = _solidity(points, four) > (HANGING if isinstance(block, Polyhedra) else FLAT)
-                four, own = four[keep], own[keep]
-            nodes.append(four)
-            cells.append(count + own)
-            regular.append(np.full(len(four), simple))
-            count += len(rows)
+        for mixed, every, orientation in parts:
+            for shape, block, rows, at in parts_of(mixed, every):
+                four, own = corners_of(points, block, rows)
+                if orientation < 0 and isinstance(block, Cells):
+                    four = four[:, [0, 2, 1, 3]]
+                if shape not in SIMPLICES:
+                    keep = _solidity(points, four) > (HANGING if isinstance(block, Polyhedra) else FLAT)
+                    four, own = four[keep], own[keep]
+                nodes.append(four)
+                cells.append(count + np.arange(len(every))[at][own])
+                regular.append(np.full(len(four), shape in SIMPLICES))
+            count += len(every)
         return cls(np.concatenate(nodes), np.concatenate(cells), np.concatenate(regular))
 
     def of_cells(self, mask: BoolArray) -> Tetrahedra:

@@ -19,8 +19,9 @@ from sdm_deflect.deform.base.threads import single_threaded_blas
 from sdm_deflect.deform.mesh import polyhedra
 from sdm_deflect.deform.mesh.cells import Polyhedra
 from sdm_deflect.deform.mesh.images import Images
-from sdm_deflect.deform.mesh.quality import POLYHEDRON, Quality
+from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.mesh.sliding import SlidingSurface
+from sdm_deflect.deform.mesh.standard import parts_of
 from sdm_deflect.deform.mesh.touched import CellScores, TouchedCells
 
 from .elements import Crossing, PatchElements, Tetrahedra, Tracks
@@ -381,7 +382,7 @@ class RepairPatch:
     def simple(self) -> bool:
         """True if all cells are tetrahedra."""
         parts = zip(self.goal.touched.mesh.cells, self.goal.touched.rows, strict=True)
-        return all(getattr(block, "shape", POLYHEDRON) == "tetra" for block, rows in parts if len(rows))
+        return {name for block, rows in parts for name, *_ in parts_of(block, rows)} <= {"tetra"}
 
     @property
     def inverted(self) -> int:

@@ -20,7 +20,8 @@ from sdm_deflect.deform.mesh.cells import CORNERS, LARGEST, Cells, Faces, Patch,
 from sdm_deflect.deform.mesh.faces import Keys, cell_face_keys, face_keys, node_keys, patch_keys
 from sdm_deflect.deform.mesh.mesh import Mesh, MeshInPieces, Pieces, Runner, Whole, gathered
 from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra, joined
-from sdm_deflect.deform.mesh.quality import POLYHEDRON, inverted_of, other_hand, other_handed
+from sdm_deflect.deform.mesh.quality import inverted_of, other_hand, other_handed
+from sdm_deflect.deform.mesh.standard import POLYHEDRON
 from sdm_deflect.deform.mesh.touched import touching
 
 from .boundary import PrescribedNodes

@@ -16,7 +16,7 @@ from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import OWNERS, RISING, Cells, Polygons, Polyhedra, Zone, taken
 from sdm_deflect.deform.mesh.mesh import HERE, MeshInPieces, Runner, check_unchanged
 from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra, joined
-from sdm_deflect.deform.mesh.quality import POLYHEDRON
+from sdm_deflect.deform.mesh.standard import POLYHEDRON
 
 from .format import MeshFileError, about
 from .openfoam_case import case_copied, case_folder, mesh_folder, meshes_beside, pairs_of, patches_of, stored

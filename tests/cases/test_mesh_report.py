@@ -213,7 +213,7 @@ def test_polyhedra_and_nodes_alone_have_a_report(tmp_path):
         data = write_run_folder(tmp_path / name, one, tuple(checks_of(one)), None, {})
         text = (tmp_path / name / "report.html").read_text()
         assert text.count("<figure>") == (3 if mesh.cells else 1)
-        assert ("smallest face pyramid over volume" in text) == bool(mesh.cells)
+        assert ("scaled Jacobian" in text) == bool(mesh.cells)
         assert data.drawn == ("body",)
         with pytest.raises(InputError, match="names no mesh"):
             FinishedRun.of(tmp_path / name).report()

@@ -12,7 +12,7 @@ from sdm_deflect.deform.mesh.compiled_quality import BLOCK
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.polyhedra import face_centres_and_areas, pyramids_of
 from sdm_deflect.deform.mesh.quality import (
-    MEASURES,
+    by_shape,
     inverted_of,
     mean_ratio,
     oriented,
@@ -176,11 +176,12 @@ def wedge_of_faces(points):
     return points, Polyhedra(Polygons(np.concatenate(faces), offsets), np.zeros(5, dtype=int), np.empty(0, dtype=int))
 
 
-def test_pyramids_of_a_cube_are_a_sixth_and_turn_negative(block):
+def test_cells_of_faces_have_the_quality_of_their_type_and_turn_negative(block):
     cells = as_polyhedra(block)
     some = np.array([3, 100, 7])
     for rows in (None, some):
-        np.testing.assert_allclose(quality_of(block.points, cells, rows), 1.0 / 6.0)
+        np.testing.assert_allclose(quality_of(block.points, cells, rows), 1.0)
+        np.testing.assert_allclose(pyramids_of(block.points, cells, rows).orthogonality, 1.0)
         assert not inverted_of(block.points, cells, rows).any()
     points = block.points.copy()
     inner = np.setdiff1d(np.arange(len(points)), block.on(*(p.name for p in block.patches)))
@@ -190,6 +191,41 @@ def test_pyramids_of_a_cube_are_a_sixth_and_turn_negative(block):
     assert quality_of(points, cells, hit).min() < 0.0
     assert inverted_of(points, cells, hit).any()
     assert inverted_of(points, cells).sum() == inverted_of(points, cells, hit).sum()
+
+
+def pentagonal(points):
+    """The cube of eight corners as a cell of no type: a node in the middle of an edge makes pentagons of two faces."""
+    faces = [[0, 3, 2, 1], [4, 8, 5, 6, 7], [0, 1, 5, 8, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]
+    offsets = np.concatenate([[0], np.cumsum([len(face) for face in faces])])
+    points = np.vstack([points, points[[4, 5]].mean(axis=0)])
+    return points, Polyhedra(Polygons(np.concatenate(faces), offsets), np.zeros(6, dtype=int), np.empty(0, dtype=int))
+
+
+@pytest.mark.parametrize("height", [1.0, 0.01])
+@pytest.mark.parametrize(("shear", "quality"), [(0.0, 1.0), (1.0, 0.7071), (3.0, 0.3162), (10.0, 0.0995)])
+def test_the_quality_of_a_polyhedron_falls_as_it_is_sheared_and_not_as_it_is_thin(shear, quality, height):
+    """The smallest face pyramid over the volume is a sixth for each of them."""
+    points, cell = pentagonal(IDEAL["hexahedron"] @ np.diag([1.0, 1.0, height]))
+    points[:, 0] += shear * points[:, 2]
+    assert list(cell.types.shape) == [-1]
+    pyramids = pyramids_of(points, cell)
+    np.testing.assert_allclose(pyramids.smallest / pyramids.volume, 1.0 / 6.0)
+    angle = np.arctan(shear) if height == 1.0 else 0.0
+    if height == 1.0:
+        np.testing.assert_allclose(quality_of(points, cell), quality, atol=5e-5)
+        np.testing.assert_allclose(quality_of(points, cell), np.cos(angle))
+
+
+def test_a_hexahedron_with_a_negative_corner_is_not_inverted_if_checkmesh_takes_it():
+    points = IDEAL["hexahedron"].copy()
+    points[6] = [0.45, 0.45, 0.8]
+    table = np.array([[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]])
+    cell = Polyhedra(Polygons(table.ravel(), 4 * np.arange(7)), np.zeros(6, dtype=int), np.empty(0, dtype=int))
+    quality, inverted = quality_and_inverted(points, cell)
+    assert quality[0] < 0.0
+    assert not inverted[0]
+    assert quality_and_inverted(points, Cells("hexahedron", np.arange(8)[None]))[1][0]
+    assert by_shape(points, [(cell, None, 1.0)])[0].shape == "hexahedron"
 
 
 def test_volume_and_centre_of_a_polyhedron_are_those_of_its_tetrahedra():
@@ -234,7 +270,10 @@ def test_polyhedra_are_judged_like_the_cells_they_are(block):
     one, other = (TouchedCells.of(mesh, moved) for mesh in (block, poly))
     assert one.count == other.count
     assert one.orientation == other.orientation == (1.0,)
-    assert other.quality(block.points)[0].measure == MEASURES["polyhedron"]
+    shaken = block.points + np.random.default_rng(8).normal(0.0, 0.05, block.points.shape)
+    (first,), (second,) = one.quality(shaken), other.quality(shaken)
+    assert (first.shape, first.measure, first.cells) == (second.shape, second.measure, second.cells)
+    np.testing.assert_allclose((second.min, second.p01, second.mean), (first.min, first.p01, first.mean), atol=1e-13)
 
 
 @pytest.mark.parametrize(("shape", "corners"), [("triangle", 3), ("quad", 4)])

@@ -53,7 +53,7 @@ def test_a_page_gets_the_points_and_qualities_of_cells_of_any_type(block, bare_d
         assert np.array_equal(points, frame.points[nodes].astype(np.float32))
         if own is not None:
             quality, values = values[: len(own)], values[len(own) :]
-            assert np.array_equal(quality, (view.run.weights * frame.quality)[own].astype(np.float32))
+            assert np.array_equal(quality, frame.quality[own].astype(np.float32))
     assert not len(values)
 
 

@@ -1,8 +1,9 @@
 """What holds for the files of every format, however they store numbers."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
-from itertools import product
+from itertools import product, repeat
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +13,14 @@ import sdm_deflect
 from sdm_deflect.cases.run.mesh_files import Targets
 from sdm_deflect.deform.mesh.cells import Polyhedra
 from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.quality import by_shape, oriented
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.known import entries
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of, read
 from sdm_deflect.meshing.formats.ugrid_file import ENCODINGS
 from tests.deform.blocks import block_with_body
 from tests.meshing.formats import fluent_files, netcdf_files, plot3d_files
-from tests.meshing.formats.examples import hybrid
+from tests.meshing.formats.examples import hybrid, polyhedral
 from tests.meshing.formats.gmsh_files import gmsh_data
 
 MADE = {
@@ -45,6 +47,26 @@ def made(name: str, folder: Path, mesh: Mesh | None = None) -> Path:
     else:
         format_of(path).write(mesh, path)
     return path
+
+
+def test_one_mesh_has_one_quality_in_every_format(tmp_path: Path) -> None:
+    """In formats of faces the quality of a tetrahedron once was 1/4, whatever its shape."""
+    mesh = hybrid()
+    mesh = mesh.with_points(mesh.points + 0.03 * np.random.default_rng(26).normal(size=mesh.points.shape))
+    expected = {quality.shape: quality for quality in by_shape(mesh.points, [(b, None, 1.0) for b in mesh.cells])}
+    faces = replace(polyhedral(mesh), zones=())
+    paths = [made(name, tmp_path, mesh) for name in ("su2", "cgns", "gmsh", "ugrid b8", "openfoam", "fluent", "vtu")]
+    FORMATS["cgns"].write(faces, tmp_path / "ngon.cgns")
+    assert len(expected) == 4
+    for path in (*paths, tmp_path / "ngon.cgns"):
+        stored = read(path)
+        signs = [oriented(stored.points, block)[0] for block in stored.cells]
+        found = by_shape(stored.points, zip(stored.cells, repeat(None), signs, strict=False))
+        assert {quality.shape: quality.cells for quality in found} == {name: q.cells for name, q in expected.items()}
+        for quality in found:
+            own = expected[quality.shape]
+            assert quality.inverted == own.inverted == 0
+            np.testing.assert_allclose((quality.min, quality.p01, quality.mean), (own.min, own.p01, own.mean), 1e-12)
 
 
 def stored_otherwise() -> Iterator[tuple[str, Callable[[Path], Path]]]:
