@@ -151,6 +151,8 @@ def _put(place: Path, moves: Mapping[Path, Path], stale: Sequence[str]) -> None:
         _prepare(new, old)
         if new.is_dir() and old.is_dir():
             _keep(new, old, stale)
+            for folder in (new, *new.rglob("*/")):
+                _flush(folder)
     with undisturbed():
         for new, old in moves.items():
             if new.is_dir() and old.is_dir():
@@ -196,8 +198,6 @@ def _keep(new: Path, old: Path, stale: Sequence[str]) -> None:
                 os.link(path, place, follow_symlinks=False)
             except (OSError, AttributeError):  # a file system without hard links, or another user's file
                 shutil.copy2(path, place, follow_symlinks=False)
-    for path in (new, *(path for path in new.rglob("*") if path.is_dir() and not path.is_symlink())):
-        _flush(path)
 
 
 def _exchange(new: Path, old: Path, note: Path) -> None:

@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray, union
 from sdm_deflect.deform.base.errors import InputError, shortened
-
-if TYPE_CHECKING:
-    from .standard import CellTypes
 
 CORNERS = {
     "line": 2, "triangle": 3, "quad": 4, "tetra": 4, "pyramid": 5, "wedge": 6, "hexahedron": 8,
@@ -134,7 +131,7 @@ class Polygons:
         return Polygons(self.nodes[own[0] : own[-1]], own - own[0])
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Polyhedra:
     """Cells of any shape, given by their faces as OpenFOAM does.
 
@@ -143,11 +140,13 @@ class Polyhedra:
     faces : F faces; the normal of each (right-hand rule) points out of its owner.
     owner : (F,) cell on the back of each face.
     neighbour : (I,) cell in front of the first I faces; the others are on the boundary.
+    kept : What was computed of the cells once, by its name.
     """
 
     faces: Polygons
     owner: IntArray = field(repr=False)
     neighbour: IntArray = field(repr=False)
+    kept: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         if len(self.owner) != len(self.faces) or len(self.neighbour) > len(self.faces):
@@ -155,13 +154,6 @@ class Polyhedra:
 
     def __len__(self) -> int:
         return int(max(self.owner.max(initial=-1), self.neighbour.max(initial=-1))) + 1
-
-    @cached_property
-    def types(self) -> CellTypes:
-        """The types of the cells: many are tetrahedra, pyramids, wedges or hexahedra."""
-        from .standard import CellTypes
-
-        return CellTypes.of(self)
 
 
 Faces = Cells | Polygons

@@ -274,20 +274,29 @@ def images_of_faces(
     apart, rows = cKDTree(centres[1]).query(centres[0])
     if apart.max() > near or len(distinct(rows)) < len(rows) or (sizes[0] != sizes[1][rows]).any():
         return None
-    images = np.empty_like(one.nodes)
-    for size in distinct(sizes[0]):
-        faces, corner = np.flatnonzero(sizes[0] == size), np.arange(size)
+    images, off = _corner_images(one, other, here, there, rows)
+    pairs = np.unique(np.column_stack([one.nodes, images]), axis=0)
+    unique = all(len(distinct(side)) == len(pairs) for side in pairs.T)
+    return pairs if unique and off.max() <= near else None
+
+
+def _corner_images(
+    one: Polygons, other: Polygons, here: FloatArray, there: FloatArray, rows: IntArray
+) -> tuple[IntArray, FloatArray]:
+    """Return the node of the other faces, of rows (F,), at each corner (C,), and the largest distance (F,) of a face.
+
+    The corners of a face follow one another in both, from any one on, and the same way or the other.
+    """
+    images, off, sizes = np.empty_like(one.nodes), np.full(len(one), np.inf), np.diff(one.offsets)
+    for size in distinct(sizes):
+        faces, corner = np.flatnonzero(sizes == size), np.arange(size)
         first, start = one.offsets[faces, None] + corner, other.offsets[rows[faces], None]
-        least = np.full(len(faces), np.inf)
         for turn, sense in product(range(size), (-1, 1)):
             second = start + (turn + sense * corner) % size
-            off = np.abs(here[first] - there[second]).max(axis=(1, 2))
-            images[first[off < least]] = other.nodes[second[off < least]]
-            least = np.minimum(least, off)
-        if least.max() > near:
-            return None
-    pairs = np.unique(np.column_stack([one.nodes, images]), axis=0)
-    return pairs if all(len(distinct(side)) == len(pairs) for side in pairs.T) else None
+            apart = np.abs(here[first] - there[second]).max(axis=(1, 2))
+            closer = apart < off[faces]
+            images[first[closer]], off[faces[closer]] = other.nodes[second[closer]], apart[closer]
+    return images, off
 
 
 def matched(

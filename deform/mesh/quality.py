@@ -83,7 +83,7 @@ def quality_and_inverted(
     if isinstance(block, Polyhedra):
         pyramids = polyhedra.pyramids_of(points, block, rows, orientation)
         quality = pyramids.orthogonality
-        for _, cells, own, at in block.types.parts(rows):
+        for _, cells, own, at in parts_of(block, rows):
             if isinstance(cells, Cells):
                 quality[at] = compiled_quality.quality_and_inverted(points, cells, own, orientation)[0]
         return quality, pyramids.inverted

@@ -1,7 +1,7 @@
 """Polyhedra that are tetrahedra, pyramids, wedges or hexahedra: their types, and their nodes in VTK's order."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,50 +19,34 @@ TETRA, WEDGE, HEXAHEDRON = 0, 2, 3
 """Types by their places in `VOLUMES`; any other cell is -1."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CellTypes:
-    """The types of the cells of a block of polyhedra.
+class CellTypes(NamedTuple):
+    """The types of polyhedra.
 
     Attributes
     ----------
-    block : the polyhedra.
     shape : (C,) type of each cell, a place in `VOLUMES`, or -1.
     corners : (C, 8) nodes of the cells of a type in VTK's order, in as many columns as it has nodes.
     """
 
-    block: Polyhedra = field(repr=False)
-    shape: NDArray[np.int8] = field(repr=False)
-    corners: IntArray = field(repr=False)
+    shape: NDArray[np.int8]
+    corners: IntArray
 
-    @classmethod
-    def of(cls, block: Polyhedra) -> "CellTypes":
-        """Find the type of each cell by its faces."""
+
+def types_of(block: Polyhedra) -> CellTypes:
+    """Return the types of the cells by their faces; they are found once, and kept with the block."""
+    if "types" not in block.kept:
         shape, corners = np.empty(len(block), dtype=np.int8), np.empty((len(block), 8), dtype=np.intp)
-        start, side = (
-            np.zeros(len(block) + 1, dtype=np.intp),
-            np.empty(len(block.owner) + len(block.neighbour), np.intp),
-        )
-        _sort_sides(block.owner, block.neighbour, start, side)
+        start, side = np.zeros(len(block) + 1, np.intp), np.empty(len(block.owner) + len(block.neighbour), np.intp)
         nodes, offsets = block.faces.nodes, block.faces.offsets
+        _sort_sides(block.owner, block.neighbour, start, side)
 
         def find(low: int, high: int) -> None:
             _find_types(nodes, offsets, start[low : high + 1], side, shape[low:high], corners[low:high])
 
         in_chunks(find, len(block), WEIGHT)
-        return cls(block, shape, corners)
-
-    def parts(self, rows: IntArray | None = None) -> Iterator[tuple[str, Volume, IntArray, IntArray]]:
-        """Yield type, block, rows in it, and their places among the rows (R,) given, of the cells of each type.
-
-        The block of a type has as many rows as the polyhedra; other polyhedra come last.
-        """
-        some = np.arange(len(self.shape)) if rows is None else rows
-        kinds = self.shape[some]
-        for number, name in (*enumerate(VOLUMES), (-1, POLYHEDRON)):
-            at = np.flatnonzero(kinds == number)
-            if len(at):
-                block = Cells(name, self.corners[:, : CORNERS[name]]) if number >= 0 else self.block
-                yield name, block, some[at], at
+        block.kept["types"] = CellTypes(shape, corners)
+    found: CellTypes = block.kept["types"]
+    return found
 
 
 Part = tuple[str, Volume, IntArray, IntArray | slice]
@@ -70,11 +54,21 @@ Part = tuple[str, Volume, IntArray, IntArray | slice]
 
 
 def parts_of(block: Volume, rows: IntArray | None = None) -> Iterator[Part]:
-    """Yield the cells of each type in a block, or in R rows of it, and their places among these."""
-    if isinstance(block, Polyhedra):
-        yield from block.types.parts(rows)
-    elif len(some := np.arange(len(block)) if rows is None else rows):
-        yield block.shape, block, some, slice(None)
+    """Yield the cells of each type in a block, or in R rows of it, and their places among these.
+
+    The block of a type of polyhedra has as many rows as these; those of no type come last.
+    """
+    some = np.arange(len(block)) if rows is None else rows
+    if isinstance(block, Cells):
+        if len(some):
+            yield block.shape, block, some, slice(None)
+        return
+    types = types_of(block)
+    kinds = types.shape[some]
+    for number, name in (*enumerate(VOLUMES), (-1, POLYHEDRON)):
+        at = np.flatnonzero(kinds == number)
+        if len(at):
+            yield name, Cells(name, types.corners[:, : CORNERS[name]]) if number >= 0 else block, some[at], at
 
 
 def type_of(block: Volume, row: int) -> str:

@@ -378,11 +378,16 @@ def meshes_beside(case: Path) -> tuple[str, ...]:
     regions = sorted({points.parents[1].name for points in case.glob("constant/*/polyMesh/points*")})
     notes = [BESIDE] if any((folder / MESH).is_dir() for folder in case.glob(STALE[0])) else []
     notes += [Warned(OF_TIMES.format(short_list(f"{name}/polyMesh" for name in times)))] if times else []
-    mesh = case / MESH if (case / MESH).is_dir() else case
-    holders = sorted(one.name for one in mesh.glob("points?*") if one.name not in POINTS)
-    notes += [Warned(OF_HOLDERS.format(short_list(holders)))] if holders else []
+    notes += _holders(case)
     notes += [Warned(OF_REGIONS.format(short_list(regions), regions[0]))] if regions else []
     return tuple(notes)
+
+
+def _holders(case: Path) -> list[Warned]:
+    """Return a warning of other files with points beside those of the mesh."""
+    mesh = case / MESH if (case / MESH).is_dir() else case
+    names = sorted(one.name for one in mesh.glob("points?*") if one.name not in POINTS)
+    return [Warned(OF_HOLDERS.format(short_list(names)))] if names else []
 
 
 def mesh_folder(path: Path) -> Path:

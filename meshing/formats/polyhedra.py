@@ -9,6 +9,7 @@ from sdm_deflect.deform.base.arrays import IntArray
 from sdm_deflect.deform.mesh.cells import Cells, Polygons, Polyhedra, taken
 from sdm_deflect.deform.mesh.faces import FACES, Keys, face_keys, node_keys, patch_keys
 from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.standard import parts_of
 
 from .format import MeshFileError
 from .shapes import polygons, turned
@@ -165,7 +166,7 @@ def standard_cells(mesh: Mesh) -> tuple[Cells, ...]:
 
 def _shapes(block: Polyhedra) -> list[Cells]:
     found, known = [], 0
-    for shape, cells, rows, _ in block.types.parts():
+    for shape, cells, rows, _ in parts_of(block):
         if isinstance(cells, Cells):
             found.append(Cells(shape, np.ascontiguousarray(cells.nodes[rows])))
             known += len(rows)

@@ -20,6 +20,7 @@ from sdm_deflect.deform.mesh.quality import (
     quality_of,
     summarise,
 )
+from sdm_deflect.deform.mesh.standard import POLYHEDRON, type_of
 from sdm_deflect.deform.mesh.touched import TouchedCells
 from tests.deform.blocks import block_with_body
 from tests.meshing.formats.examples import KINDS
@@ -207,7 +208,7 @@ def test_the_quality_of_a_polyhedron_falls_as_it_is_sheared_and_not_as_it_is_thi
     """The smallest face pyramid over the volume is a sixth for each of them."""
     points, cell = pentagonal(IDEAL["hexahedron"] @ np.diag([1.0, 1.0, height]))
     points[:, 0] += shear * points[:, 2]
-    assert list(cell.types.shape) == [-1]
+    assert type_of(cell, 0) == POLYHEDRON
     pyramids = pyramids_of(points, cell)
     np.testing.assert_allclose(pyramids.smallest / pyramids.volume, 1.0 / 6.0)
     angle = np.arctan(shear) if height == 1.0 else 0.0

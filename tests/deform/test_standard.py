@@ -6,7 +6,7 @@ import pytest
 from sdm_deflect.deform.mesh.cells import CORNERS, VOLUMES, Cells, Polygons, Polyhedra
 from sdm_deflect.deform.mesh.faces import FACES
 from sdm_deflect.deform.mesh.quality import inverted_of, quality_of
-from sdm_deflect.deform.mesh.standard import POLYHEDRON, type_of
+from sdm_deflect.deform.mesh.standard import POLYHEDRON, parts_of, type_of
 from tests.deform.test_quality import IDEAL
 
 RNG = np.random.default_rng(26)
@@ -32,7 +32,7 @@ def test_a_cell_is_what_it_was_whatever_the_order_of_its_faces(shape, turned):
         points = IDEAL[shape] + RNG.normal(0.0, 0.1, IDEAL[shape].shape)
         rows = np.array([0])
         assert type_of(cells, 0) == shape
-        (name, found, _, _), *_ = cells.types.parts(rows)
+        (name, found, _, _), *_ = parts_of(cells, rows)
         assert (name, sorted(found.nodes[0])) == (shape, list(range(CORNERS[shape])))
         expected = quality_of(points, Cells(shape, np.arange(CORNERS[shape])[None]))
         np.testing.assert_allclose(quality_of(points, cells, rows), expected, atol=1e-13)
@@ -65,6 +65,6 @@ def test_each_cell_of_a_block_has_its_own_type():
     faces = [every.nodes[every.offsets[i] : every.offsets[i + 1]] for i in order]
     faces = Polygons(np.concatenate(faces), np.cumsum([0, *map(len, faces)]))
     block = Polyhedra(faces, np.concatenate(owner)[order], np.empty(0, dtype=int))
-    found = {name: (rows.tolist(), at.tolist()) for name, _, rows, at in block.types.parts(np.array([5, 2, 3, 4]))}
+    found = {name: (rows.tolist(), at.tolist()) for name, _, rows, at in parts_of(block, np.array([5, 2, 3, 4]))}
     assert found == {"tetra": ([5], [0]), "wedge": ([2], [1]), "hexahedron": ([3, 4], [2, 3])}
     assert [type_of(block, i) for i in range(6)] == [*VOLUMES, "hexahedron", "tetra"]
