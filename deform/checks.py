@@ -27,7 +27,7 @@ from sdm_deflect.deform.surface.surface import OnPatches
 from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection, deflect
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 
-LAYER_CHANGE, THICK_CHANGE = 0.01, 0.1  # of the first layer's height; of thick layers of polyhedra
+ROUNDED = 0.01  # of an edge's length: largest change by a file with fewer digits
 ON_SHAPE = 1e-9  # of the moving surface's size: how far sliding nodes may be from where they slid
 ON_IMAGE = 1e-14  # of a pair's size: how far nodes may be from the images of others
 WORSE = 4.0  # times as far as they were, in files with fewer digits
@@ -230,8 +230,9 @@ def _first_layer(deflection: Deflection) -> Iterator[Check]:
     """Check that the first layers off the walls kept their heights."""
     layers = layers_of(deflection)
     if layers:
-        where = f"{layers.edges} edges off the walls, from {layers.lowest:.3g}; 99 % within {layers.p99:.2e}"
-        yield Check("first_layer", layers.largest, THICK_CHANGE if layers.thick else LAYER_CHANGE, "", where)
+        kind = "thick" if layers.thick else "thin"
+        where = f"{layers.edges} edges of {kind} cells, from {layers.lowest:.3g}; 99 % within {layers.p99:.2e}"
+        yield Check("first_layer", layers.largest, layers.limit, "", where)
 
 
 def _pairs(deflection: Deflection) -> Iterator[Check]:
@@ -343,7 +344,7 @@ def _rounding(deflection: Deflection) -> Check:
             largest = max(largest, float((change[lengths > 0.0] / lengths[lengths > 0.0]).max(initial=0.0)))
             count += len(start)
     where = f"change of an edge, of its length, of {count} edges of all cells of the undeflected mesh"
-    return Check("rounding", largest, LAYER_CHANGE, "", where, over=count)
+    return Check("rounding", largest, ROUNDED, "", where, over=count)
 
 
 def _boundary_checks(deflection: Deflection) -> Iterator[Check]:

@@ -175,7 +175,7 @@ REMEDIES = {
     "quality_min": "Try a smaller angle, a larger --margin, or --repair always.",
     "left_behind": "Name the other patch or zone, too.",
     "site_error": "Raise max_centers, or the tolerance.",
-    "first_layer": "Try a smaller angle.",
+    "first_layer": "Try a wider --strip, or a smaller angle.",
     "non_orthogonality_max": "Try a smaller angle or a larger --margin.",
     "skewness_max": "Try a smaller angle or a larger --margin.",
     "rounding": "Write a format of double precision.",

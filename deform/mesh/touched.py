@@ -89,11 +89,13 @@ BASES = {
 BLOCK = 1 << 16
 WEIGHT = 10
 """Work on the nodes of one cell in kernel pairs, by which `in_chunks` shares it out."""
-LAYER_HEIGHT, LAYER_HEIGHT_POLYHEDRON = 0.2, 0.4
+LAYER_HEIGHT = 0.4
 """Height over the longest edge on the wall, below which a cell counts as one of a layer. The layers of snappyHexMesh
 are 0.1 to 0.4 of that edge high, its other cells on a wall 0.6 and more."""
 THICK_HEIGHT = 0.1
-"""The same, above which the heights of polyhedra follow the wall less closely."""
+"""The same, above which heights follow the wall less closely."""
+LAYER_CHANGE, THICK_CHANGE = 0.01, 0.1
+"""Largest allowed change of the first layer's height, as a share of it; of cells above `THICK_HEIGHT`."""
 
 
 class CellScores(NamedTuple):
@@ -230,7 +232,7 @@ class Layers:
     edges : number of these edges, as often as cells have them.
     lowest : smallest height before.
     largest, p99 : largest relative change, and the one that 99 % of the edges keep.
-    thick : whether half the edges or more are of polyhedra, and higher than a tenth of the cell's width.
+    thick : whether these are of thick cells. Of thin and thick cells, those nearer to their limit are reported.
     """
 
     edges: int
@@ -239,6 +241,11 @@ class Layers:
     p99: float
     thick: bool = False
 
+    @property
+    def limit(self) -> float:
+        """Largest allowed relative change."""
+        return THICK_CHANGE if self.thick else LAYER_CHANGE
+
 
 class LayerEdges(NamedTuple):
     """Edges that leave a wall, or a layer over it.
@@ -246,7 +253,7 @@ class LayerEdges(NamedTuple):
     Attributes
     ----------
     starts, ends : (E,) nodes where they begin and end.
-    thick : (E,) which are of polyhedra that are higher than `THICK_HEIGHT` of their longest edge on the wall.
+    thick : (E,) which are of cells that are higher than `THICK_HEIGHT` of their longest edge on the wall.
     """
 
     starts: IntArray
@@ -260,8 +267,13 @@ def first_layer(touched: TouchedCells, walls: IntArray, points: FloatArray) -> L
     if edges is None:
         return None
     low, after = (np.linalg.norm(at[edges.ends] - at[edges.starts], axis=1) for at in (touched.mesh.points, points))
-    change, thick = np.abs(after / low - 1.0), bool(2 * np.count_nonzero(edges.thick) >= len(low))
-    return Layers(len(low), float(low.min()), float(change.max()), float(np.percentile(change, 99.0)), thick)
+    change = np.abs(after / low - 1.0)
+    groups = [
+        Layers(len(own), float(low[cells].min()), float(own.max()), float(np.percentile(own, 99.0)), thick)
+        for thick, cells in ((False, ~edges.thick), (True, edges.thick))
+        if len(own := change[cells])
+    ]
+    return max(groups, key=lambda group: group.largest / group.limit)
 
 
 def layers(touched: TouchedCells, walls: IntArray) -> Iterator[LayerEdges]:
@@ -279,7 +291,7 @@ def layers(touched: TouchedCells, walls: IntArray) -> Iterator[LayerEdges]:
     ]
     while True:
         found = [
-            _edges(touched.mesh.points, base, top, isinstance(block, Polyhedra))
+            _edges(touched.mesh.points, base, top)
             for block, rows in parts
             for base, top in _first_cells(block, rows, below)
         ]
@@ -337,10 +349,10 @@ def _first_cells(block: Volume, rows: IntArray, wall: NDArray[np.bool_]) -> list
     return cells
 
 
-def _edges(points: FloatArray, base: IntArray, top: IntArray, polyhedra: bool) -> LayerEdges:
+def _edges(points: FloatArray, base: IntArray, top: IntArray) -> LayerEdges:
     """Return the edges of flat cells, of nodes (C, k) on a wall and opposite: others over a wall are no layer."""
     around = np.linalg.norm(points[base] - points[np.roll(base, 1, axis=1)], axis=2).max(axis=1)
     height = np.linalg.norm(points[top] - points[base], axis=2).max(axis=1)
-    flat = height < (LAYER_HEIGHT_POLYHEDRON if polyhedra else LAYER_HEIGHT) * around
-    thick = np.repeat((height > THICK_HEIGHT * around)[flat] & polyhedra, base.shape[1])
+    flat = height < LAYER_HEIGHT * around
+    thick = np.repeat((height > THICK_HEIGHT * around)[flat], base.shape[1])
     return LayerEdges(base[flat].ravel(), top[flat].ravel(), thick)

@@ -15,7 +15,7 @@ from sdm_deflect.deform.mesh.mesh import EVERY_BIT, HERE, Mesh, Precision, Runne
 from sdm_deflect.deform.mesh.orthogonality import TouchedFaces
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.mesh.sliding import SlidingSurface
-from sdm_deflect.deform.mesh.touched import TouchedCells
+from sdm_deflect.deform.mesh.touched import TouchedCells, layers
 from sdm_deflect.deform.repair.freedom import Columns, FreeNodes
 from sdm_deflect.deform.surface.motions import Moving
 from sdm_deflect.deform.surface.surface import Surface
@@ -64,6 +64,9 @@ class BoxPlan:
         progress("cells", nan)
         touched = TouchedCells.of(boundary.mesh, union(region.inside, sites.moving))
         touched.check(job.allow_inverted)
+        first = next(layers(touched, union(sites.moving, sites.fixed)), None)
+        if first and not job.fitting.tolerance:
+            sites = sites.keeping(boundary, first.starts, first.ends)
         return cls(boundary, region, sites, touched)
 
     @property

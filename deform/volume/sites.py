@@ -1,11 +1,11 @@
 """Where displacements are known at the start of a step: nodes of the boundary, and zero sites on the box."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, first_coincident, union
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, distinct, first_coincident, union
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.hexahedron import FACES, border_sites, polygon_sites
 from sdm_deflect.deform.mesh.edges import edges_of, median_edge, polygons_of
@@ -16,7 +16,7 @@ from sdm_deflect.deform.rbf.kernels import OF_RADIUS, Kernel
 from sdm_deflect.deform.rbf.problem import DataSites, pinned
 
 from .boundary import ZERO_LENGTH, PrescribedNodes
-from .near_wall import LocalRotation
+from .near_wall import KEPT, LocalRotation, Nearby
 from .region import BoxNodes
 
 NEIGHBOURS = 7
@@ -100,6 +100,19 @@ class Sites:
             boundary.nodes, distinct, region.fixed, sampled, sliding, paired, sampled_sliding, zero,
             spacing, edge, tolerance, kernel, radius,
         )  # fmt: skip
+
+    def keeping(self, boundary: PrescribedNodes, below: IntArray, above: IntArray) -> "Sites":
+        """Return the same with a tolerance that keeps the first layer's edges (E,), from nodes below to nodes above.
+
+        The mesh follows a wall over the length L at most, an edge or the distance of another part's nodes. There an
+        error of t changes the median height h by less than `KEPT` h if t <= `KEPT` L**2 / (10 h); see `Reach`.
+        """
+        points, certain = boundary.mesh.points, len(self.moving) + len(self.fixed)
+        height = float(np.median(np.linalg.norm(points[above] - points[below], axis=1)))
+        parts = [part[part < certain] for part in self.parts(boundary)]
+        other = Nearby.of(points[distinct(above)], points[self.known], parts).second
+        length = min(self.edge, float(other.min()))
+        return replace(self, tolerance=min(self.tolerance, KEPT * length**2 / (10.0 * height)))
 
     def parts(self, boundary: PrescribedNodes) -> list[IntArray]:
         """Return rows of `known` that may move differently: each moving surface, and the rest."""

@@ -68,7 +68,7 @@ def test_settings_page_and_view_of_a_plane_mesh(folder, deflected, capsys):
     assert len((report / "report.html").read_bytes()) == pytest.approx(len(page), rel=0.01)
     view = View.of(FinishedRun.of(report))
     _, frame = view.answer({"angle": -20.0}, None)
-    assert frame.verified
+    assert frame.fits
     shown = {len(one["table"]): len(indices_of(one["rows"])) for one in view.scene["cells"]["groups"]}
     assert sum(shown.values()) == view.run.touched.count
     assert set(shown) == {3, 6}

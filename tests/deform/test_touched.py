@@ -147,6 +147,23 @@ def test_layers_over_polygons_are_found_and_what_is_no_prism_is_not():
             assert layer.largest == pytest.approx(0.1)
 
 
+@pytest.mark.parametrize(("rise", "thick", "fails"), [(0.02, False, True), (0.005, True, True), (0.005, True, False)])
+def test_each_cell_of_the_first_layer_has_the_limit_of_its_own_height(rise, thick, fails):
+    """A quad .05 high beside three that are .3 high: of thin and thick ones, those nearer to their limit are told."""
+    x = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0])
+    height = np.array([0.05, 0.05, 0.3, 0.3, 0.3, 0.3])
+    points = np.array([(a, y, 0.0) for a, y in zip(x, 0.0 * x, strict=True)] + [
+        (a, y, 0.0) for a, y in zip(x, height, strict=True)])  # fmt: skip
+    quads = np.array([[i, i + 1, 7 + i, 6 + i] for i in (0, 2, 3, 4)])
+    touched = TouchedCells.of(Mesh(points, (Cells("quad", quads),), ()), np.arange(12))
+    after = points.copy()
+    after[6:8, 1] *= 1.0 + rise
+    after[8:, 1] *= 1.2 if thick and fails else 1.06
+    found = first_layer(touched, np.arange(6), after)
+    assert (found.thick, found.largest > found.limit) == (thick, fails)
+    assert found.edges == (6 if thick else 2)
+
+
 def test_cells_as_high_as_wide_are_no_layer():
     block = block_with_body()
     assert first_layer(TouchedCells.of(block, np.arange(len(block.points))), block.on("body"), block.points) is None

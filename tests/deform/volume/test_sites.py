@@ -1,7 +1,10 @@
 """Where displacements are known: every node once, zero sites apart from them, and not too many of either."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 
 from sdm_deflect.deform.base.errors import InputError
@@ -9,10 +12,15 @@ from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.mesh.cells import Patch
 from sdm_deflect.deform.mesh.edges import median_edge
 from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.touched import layers
 from sdm_deflect.deform.rbf.fitting import Fitting
+from sdm_deflect.deform.surface.blended import Blended
+from sdm_deflect.deform.surface.motions import Rotation
+from sdm_deflect.deform.surface.surface import OnPatches
 from sdm_deflect.deform.volume import sites as places
 from sdm_deflect.deform.volume.sites import apart_from
 from tests.deform.jobs import FLAP, WING, blended, box_plan, job, turn
+from tests.deform.paired import airfoil
 
 TIGHT = [[-1.2, -1.2, -1.2], [1.2, 1.2, 1.2]]
 
@@ -38,6 +46,24 @@ def test_lengths_follow_from_the_edges_of_the_surface(plan, inboard_wing):
     assert sites.edge == median_edge(mesh.points, mesh.faces_of(("flap_upper", "flap_lower", "flap_base")))
     assert sites.tolerance == 0.01 * sites.edge
     assert sites.spacing == 1.75 * sites.edge
+
+
+@pytest.mark.parametrize(("outwards", "thick"), [(80, True), (800, False)])
+def test_thick_first_layers_ask_for_a_smaller_tolerance(outwards, thick):
+    """An error of t changes a height h by .5 % at most if t = .005 L**2 / (10 h), L an edge or the way to the wing."""
+    mesh, hinge = airfoil(2, 0.2, outwards=outwards), [[0.7, 0.0, 0.0], [0.7, 0.2, 0.0]]
+    motion = Blended(Rotation.about(*hinge), held=OnPatches(("wing",)))
+    wanted = job(("flap",), motion=motion, fixed=("wing",), slide={"side0": "plane", "side1": "plane"})
+    plan = box_plan(mesh, wanted)
+    sites, (starts, ends, _) = plan.sites, next(layers(plan.touched, plan.walls))
+    height = np.median(np.linalg.norm(mesh.points[ends] - mesh.points[starts], axis=1))
+    to_each = [KDTree(mesh.points[rows]).query(mesh.points[ends])[0] for rows in (sites.moving, sites.fixed)]
+    length = min(sites.edge, np.max(to_each, axis=0).min())
+    asked = 0.005 * length**2 / (10.0 * height)
+    assert (asked < 0.01 * sites.edge) == thick
+    assert sites.tolerance == pytest.approx(min(asked, 0.01 * sites.edge), rel=1e-12)
+    given = box_plan(mesh, replace(wanted, fitting=Fitting(tolerance=0.02)))
+    assert given.sites.tolerance == 0.02
 
 
 @pytest.mark.parametrize(("given", "spacing"), [({"spacing": 0.3}, 0.3), ({"spacing_edges": 1.0}, 0.5)])
