@@ -33,8 +33,10 @@ ON_IMAGE = 1e-14  # of a pair's size: how far nodes may be from the images of ot
 WORSE = 4.0  # times as far as they were, in files with fewer digits
 SAME_PLACE = 1e-9  # of the box: nodes that are nearer are the same place
 
-Judgement = Literal["at most", "at least"]
-Verdict = Literal["passed", "FAILED", "not applicable"]
+POOR, POOR_SHARE = 0.1, 0.5  # quality of a worst cell: newly below it, or below that share of what it was, is poor
+
+Judgement = Literal["at most", "at least", "information"]
+Verdict = Literal["passed", "poor", "FAILED", "information", "not applicable"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,10 +49,12 @@ class Check:
     value, limit : what was measured and what was asked, in `unit`.
     unit : of both; none for shares, and for lengths in the mesh's own unit.
     where : what was measured, over how many nodes, and where the worst one lies.
-    judgement : the check passes if value <= limit (``"at most"``) or value >= limit (``"at least"``).
+    judgement : the check passes if value <= limit (``"at most"``) or value >= limit (``"at least"``);
+        ``"information"`` has no limit, but what is expected.
     over : number of nodes or cells that were measured; over none the check is not applicable.
     nodes, distances : (K,) the nodes and what was measured at each, where a map of it is worth drawing.
     figures : what was measured of each part, by its name.
+    poor : True of a worst cell that passes, but lost more than half of its quality, or newly fell below .1.
     """
 
     name: str
@@ -63,20 +67,26 @@ class Check:
     nodes: IntArray | None = field(default=None, compare=False, repr=False)
     distances: FloatArray | None = field(default=None, compare=False, repr=False)
     figures: dict[str, dict[str, float]] = field(default_factory=dict, compare=False, repr=False)
+    poor: bool = False
+
+    @property
+    def is_judged(self) -> bool:
+        """True if there was something to measure, and a limit."""
+        return bool(self.over) and self.judgement != "information"
 
     @property
     def passed(self) -> bool:
         """True if the value keeps its limit, or there was nothing to measure; nan never does."""
-        if not self.over:
+        if not self.is_judged:
             return True
         return self.value <= self.limit if self.judgement == "at most" else self.value >= self.limit
 
     @property
     def verdict(self) -> Verdict:
         """The outcome in a word or two."""
-        if not self.over:
-            return "not applicable"
-        return "passed" if self.passed else "FAILED"
+        if not self.is_judged:
+            return "information" if self.over else "not applicable"
+        return "FAILED" if not self.passed else "poor" if self.poor else "passed"
 
     def as_dict(self) -> dict[str, Any]:
         """Return the check as JSON has it; a value that is no number is null."""
@@ -93,6 +103,14 @@ class Check:
             "where": self.where,
             **({"figures": self.figures} if self.figures else {}),
         }
+
+
+def verdict(checks: Sequence[Check]) -> str:
+    """Return the verdict on all checks in words."""
+    judged = [check for check in checks if check.is_judged]
+    if failed := [check.name for check in judged if not check.passed]:
+        return f"FAILED: {len(failed)} of {len(judged)} checks: {', '.join(dict.fromkeys(failed))}"
+    return "passed, with poor cells" if any(check.poor for check in checks) else "all validations passed"
 
 
 def worst(distances: FloatArray, points: FloatArray) -> str:
@@ -369,7 +387,8 @@ def _quality_checks(deflection: Deflection) -> Iterator[Check]:
         if new.cells < of.cells:
             where += f", without {of.cells - new.cells} that were inverted or flat before"
         limit = deflection.plan.job.repair.min_quality * old.quality if old.cells else 0.0
-        yield Check(f"quality_min:{of.shape}", new.quality, limit, "", where, "at least", over=new.cells)
+        poor = new.quality < POOR_SHARE * old.quality or new.quality < POOR <= old.quality
+        yield Check(f"quality_min:{of.shape}", new.quality, limit, "", where, "at least", over=new.cells, poor=poor)
 
 
 def _unmoved(name: str, moved: FloatArray, what: str, unit: str) -> Check:

@@ -160,14 +160,14 @@ def test_no_class_has_the_name_of_another():
 
 BUDGETS = {
     "cases": (626, 6),
-    "cases/aircraft": (2039, 13),
-    "cases/cli": (1357, 7),
-    "cases/compare": (509, 4),
-    "cases/report": (1990, 10),
-    "cases/run": (2071, 10),
+    "cases/aircraft": (2059, 13),
+    "cases/cli": (1371, 7),
+    "cases/compare": (510, 4),
+    "cases/report": (2000, 10),
+    "cases/run": (2098, 10),
     "cases/settings": (981, 5),
     "cases/view": (681, 4),
-    "deform": (665, 3),
+    "deform": (684, 3),
     "deform/base": (812, 6),
     "deform/mesh": (4539, 17),
     "deform/rbf": (1621, 7),
@@ -176,11 +176,11 @@ BUDGETS = {
     "deform/volume": (3583, 13),
     "geometry": (2071, 13),
     "meshing": (571, 5),
-    "meshing/formats": (8990, 37),
+    "meshing/formats": (8993, 37),
     "meshing/generate": (1566, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 8_338, 450
+MOST_COMPLEXITY, LONGEST = 8_382, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

@@ -4,13 +4,23 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from sdm_deflect.cases.report.folder import metrics_of
-from sdm_deflect.cases.run.metrics import Json, by_shape, deflection_figures, fit_text, kernel_text, repair_text
+from sdm_deflect.cases.run.metrics import (
+    Json,
+    amounts,
+    by_shape,
+    deflection_figures,
+    fit_text,
+    kernel_text,
+    repair_text,
+)
 from sdm_deflect.cases.run.progress import Stopwatch
+from sdm_deflect.cases.settings.conversion import to_toml
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import Quality, mean_ratio, summarise
 from sdm_deflect.deform.surface.placement import Reached
 from sdm_deflect.deform.volume.deflection import Deflection
+from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.meshing.mesh import tets_of
 
 from .case import Case
@@ -65,6 +75,11 @@ class Run:
     def passed(self) -> bool:
         """True if every check passed."""
         return all(check.passed for check in self.checks)
+
+
+def case_toml(case: Case, plan: Plan) -> str:
+    """Return case.toml, which repeats a case; comments say where the hinges are."""
+    return "".join(f"# {name}: {text} m\n" for name, text in amounts(plan, plan.angle)) + to_toml(case)
 
 
 def metrics(run: Run) -> Json:

@@ -15,7 +15,7 @@ from matplotlib.tri import Triangulation
 from sdm_deflect.cases.report.data import METRES, Box, FitRows, MovedSurface, ReportData, Rows, shown, unrepaired
 from sdm_deflect.cases.report.pictures import Exhibit, saved
 from sdm_deflect.cases.report.slices import triangles_of
-from sdm_deflect.cases.settings.conversion import to_toml
+from sdm_deflect.cases.run.metrics import amounts
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.schema import Range, Setting, settings_in
 from sdm_deflect.deform.volume.deflection import Deflection
@@ -24,6 +24,7 @@ from sdm_deflect.meshing.generate.parameters import FAR_FIELD
 
 from .case import Case
 from .job import BLOCK
+from .metrics import case_toml
 
 MAP = "viridis"
 LEAST, TOP = 1e-17, 1e2
@@ -49,12 +50,16 @@ def case_data(
     mesh = plan.mesh
     return ReportData(
         title=f"{case.title[:1].upper()}{case.title[1:]}, {case.angle:+g}\N{DEGREE SIGN}",
-        facts=(("case", case.name), ("scale, strategy", f"{case.scale}, {case.strategy.upper()}")),
+        facts=(
+            ("case", case.name),
+            ("scale, strategy", f"{case.scale}, {case.strategy.upper()}"),
+            *amounts(plan, plan.angle),
+        ),
         mesh=mesh,
         points=points,
         boxes=tuple(_box(*pair) for pair in zip(plan.boxes, fits, strict=True)),
         length=METRES,
-        settings=to_toml(case),
+        settings=case_toml(case, plan),
         settings_file="case.toml",
         repeat="sdm run --config case.toml",
         tables=parameter_tables(case),

@@ -139,7 +139,7 @@ def rigid_checks(shape: Shape, rigid: Faces) -> Iterator[Check]:
     figures["cad_to_surface"] = _figures(back, _closest(samples, places[triangles]), areas)
     largest, asked, off = (max(one[key] for one in figures.values()) for key in ("largest", "predicted", "off"))
     where = f"{sentence(shape.surface, figures)}; {worst(there, points)}"
-    yield Check("surface_to_rigid_cad", largest, asked + PREDICTED, "m", where, nodes=nodes, distances=there)
+    yield Check("surface_to_rigid_cad", largest, asked, "m", where, "information", nodes=nodes, distances=there)
     where = f"{len(nodes)} nodes in {len(figures) - 1} parts, and {len(back)} points of the CAD"
     yield Check("rigid_cad_predicted", off, PREDICTED, "m", where, figures=figures)
 

@@ -12,7 +12,6 @@ from sdm_deflect.cases.report.data import METRES, RUN, ReportData, measured, rea
 from sdm_deflect.cases.report.finished import Display, FinishedRun, moved_by_repair
 from sdm_deflect.cases.report.folder import write_arrays
 from sdm_deflect.cases.run.output import lacks
-from sdm_deflect.cases.settings.conversion import to_toml
 from sdm_deflect.deform.base.errors import InputError, damaged
 from sdm_deflect.deform.checks import Check, checks_of
 from sdm_deflect.deform.mesh.mesh import Mesh
@@ -24,6 +23,7 @@ from sdm_deflect.meshing.mesh import skin, tets_of
 
 from .case import Case
 from .job import BLOCK, plan_of
+from .metrics import case_toml
 from .reference import Reference, reference
 from .registry import resolve
 from .validation import mesh_check, validate
@@ -37,7 +37,7 @@ STORED = "the checks and their values are those of the run, and there are no map
 
 def write_deformation(folder: Path, case: Case, found: Deflection, background: Mesh | None) -> None:
     """Write every file of the contract that needs no validation into `folder`."""
-    (folder / "case.toml").write_text(to_toml(case), encoding="utf-8")
+    (folder / "case.toml").write_text(case_toml(case, found.plan), encoding="utf-8")
     write_vtu(folder / "undeflected.vtu", found.plan.mesh)
     write_arrays(folder, found, whole=True)
     if background is not None:
@@ -75,7 +75,7 @@ class FinishedCase(FinishedRun):
             raise InputError(f"{folder}: undeflected.vtu and deflected.vtu differ in their number of points")
         plan = plan_of(case, replace(mesh, name=case.name))
         repair = moved_by_repair(folder / "deflected.vtu", len(mesh.points))
-        return cls(folder, plan, deflected.points, repair, to_toml(case), case, deflected)
+        return cls(folder, plan, deflected.points, repair, case_toml(case, plan), case, deflected)
 
     @property
     def angle(self) -> float:

@@ -64,9 +64,10 @@ def cache(clear: bool, as_json: bool) -> None:
 @options.json_option
 @options.progress_options
 def doctor(folder: Path, as_json: bool, quiet: bool, verbose: bool) -> int:
-    """Check this machine, and remove what killed commands left in FOLDER or here.
+    """Check this machine, and remove what killed commands left.
 
-    It says what is missing. Hidden folders of commands that run, and those of other users, stay.
+    They are looked for in FOLDER or here. It says what is missing. Hidden folders of commands that run, and those of
+    other users, stay.
     """
     from .console import findings
     from .examination import EXAMINATIONS, leftovers

@@ -24,7 +24,7 @@ from sdm_deflect.cases.run.metrics import (
 )
 from sdm_deflect.deform.base.arrays import union
 from sdm_deflect.deform.base.errors import printable, short_list
-from sdm_deflect.deform.checks import Check, Verdict
+from sdm_deflect.deform.checks import Check, Verdict, verdict
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 
@@ -46,21 +46,20 @@ def console() -> Console:
     return out if out.is_terminal or os.environ.get("COLUMNS", "").isdecimal() else Console(width=WIDTH)
 
 
-def verdict(checks: Sequence[Check], title: str) -> Table:
+def check_table(checks: Sequence[Check], title: str) -> Table:
     """Return the checks as one table."""
     table = _table(title, ("check",), ("value", "limit"), ("verdict", "measured over"))
     for check in checks:
         sign, unit = "<=" if check.judgement == "at most" else ">=", check.unit.removeprefix("-")
         value, limit = f"{check.value:.4g}", f"{sign} {check.limit:.4g} {unit}".rstrip()
+        limit = "" if check.verdict == "information" else limit
         table.add_row(plain(check.name), value, limit, _word(check.verdict), plain(check.where))
     return table
 
 
 def outcome(checks: Sequence[Check], warned: Sequence[str] = ()) -> str:
-    """Say whether all checks hold, or which do not, and how many warnings there are."""
-    failed = dict.fromkeys(check.name for check in checks if not check.passed)
-    count = f", {len(warned)} warning{'s' if len(warned) > 1 else ''}" if warned else ""
-    return (f"A VALIDATION FAILED: {', '.join(failed)}" if failed else "all validations passed") + count
+    """Return the verdict, and how many warnings there are."""
+    return verdict(checks) + (f", {len(warned)} warning{'s' if len(warned) > 1 else ''}" if warned else "")
 
 
 def warning_texts(warned: Sequence[str], *before: str) -> list[Text]:
@@ -121,16 +120,16 @@ def _of_one_angle(done: "Outcome", summary: "AngleSummary", whole: bool) -> tupl
     texts = [repair] if repair else []
     if not whole:
         failed = [check for check in summary.checks if not check.passed]
-        return [verdict(failed, title)] * bool(failed), [*_quality_lines(done.plan.before, summary.quality), *texts]
+        return [check_table(failed, title)] * bool(failed), [*_quality_lines(done.plan.before, summary.quality), *texts]
     fits = [f"{name} {fit_text(figures)}" for name, figures in summary.figures.get("deflections", {}).items()]
-    tables = [verdict(summary.checks, title), quality_table(done.plan.before, summary.quality)]
+    tables = [check_table(summary.checks, title), quality_table(done.plan.before, summary.quality)]
     return [*tables, *face_table(summary.figures)], [*texts, *(fits or [fit_text(summary.figures)])]
 
 
 def _of_many_angles(done: "Outcome", ordered: Sequence["AngleSummary"]) -> tuple[list[Table], list[str]]:
     """Return a table with a row for each angle and the checks of those that failed, and what is said of repairs."""
     named = [(f"{summary.angle:+g} {_unit(done)}", summary) for summary in ordered]
-    failed = [verdict(summary.checks, name) for name, summary in named if not summary.passed]
+    failed = [check_table(summary.checks, name) for name, summary in named if not summary.passed]
     repairs = [f"{name}: {text}" for name, summary in named if (text := repair_text(summary.figures))]
     return [sweep_table(ordered, _title(done)), *failed], repairs
 

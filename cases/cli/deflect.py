@@ -111,8 +111,8 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
 def limit(place: str, out: Path | None, as_json: bool, quiet: bool, verbose: bool, **given: Any) -> None:
     """Find the largest deflections, and what ends them.
 
-    These are the amounts, up and down, that invert no cell and keep the quality: of a mesh the share --min-quality of
-    each type's worst cell. They are sought without repair and with it; with --repair off only without.
+    These are the amounts, up and down, at which every check of sdm deflect holds. They are sought without repair and
+    with it; with --repair off only without.
 
     sdm limit wing.su2 --surface flap --fixed wing --hinge 0.7,0,0 0.7,1,0 --motion blended
     """

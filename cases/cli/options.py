@@ -111,13 +111,25 @@ class DeflectCommand(click.Command):
         formatter.write_text(f"Settings by --set alone, or in a file: {', '.join(others)}.")
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Double a hinge of one point."""
-        args = [word for arg in args for word in (arg.split("=", 1) if arg.startswith("--hinge=") else [arg])]
-        place = args.index("--hinge") + 1 if "--hinge" in args else len(args)
-        one, other = (*args[place : place + 2], "", "")[:2]
-        if one.count(",") == 1 and (other.startswith("--") or "," not in other):
-            args = [*args[: place + 1], one, *args[place + 1 :]]
-        return super().parse_args(ctx, args)
+        """Double a hinge of one point, and suggest no option that was removed."""
+        try:
+            return super().parse_args(ctx, _of_two_points(args))
+        except click.NoSuchOption as error:
+            removed = {word for option in self.params if getattr(option, "hidden", False) for word in option.opts}
+            near = [word for word in error.possibilities or () if word not in removed]
+            raise click.NoSuchOption(error.option_name, error.message, near, ctx) from None
+
+
+def _of_two_points(args: list[str]) -> list[str]:
+    """Return words with a hinge of one point doubled; InputError for one without commas."""
+    args = [word for arg in args for word in (arg.split("=", 1) if arg.startswith("--hinge=") else [arg])]
+    place = args.index("--hinge") + 1 if "--hinge" in args else len(args)
+    one, other = (*args[place : place + 2], "", "")[:2]
+    if "," not in one and len(words := one.split()) > 1:
+        raise InputError(f"--hinge {one!r}: write a point with commas, {','.join(words)}")
+    if one.count(",") == 1 and (other.startswith("--") or "," not in other):
+        return [*args[: place + 1], one, *args[place + 1 :]]
+    return args
 
 
 def _refused(_: click.Context, option: click.Parameter, value: Any) -> None:

@@ -39,16 +39,18 @@ def run(
 ) -> int:
     """Build a case as CAD, mesh it, deflect it and validate it."""
     from sdm_deflect.cases.aircraft.registry import resolve
-    from sdm_deflect.cases.run.output import check_installed, lacks, output_folder
 
     resolved = resolve(case, **given)
+
+    from sdm_deflect.cases.run.output import check_installed, lacks, output_folder
+
     check_installed("aircraft")
 
     from sdm_deflect.cases.aircraft.metrics import summary
     from sdm_deflect.cases.aircraft.pipeline import run_case
     from sdm_deflect.cases.run.metrics import warnings_of
 
-    from .console import outcome, rigid_lines, verdict, warning_texts
+    from .console import check_table, outcome, rigid_lines, warning_texts
 
     folder, lacking = out or Path("runs") / resolved.name, lacks("report") if report else ""
     with output_folder(folder) as scratch, options.watched(quiet or (as_json and not verbose), verbose) as watch:
@@ -62,7 +64,7 @@ def run(
         warned = warnings_of(result.deflection.plan)
         last = outcome(result.checks, warned)
         lines = (*summary(result), f"results in {folder}", *rigid_lines(result.checks), last)
-        options.print_tables(*warning_texts(warned, last), verdict(result.checks, title), *lines)
+        options.print_tables(*warning_texts(warned, last), check_table(result.checks, title), *lines)
     return options.code_of(result.passed)
 
 
@@ -112,14 +114,14 @@ def validate(folder: Path, as_json: bool, quiet: bool, verbose: bool) -> int:
     from sdm_deflect.cases.finished import finished
     from sdm_deflect.cases.run.metrics import verdict_figures
 
-    from .console import outcome, rigid_lines, verdict
+    from .console import check_table, outcome, rigid_lines
 
     with options.watched(quiet, verbose) as watch, watch.stage("validation"):
         run = finished(folder)
         checks = run.validated()
     skipped = run.skipped(checks)
     notes = [f"not measured again: {', '.join(skipped)}; {run.lacks}"] if skipped else []
-    tables = (verdict(checks, str(folder)), *rigid_lines(checks), *notes, outcome(checks))
+    tables = (check_table(checks, str(folder)), *rigid_lines(checks), *notes, outcome(checks))
     options.print_either(as_json, {"folder": folder, **verdict_figures(checks), "skipped": skipped}, *tables)
     return options.code_of(all(check.passed for check in checks))
 

@@ -8,6 +8,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from sdm_deflect.cases.report.page import inline, pixels, policy, read, style
+from sdm_deflect.deform.checks import verdict
 from sdm_deflect.meshing.files import fresh, hidden_folder, permitted_as
 
 from .figures import ComparedRun, FigureTable, Row, alike, differing_settings, tables
@@ -55,7 +56,7 @@ def page(runs: Sequence[ComparedRun], found: Sequence[FigureTable], settings: Se
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    jinja.filters |= {"inline": inline, "pixels": pixels, "zip": zip}
+    jinja.filters |= {"inline": inline, "pixels": pixels, "verdict": verdict, "zip": zip}
     return jinja.get_template("page.html").render(
         runs=runs,
         tables=found,

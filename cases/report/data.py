@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cached_property
 from itertools import groupby, takewhile
+from math import nan
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -360,8 +361,8 @@ def measured(checks: Sequence[Check]) -> tuple[Check, ...]:
 
 
 def _check(row: Json) -> Check:
-    values = {item.name: row[item.name] for item in fields(Check) if item.name in row}
-    return Check(**{**values, "value": float("nan") if row["value"] is None else row["value"]})
+    values: Json = {item.name: row[item.name] for item in fields(Check) if item.name in row}
+    return Check(**values | {"value": nan if row["value"] is None else row["value"]}, poor=row["verdict"] == "poor")
 
 
 def rows_of(settings: Mapping[str, Any]) -> Rows:

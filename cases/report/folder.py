@@ -16,6 +16,7 @@ import tomli_w
 from sdm_deflect.cases.run.mesh_files import SETTINGS
 from sdm_deflect.cases.run.metrics import (
     Json,
+    amounts,
     deflection_figures,
     figures_by_box,
     mesh_figures,
@@ -125,6 +126,7 @@ def job_data(
         title=f"{mesh.name}: {moves}",
         facts=(
             ("mesh", mesh.name),
+            *((f"amount of {name}", text) for name, text in amounts(plan, angle)),
             *((f"{name} moves by up to", travel) for name, travel in travels(plan)),
             *((f"motion of {name}", text) for name, text in motions(plan)),
         ),

@@ -1,7 +1,7 @@
 """The page of a run: one self-contained file that asks no network for anything."""
 
 from base64 import b64encode
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 from gzip import decompress
 from hashlib import sha256
@@ -16,6 +16,7 @@ from PIL import Image
 from sdm_deflect.cases.run.metrics import Json, face_rows, kernel_text
 from sdm_deflect.cases.run.output import surroundings, versions
 from sdm_deflect.deform.base.errors import InputError, damaged
+from sdm_deflect.deform.checks import Check, verdict
 from sdm_deflect.deform.mesh.quality import Quality
 
 from .data import ReportData, drawn_measure
@@ -62,7 +63,7 @@ def page(data: ReportData, gallery: Gallery) -> str:
     data = data.near
     jinja = templates(HERE)
     jinja.filters |= {"pixels": pixels, "meaning": meaning, "kernel": kernel_text}
-    jinja.filters["remedy"] = lambda check: REMEDIES.get(check.partition(":")[0], "")
+    jinja.filters["verdict"], jinja.filters["remedies"] = verdict, remedies
     shown = {
         **picture(data, turnable(data)),
         "figures": data.figures,
@@ -187,6 +188,12 @@ STATES = {
     "after": "deflected",
     "after_pinned": "deflected, Chimera face pinned instead of sliding",
 }
+
+
+def remedies(checks: Sequence[Check]) -> tuple[str, ...]:
+    """Return what helps where checks fail, each advice once."""
+    advice = (REMEDIES.get(check.name.partition(":")[0]) for check in checks if not check.passed)
+    return tuple(dict.fromkeys(text for text in advice if text))
 
 
 def meaning(check: str) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 from sdm_deflect.deform.base import threads
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import Progress
-from sdm_deflect.deform.checks import Check, layers_of, run
+from sdm_deflect.deform.checks import Check, layers_of, run, verdict
 from sdm_deflect.deform.mesh.mesh import HERE, Mesh, Runner, check_unchanged, held
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.mesh.touched import Layers
@@ -228,5 +228,6 @@ def figures(done: Outcome, watch: Stopwatch) -> Json:
         "reports": [str(path) for path in done.reports],
         "lost": list(done.lost),
         "passed": done.passed,
+        "verdict": verdict([check for summary in done.angles for check in summary.checks]),
         "timings": watch.seconds,
     }

@@ -1,4 +1,4 @@
-"""The largest deflection of each sign that inverts no cell and keeps the quality of the others, and what ends it."""
+"""The largest deflection of each sign at which every check holds, and what ends it."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -26,8 +26,6 @@ from .output import lacks, write_table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-DECISIVE = ("inverted_cells", "quality_min")
-"""Checks that a mesh must keep to be acceptable."""
 BEYOND = 3.0
 """Times its amount a table is scaled at most."""
 STEPS = 3
@@ -94,7 +92,7 @@ class Search:
     plan : plans one amount of the first surface, with a mode of repair; InputError if it is not possible.
     largest : amount that is never exceeded.
     resolution : to which the limits, and the ends of what can be meshed, are found.
-    threshold : the least quality that is acceptable; None: what the job asks for by the check ``quality_min``.
+    threshold : the least quality that is acceptable beside the checks; 0: they alone.
     """
 
     title: str
@@ -102,7 +100,7 @@ class Search:
     plan: Callable[[float, RepairMode], Plan]
     largest: float
     resolution: float
-    threshold: float | None = None
+    threshold: float = 0.0
 
     def limits(self, repair: RepairMode, progress: Progress) -> tuple[Limit, ...]:
         """Go to both signs: without repair and, unless that is off, with it; InputError if nothing moves at all."""
@@ -124,13 +122,9 @@ class Search:
         least = min(quality.min for quality in worst.quality)
         steps = max(len(box.steps) for box in judged.deflection.boxes)
         where, failed = where_worst(worst), [check for check in judged.checks if not check.passed]
-        faults = [
-            f"{check.name} {check.value:.3g}, limit {check.limit:.3g}, {where}"
-            for check in failed
-            if check.name.partition(":")[0] in DECISIVE
-        ]
-        if self.threshold is not None:
-            faults = [f"mean ratio {least:.3f} {where}"] * (least < self.threshold)
+        faults = [f"{check.name} {check.value:.3g}, limit {check.limit:.3g}: {check.where}" for check in failed]
+        if faults or least < self.threshold:
+            faults.append(f"least quality {least:.3f} {where}")
         return Trial(angle, least, steps, where, "", "; ".join(faults), tuple(check.name for check in failed))
 
     def _limit(self, repair: RepairMode, sign: float, progress: Progress) -> Limit:
@@ -217,18 +211,15 @@ def write_limits(limits: tuple[Limit, ...], search: Search, folder: Path) -> Tab
     write_table(folder / "limit.csv", rows)
     if not lacks("report"):
         _draw(limits, search).savefig(folder / "limit.png", dpi=110, metadata={"Software": None})
-    asked = "the quality that was asked for" if search.threshold is None else f"quality >= {search.threshold:g}"
-    table = Table(title=f"{search.title}: largest deflections with {asked}", title_justify="left")
+    asked = f", and the least quality is {search.threshold:g} or more" if search.threshold else ""
+    table = Table(title=f"{search.title}: largest deflections at which all checks hold{asked}", title_justify="left")
     for heading in ("repair", f"largest, {search.unit}", "smallest quality there", "steps", "amounts tried"):
         table.add_column(heading, justify="right")
     table.add_column("what ends it")
-    table.add_column("checks that fail there")
     for limit in limits:
         least, tried = f"{limit.at.quality_min:.3f}", str(len(limit.trials))
         end = limit.end or "nothing: no surface turns farther"
-        table.add_row(
-            limit.repair, f"{limit.angle:+.4g}", least, str(limit.at.steps), tried, end, ", ".join(limit.at.failed)
-        )
+        table.add_row(limit.repair, f"{limit.angle:+.4g}", least, str(limit.at.steps), tried, end)
     return table
 
 
@@ -259,7 +250,7 @@ def _draw(limits: tuple[Limit, ...], search: Search) -> "Figure":
         axes.plot([t.angle for t in seen], [t.quality_min for t in seen], "o-", ms=4, color=colour, label=label)
     for end in _ends(limits):
         axes.axvline(end, color="0.4", lw=1, ls=":", label="no mesh beyond: geometry")
-    if search.threshold is not None:
+    if search.threshold:
         axes.axhline(search.threshold, color="0.4", lw=1, label=f"threshold {search.threshold:g}")
     axes.set(xlabel=f"deflection, {search.unit}", ylabel="smallest quality (0: inverted cells)", title=search.title)
     axes.grid(alpha=0.3)

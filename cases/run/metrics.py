@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.checks import Check
+from sdm_deflect.deform.checks import Check, verdict
 from sdm_deflect.deform.mesh.mesh import Warned
 from sdm_deflect.deform.mesh.orthogonality import SEVERE, SKEW
 from sdm_deflect.deform.mesh.quality import Quality
@@ -19,6 +19,8 @@ from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 from sdm_deflect.deform.volume.step import DIRECTIONS
 
 Json = dict[str, Any]
+REACHED = 0.9
+"""Mean turn over the span, as a share of the angle, below which there is a warning."""
 FACES = {
     "non_orthogonality_max": ("largest non-orthogonality, deg", ".2f"),
     "non_orthogonality_mean": ("mean non-orthogonality, deg", ".2f"),
@@ -73,6 +75,7 @@ def deflection_figures(deflection: Deflection) -> Json:
         "adaptation": _adaptation(first),
         "error_between_sites": asdict(first.error_between) if first.error_between else None,
         "motion": motion_figures(whole, deflection.angle),
+        "surfaces": surface_figures(whole, deflection.angle),
         "cells_touched": whole.touched.count,
         "quality_inside": {"before": by_shape(whole.before), "after": by_shape(deflection.quality)},
         **face_figures(deflection),
@@ -152,11 +155,10 @@ def repair_text(figures: Json) -> str:
     states = repair["quality"], figures["quality_inside"]["after"]
     before, after = (min(quality["min"] for quality in state.values()) for state in states)
     inverted = [sum(quality["inverted"] for quality in state.values()) for state in states]
-    turned = f"; inverted cells {inverted[0]} without it, {inverted[1]} with it" if any(inverted) else ""
     return (
-        f"repair: {repair['spoiled']} cells inverted or much worse than before, {repair['left']} after it; "
-        f"{repair['moved']} nodes moved in {repair['seconds']:.2f} s; least quality {before:.3f} without it, "
-        f"{after:.3f} with it{turned}"
+        f"repair: {repair['spoiled']} cells were below its target, {repair['left']} are; {inverted[0]} were inverted, "
+        f"{inverted[1]} are; worst cell {before:.3f} to {after:.3f}; {repair['moved']} nodes moved in "
+        f"{repair['seconds']:.2f} s"
     )
 
 
@@ -166,14 +168,20 @@ def by_shape(qualities: Sequence[Quality]) -> Json:
 
 
 def verdict_figures(checks: Sequence[Check]) -> Json:
-    """Return the checks, and whether all hold."""
-    return {"checks": [check.as_dict() for check in checks], "passed": all(check.passed for check in checks)}
+    """Return the checks, whether all hold, and the verdict in words."""
+    passed = all(check.passed for check in checks)
+    return {"checks": [check.as_dict() for check in checks], "passed": passed, "verdict": verdict(checks)}
 
 
 def warnings_of(plan: Plan) -> tuple[str, ...]:
     """Return sentences on what is probably wrong, though every check may hold."""
     notes = [note for note in plan.mesh.notes if isinstance(note, Warned)]
-    return tuple(dict.fromkeys([*notes, *(text for box in plan.boxes for text in box.boundary.warnings)]))
+    short = [
+        f"{name} turns by {reached.mean:.0%} of its angle on average; with a narrower --strip it turns by more"
+        for name, reached in _reached(plan, max(plan.angles, key=abs))
+        if reached and reached.mean < REACHED
+    ]
+    return tuple(dict.fromkeys([*notes, *(text for box in plan.boxes for text in box.boundary.warnings), *short]))
 
 
 def notes_of(plan: Plan) -> tuple[str, ...]:
@@ -201,6 +209,29 @@ def motion_figures(plan: Plan, angle: float) -> Json:
     return {name: asdict(reached) if reached else None for name, reached in _reached(plan, angle)}
 
 
+def surface_figures(plan: Plan, angle: float) -> Json:
+    """Return each surface's amount at an angle of the first, what it reaches of it, and two points of its hinge."""
+    out = {}
+    for box in plan.boxes:
+        amounts = plan.amounts_of(box, angle)
+        rows = zip(box.moving, amounts, box.boundary.reached(amounts), strict=True)
+        for (moving, _), amount, (surface, reached) in rows:
+            axis = moving.motion.axis
+            hinge = (
+                [axis.point.tolist(), (axis.point + (axis.length or 1.0) * axis.direction).tolist()] if axis else None
+            )
+            share = {"full": reached.full, "mean": reached.mean} if reached else {"full": None, "mean": None}
+            out[surface.label] = {"amount": amount, "unit": moving.motion.unit, **share, "hinge": hinge}
+    return out
+
+
+def amounts(plan: Plan, angle: float) -> Iterator[tuple[str, str]]:
+    """Yield the name of each surface with its amount and, where it has one, its hinge, as text."""
+    for name, one in surface_figures(plan, angle).items():
+        ends = [", ".join(f"{x:.6g}" for x in point) for point in one["hinge"] or ()]
+        yield name, f"{one['amount']:+g} {one['unit']}" + (f" about ({ends[0]}) to ({ends[1]})" if ends else "")
+
+
 def motions(plan: Plan) -> Iterator[tuple[str, str]]:
     """Yield the name of each turning surface and, as text, how much of the largest angle it reaches."""
     for name, reached in _reached(plan, max(plan.angles, key=abs)):
@@ -220,7 +251,11 @@ def travels(plan: Plan) -> Iterator[tuple[str, str]]:
     for name, place, move in farthest(plan):
         size = float(np.linalg.norm(move))
         there = ", ".join(f"{round(x, 2) + 0.0:+.2f}" for x in move / (size or 1.0))  # no -0.00
-        yield name, f"{size:.4g}, at ({', '.join(f'{x:.4g}' for x in place)}) towards ({there})"
+        axis = int(np.argmax(np.abs(move)))
+        way = f"{'-' if move[axis] < 0.0 else '+'}{'xyz'[axis]}"
+        if plan.mesh.plane and axis == 1:
+            way += " (down)" if move[1] < 0.0 else " (up)"
+        yield name, f"{size:.4g}, at ({', '.join(f'{x:.4g}' for x in place)}) towards {way}, ({there})"
 
 
 def peak_rss_bytes() -> int:

@@ -152,7 +152,7 @@ def _inline(rest: Nested, name: str, kind: Any, place: str) -> Nested:
     if own and isinstance(given, kind):
         given = table_of(given)
     if own and isinstance(given, Mapping):
-        return {name: structured({**given, **own}, kind, place)}
+        return {name: structured(merged(own, given), kind, place)}
     return {} if given == {} else {name: structured(given, kind, name)}
 
 

@@ -123,7 +123,7 @@ class SurfaceSettings:
         "What moves", "Two points of the hinge line; one, x,y, in a plane mesh.")] = None
     angle: Annotated[float | None, Doc(
         "What moves", "Degrees, right-handed from the first hinge point to the second.",
-        "Counter-clockwise about one point. At most 90 either way.")] = None
+        "Counter-clockwise about one point: trailing edge up. At most 90 either way.")] = None
     motion: Annotated[Literal["rigid", "blended"] | Motion, Doc(
         "What moves", "rigid: the surface turns as a whole; blended: its border stays and its trailing edge turns.",
         "In Python also a motion such as `Rotation`, `Blended` or `Table`, which has its own hinge.")] = "rigid"

@@ -20,7 +20,7 @@ def surfaces(file: Path) -> tuple[Any, list[str]]:
     """Return the boundary triangles of a mesh file, and the names of its patches."""
     grid = pv.read(file)
     triangles = grid.extract_cells(grid.cell_data["patch"] > 0).extract_surface(algorithm="dataset_surface")
-    return triangles, [str(name) for name in grid.field_data["patch_names"]]
+    return triangles, bytes(grid.field_data["patch_names"]).decode().split("\0")[:-1]
 
 
 def moved_patches(triangles: Any, names: list[str]) -> list[str]:

@@ -14,7 +14,7 @@ from sdm_deflect.geometry.parameters import Fighter
 def largest_distance(run: Path, surface: str, degrees: float, fighter: Fighter, stl: Path) -> float:
     """Return the largest distance (m) of the surface's nodes in `run` from the same faces in an `.stl`, turned."""
     mesh = pv.read(run / "deflected.vtu")
-    patch = list(mesh.field_data["patch_names"]).index(surface)
+    patch = bytes(mesh.field_data["patch_names"]).decode().split("\0").index(surface)
     nodes = np.unique(
         mesh.cells_dict[pv.CellType.TRIANGLE][mesh["patch"][mesh.celltypes == pv.CellType.TRIANGLE] == patch]
     )

@@ -107,7 +107,8 @@ def _groups(mesh: Any, dimension: int) -> dict[str, list[IntArray]]:
 def _of_pyvista(mesh: Any) -> Accepted:
     grid = mesh.cast_to_unstructured_grid()
     _check_grid(grid)
-    label, names = np.asarray(grid.cell_data["patch"]), [str(name) for name in grid.field_data["patch_names"]]
+    label, names = np.asarray(grid.cell_data["patch"]), grid.field_data["patch_names"]
+    names = bytes(names).decode().split("\0")[:-1] if names.dtype == np.uint8 else map(str, names)
     nodes = {VTK_SHAPES[int(kind)]: own for kind, own in grid.cells_dict.items()}
     labels = {shape: label[grid.celltypes == kind] for kind, shape in VTK_SHAPES.items()}
     shapes, faces = _kinds({*nodes})

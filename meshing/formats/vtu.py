@@ -240,7 +240,8 @@ def write_vtu(
     """Write cells, then boundary faces, and arrays on them; the same input gives the same bytes.
 
     The cell array ``patch`` says on which patch a face is (0 for cells), the field array ``patch_names`` names the
-    patches; of a tetrahedral mesh, ``cad_face`` holds the CAD faces. A mesh without patches has none of these.
+    patches, each text followed by a zero; of a tetrahedral mesh, ``cad_face`` holds the CAD faces. A mesh without
+    patches has none of these.
 
     Parameters
     ----------
@@ -357,9 +358,10 @@ def _write(
     text = [HEAD]
     arrays: list[Array] = []
     if names:
-        place = f'NumberOfTuples="{len(names)}" format="appended" offset="{"":{PLACE}}'
-        text.append(f'<FieldData>\n<Array type="String" Name="patch_names" {place}/>\n</FieldData>\n')
         arrays.append(np.frombuffer("".join(f"{name}\0" for name in names).encode(), dtype=np.uint8))
+        # VTK asks for a number of tuples here, and meshio reads no texts.
+        element = _element(NAMES, arrays[0]).replace("format", f'NumberOfTuples="{len(arrays[0])}" format')
+        text.append(f"<FieldData>\n{element}</FieldData>\n")
     text.append(f'<Piece NumberOfPoints="{points}" NumberOfCells="{cells}">\n')
     for section, own in sections.items():
         stored = {name: _stored(values) for name, values in own.items()}

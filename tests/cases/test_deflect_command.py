@@ -70,7 +70,7 @@ def test_twelve_lines_say_what_counts_and_verbose_says_all(files, sdm, tmp_path,
     assert len(lines) <= 12
     for text in (" moves by up to ", "quality of the cells ", f"wrote {tmp_path}"):
         assert any(text in line for line in lines), text
-    assert lines[-1] == whole[-1] == "all validations passed"
+    assert lines[-1] == whole[-1] == "all validations passed, 1 warning"
     for text in ("outside_moved", "box along the hinge", "data sites:", "kernel:"):
         assert not any(text in line for line in lines), text
         assert any(text in line for line in whole), text
@@ -110,18 +110,18 @@ def test_a_warning_comes_first_and_is_counted_by_the_verdict(files, sdm, tmp_pat
     code, table, _ = sdm(*words, "--out", tmp_path / "w.su2", "--report")
     lines = [line for line in table.splitlines() if line]
     assert code == 0
-    assert lines[0] == lines[-1] == "all validations passed, 3 warnings"
+    assert lines[0] == lines[-1] == "all validations passed, 4 warnings"
     assert lines[1].startswith(f"warning: {warning}")
     assert sdm(*words, "--dry-run")[1].splitlines()[0].startswith(f"warning: {warning}")
     figures = json.loads(sdm(*words, "--dry-run", "--json")[1])
     assert figures["warnings"][0].startswith(warning)
     page = (tmp_path / "w-report" / "report.html").read_text()
-    assert page.index("3 warnings") < page.index('<p class="warning">hinge') < page.index('<dl class="facts">')
+    assert page.index("4 warnings") < page.index('<p class="warning">hinge') < page.index('<dl class="facts">')
     assert json.loads((tmp_path / "w-report" / "metrics.json").read_text())["warnings"] == figures["warnings"]
     wing = {"fixed": "wing_*", "slide": "symmetry:plane", "motion": "blended"}
     with pytest.warns(UserWarning, match="hinge: its"):
         result = deflect(str(files["su2"]), "flap_*", [[0.7, -0.3, 0], [0.7, -0.7, 0]], 8, **wing)
-    assert list(result.notes[:3]) == figures["warnings"]
+    assert list(result.notes[:4]) == figures["warnings"]
     assert f"warning: {warning}" in repr(result)
 
 
@@ -136,6 +136,14 @@ def test_a_warning_comes_first_and_is_counted_by_the_verdict(files, sdm, tmp_pat
 def test_an_option_that_is_no_more_says_the_way_out(option, way, files, sdm, tmp_path):
     code, _, err = sdm("deflect", files["su2"], *FLAP, *HINGE, "--out", tmp_path / "w.su2", option, "x")
     assert (code, err.startswith(f"sdm: {option}: {way}")) == (2, True)
+    said = sdm("deflect", files["su2"], option[:-1])[2]
+    assert said.startswith(f"sdm: No such option '{option[:-1]}'.")
+    assert f"'{option}'" not in said
+
+
+def test_a_hinge_without_commas_is_refused_with_the_way_out(files, sdm):
+    code, _, err = sdm("deflect", files["su2"], *FLAP, "--hinge", "0.865 -0.05", "--angle", "-1")
+    assert (code, err) == (2, "sdm: --hinge '0.865 -0.05': write a point with commas, 0.865,-0.05\n")
 
 
 def test_wildcards_of_fixed_patches_mean_the_others(files, sdm):
@@ -254,7 +262,7 @@ def test_a_failed_check_is_exit_code_1_and_the_table_says_which(files, sdm, tmp_
         "--out", tmp_path / "w.su2", "--quiet",
     )  # fmt: skip
     assert code == 1
-    assert "A VALIDATION FAILED: " in table
+    assert "FAILED: 4 of 10 checks: inverted_cells, surfaces_crossed" in table
     assert "FAILED" in table
 
 

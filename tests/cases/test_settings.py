@@ -81,3 +81,10 @@ def test_a_configuration_keeps_its_sizes(tmp_path):
     with pytest.raises(InputError, match="holds the sizes of medium"):
         resolve("", scale="paper", config=path)
     assert resolve("", scale="medium", angle=3.0, config=path) == replace(case_named("aileron", "medium"), angle=3.0)
+
+
+@pytest.mark.parametrize("key", ["wing.half_span", "fighter.wing.half_span"])
+def test_a_setting_of_the_aircraft_is_honoured_with_and_without_the_name_of_its_table(key):
+    assert resolve("tail", assignments=[f"{key}=0.4"]).fighter.wing.half_span == 0.4
+    with pytest.raises(InputError, match=r"unknown setting wing\.half_spanx; did you mean half_span"):
+        resolve("tail", assignments=[f"{key}x=1"])

@@ -6,7 +6,7 @@ import pytest
 from rich.console import Console
 
 from sdm_deflect.cases.aircraft.metrics import summary
-from sdm_deflect.cases.cli.console import WIDTH, console, verdict
+from sdm_deflect.cases.cli.console import WIDTH, check_table, console
 from sdm_deflect.cases.cli.options import print_tables
 from sdm_deflect.cases.finished import finished
 from sdm_deflect.cases.run.progress import Stopwatch, lines, shown
@@ -28,13 +28,13 @@ def printed(what, **settings):
 
 
 def test_table_is_plain_where_there_is_no_terminal():
-    text = printed(verdict(CHECKS, "[link]case"))
+    text = printed(check_table(CHECKS, "[link]case"))
     assert ESCAPE not in text
     assert all(word in text for word in ("[bold]planarity", "[red]12 nodes", "[link]case", "FAILED", ">= 0.25 "))
 
 
 def test_names_do_not_command_the_terminal(capsys):
-    checks = verdict((Check("planarity\x1b[31m", 2.0, 1.0, "m", "\x07nodes"),), "wing\x1b[2J")
+    checks = check_table((Check("planarity\x1b[31m", 2.0, 1.0, "m", "\x07nodes"),), "wing\x1b[2J")
     print_tables(checks, "wrote a\x1b]0;b.su2")
     out = capsys.readouterr().out
     assert all(character.isprintable() or character == "\n" for character in out)
@@ -48,7 +48,7 @@ def test_names_do_not_command_the_terminal(capsys):
 
 def test_no_color_is_honoured(monkeypatch):
     monkeypatch.setenv("NO_COLOR", "1")
-    text = printed(verdict(CHECKS, "case"), force_terminal=True)
+    text = printed(check_table(CHECKS, "case"), force_terminal=True)
     assert f"{ESCAPE}[3" not in text
 
 
@@ -106,13 +106,13 @@ def test_report_of_no_run_is_a_sentence(tmp_path):
 
 
 def test_a_check_over_nothing_is_not_applicable():
-    text = printed(verdict([Check("on_symmetry", 0.0, 0.0, "", "0 sliding nodes", over=0)], "case"))
+    text = printed(check_table([Check("on_symmetry", 0.0, 0.0, "", "0 sliding nodes", over=0)], "case"))
     assert "not applicable" in text
     assert "passed" not in text
 
 
 def test_texts_are_printed_as_they_are_one_below_the_other(capsys):
-    print_tables(verdict(CHECKS, "case"), "results in runs/[bold]mine", "all validations passed")
+    print_tables(check_table(CHECKS, "case"), "results in runs/[bold]mine", "all validations passed")
     assert capsys.readouterr().out.splitlines()[-2:] == ["results in runs/[bold]mine", "all validations passed"]
 
 

@@ -31,7 +31,7 @@ def test_limits_bracket_the_threshold(aileron_mesh, tmp_path):
         beyond = limit.trials[k + 1]
         assert not good[k + 1]
         assert 0.0 < sizes[k + 1] - sizes[k] <= resolution
-        assert limit.end == beyond.reason or limit.end.startswith(f"mean ratio {beyond.quality_min:.3f} of a cell")
+        assert limit.end == beyond.reason or f"least quality {beyond.quality_min:.3f} of a cell" in limit.end
         assert max(np.diff(sizes)) <= STEPS * resolution
         assert search.tried(limit.angle, limit.repair) == limit.at
     for alone, repaired in zip(limits[:2], limits[2:], strict=True):

@@ -3,7 +3,9 @@
 import contextlib
 import re
 import zlib
+from dataclasses import replace
 
+import meshio
 import numpy as np
 import pytest
 import pyvista as pv
@@ -13,7 +15,7 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.cells import Polyhedra
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
-from sdm_deflect.meshing.formats.vtu import Vtu
+from sdm_deflect.meshing.formats.vtu import Vtu, write_vtu
 from tests.meshing.formats.alike import content
 from tests.meshing.formats.examples import hybrid
 from tests.meshing.formats.wing import wing
@@ -31,10 +33,28 @@ def test_round_trip_loses_nothing(tmp_path):
 def test_vtk_reads_the_same_cells(tmp_path):
     mesh = hybrid()
     Vtu().write(mesh, tmp_path / "mesh.vtu")
-    found = pv.read(tmp_path / "mesh.vtu").cells_dict
+    grid = pv.read(tmp_path / "mesh.vtu")
     kinds = {"tetra": 10, "hexahedron": 12, "wedge": 13, "pyramid": 14}
     for block in mesh.cells:
-        np.testing.assert_array_equal(found[kinds[block.shape]], block.nodes)
+        np.testing.assert_array_equal(grid.cells_dict[kinds[block.shape]], block.nodes)
+    assert bytes(grid.field_data["patch_names"]).decode().split("\0") == ["volume", *mesh.names, ""]
+
+
+@pytest.mark.parametrize("patches", [True, False])
+def test_meshio_reads_the_same_points_cells_arrays_and_names(tmp_path, patches):
+    mesh = hybrid() if patches else replace(hybrid(), patches=())
+    shift = np.linspace(0.0, 1.0, mesh.points.size).reshape(-1, 3)
+    write_vtu(tmp_path / "mesh.vtu", mesh, {"displacement": shift})
+    found = meshio.read(tmp_path / "mesh.vtu")
+    np.testing.assert_array_equal(found.points, mesh.points)
+    np.testing.assert_array_equal(found.point_data["displacement"], shift)
+    for block in mesh.cells:
+        same = [np.sort(own.data).tolist() for own in found.cells]  # it counts those of a wedge in another order
+        assert np.sort(block.nodes).tolist() in same
+    if patches:
+        assert bytes(found.field_data["patch_names"]).decode().split("\0") == ["volume", *mesh.names, ""]
+        label = np.concatenate(found.cell_data["patch"])
+        assert np.bincount(label).tolist() == [sum(map(len, mesh.cells)), *(len(patch) for patch in mesh.patches)]
 
 
 def test_polyhedra_keep_cells_faces_and_patches(tmp_path):
