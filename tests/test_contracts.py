@@ -169,18 +169,18 @@ BUDGETS = {
     "cases/view": (681, 4),
     "deform": (684, 3),
     "deform/base": (812, 6),
-    "deform/mesh": (4539, 17),
+    "deform/mesh": (4540, 17),
     "deform/rbf": (1621, 7),
     "deform/repair": (1570, 6),
     "deform/surface": (1094, 7),
     "deform/volume": (3583, 13),
     "geometry": (2071, 13),
     "meshing": (571, 5),
-    "meshing/formats": (8993, 37),
+    "meshing/formats": (9002, 37),
     "meshing/generate": (1566, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 8_382, 450
+MOST_COMPLEXITY, LONGEST = 8_388, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

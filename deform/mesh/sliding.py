@@ -296,7 +296,8 @@ def fitted(shape: str, points: FloatArray, patch: str, plane: bool = False) -> S
     if not off <= RESIDUAL * size:
         raise InputError(
             f"slide = {patch}:{shape}: the patch is no {shape}; of {len(points)} nodes one lies {off:.3g} off the "
-            f"best one, {off / size:.1e} of its size (allowed {RESIDUAL:.0e}); any shape is a {SURFACE}"
+            f"best one, {off / size:.1e} of its size (allowed {RESIDUAL:.0e}); parts that "
+            f"lie apart are {patch}#1, {patch}#2, ...; any shape is a {SURFACE}"
         )
     return surface
 

@@ -24,7 +24,7 @@ from sdm_deflect.meshing.files import fresh
 
 from .cgns_boundary import NumberedFaces, notes_of, without, zone_border
 from .cgns_elements import MIXED, NFACE, NGON, SHAPES, SIZES, ElementSection, blocks, sections
-from .cgns_nodes import child, data
+from .cgns_nodes import DATA, child, data
 from .cgns_read import Base, base_of, coordinate_data, coordinates_beside, may_fit, read_base
 from .cgns_write import write_base
 from .format import MeshFileError, about, check_points, fewest_bits
@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from _typeshed import ReadableBuffer as Buffer
 
 
+RENUMBERED = 3.05
+"""Version of CGNS, about, from which types of elements have their numbers; 3.0 has others."""
 CELLS = {number: shape for number, shape in SHAPES.items() if shape in VOLUMES}
 
 
@@ -220,6 +222,10 @@ def _opened(path: Path) -> Iterator[Any]:
         way = f"in ADF, of which HDF5 took the place; convert it: cgnsconvert -h {path.name} NEW.cgns"
         raise MeshFileError(f"this CGNS file is {way}" if old else "this is no CGNS file in HDF5")
     with damage(), h5py.File(path) as opened:
+        version = opened.get(f"CGNSLibraryVersion/{DATA}")
+        known = isinstance(version, h5py.Dataset) and version.dtype.kind == "f" and version.size
+        if known and 3.0 <= version[()].flat[0] < RENUMBERED:
+            raise MeshFileError("is of CGNS 3.0, which numbers elements otherwise: cgnsupdate OLD.cgns NEW.cgns")
         yield opened
 
 

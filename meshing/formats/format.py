@@ -51,7 +51,7 @@ def about(path: Path) -> Iterator[None]:
     except MemoryError as error:
         raise MeshFileError(f"{path}: its data need more memory than there is") from error
     except (MeshFileError, ValueError) as error:
-        raise MeshFileError(f"{path}: {error}") from error
+        raise MeshFileError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from error
 
 
 @contextmanager

@@ -224,7 +224,7 @@ def _points(path: Path, stored: Nodes) -> TablePieces:
 def _layout(file: GmshFile, path: Path, in_file: bool) -> MeshInPieces | None:
     """Return the layout of a file; None if some of it would be in memory, and all must be `in_file`."""
     if "PartitionedEntities" in file.sections:
-        raise MeshFileError("is partitioned; save it in one part: gmsh -save -part 0")
+        raise MeshFileError("is partitioned; `gmsh FILE -save -format msh22 -o NEW.msh` saves it in one part")
     if in_file and not (file.order and file.version == 41):
         return None
     stored, every = nodes(file), list(elements(file))

@@ -20,6 +20,7 @@ from .shapes import places
 from .tables import FileTable, Held
 
 REAL = "f8"
+CONVERT = "`gmsh FILE -save -format msh22 -o NEW.msh` converts it"
 HEAD = 4096
 """Bytes in which the version stands."""
 ROWS = 1 << 20
@@ -148,6 +149,8 @@ class GmshFile:
 
     def section(self, name: str) -> tuple[int, int]:
         """Return the first and the last byte (exclusive) of a section; MeshFileError if it is not there."""
+        if name not in self.sections and f"Parametric{name}" in self.sections:
+            raise MeshFileError(f"section $Parametric{name} is not read; {CONVERT}")
         if name not in self.sections:
             raise MeshFileError(f"there is no section ${name}; the file is truncated or holds no mesh")
         return self.sections[name]
@@ -178,16 +181,16 @@ def opened(path: Path, data: bytes | mmap) -> GmshFile:
         if data[:HEAD].lstrip()[:1] == b"(":
             raise MeshFileError(f"is a mesh of Fluent, not of Gmsh; {FLUENT}")
         raise MeshFileError("is not a mesh of Gmsh: it does not begin with $MeshFormat")
+    if data[:HEAD].lstrip().startswith(b"$NOD"):
+        raise MeshFileError(f"is of Gmsh's version 1, which is not read; {CONVERT}")
     sections = _sections(data)
     if "MeshFormat" not in sections:
-        raise MeshFileError("has no section $MeshFormat; Gmsh's versions before 2 are not read")
+        raise MeshFileError("has no section $MeshFormat; the file is damaged")
     begin, end = sections["MeshFormat"]
     head, _, one = data[begin:end].partition(b"\n")
     words = head.decode("ascii", "replace").split()
     if len(words) < 3 or words[0] not in VERSIONS:
-        raise MeshFileError(
-            f"is of version {' '.join(words[:1])}; 2.2 and 4.1 are read: convert it with gmsh -save -format msh41"
-        )
+        raise MeshFileError(f"is of version {' '.join(words[:1])}; 2.2 and 4.1 are read: {CONVERT}")
     if words[2] != "8":
         raise MeshFileError(f"numbers of {words[2]} bytes are not read, only those of 8")
     order = "" if words[1] == "0" else "<" if one[:4] == b"\1\0\0\0" else ">"

@@ -309,3 +309,11 @@ def test_two_volume_bases_are_one_too_many(path):
     with h5py.File(path, "r+") as file:
         create(file, "Second", "CGNSBase_t", np.array([3, 3], dtype=np.int32))
     assert "2 of 2 bases" in refused(path)
+
+
+def test_a_file_of_cgns_3_0_is_refused_with_the_command_that_helps(tmp_path):
+    Cgns().write(hybrid(), tmp_path / "a.cgns")
+    with h5py.File(tmp_path / "a.cgns", "r+") as file:
+        file["CGNSLibraryVersion/ data"][:] = 3.0
+    with pytest.raises(MeshFileError, match=r"a\.cgns: is of CGNS 3\.0, .*: cgnsupdate OLD\.cgns NEW\.cgns"):
+        Cgns().read(tmp_path / "a.cgns")

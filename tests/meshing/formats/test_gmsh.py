@@ -165,3 +165,19 @@ def _places(mesh, kind):
     """Coordinates of the corners, in their order, of each cell by shape or of each face by patch."""
     points = np.round(mesh.points, 12)
     return {name: sorted(points[list(row)].tolist() for row in rows) for name, rows in content(mesh)[kind].items()}
+
+
+HEADER = "$MeshFormat\n{} 0 8\n$EndMeshFormat\n"
+
+
+@pytest.mark.parametrize(("content", "said"), [
+    (HEADER.format("4.1") + "$PartitionedEntities\n0\n$EndPartitionedEntities\n", "saves it in one part"),
+    ("$NOD\n0\n$ENDNOD\n", "is of Gmsh's version 1, which is not read"),
+    (HEADER.format("2.2") + "$ParametricNodes\n0\n$EndParametricNodes\n", "section .ParametricNodes is not read"),
+])  # fmt: skip
+def test_what_gmsh_can_convert_is_refused_with_its_command(tmp_path, content, said):
+    (tmp_path / "a.msh").write_text(content)
+    with pytest.raises(MeshFileError, match=said) as error:
+        Gmsh().read(tmp_path / "a.msh")
+    assert "`gmsh FILE -save -format msh22 -o NEW.msh`" in str(error.value)
+    assert str(error.value).count("a.msh") == 1
