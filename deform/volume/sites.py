@@ -28,6 +28,7 @@ MOST_EDGE = 3_000  # of them on an edge of the box, in a box that is like a need
 MOST_RADIUS = 1e4  # of a kernel: diagonals of the box; at least a median edge of the surface over this
 HALVINGS = 6  # of the distance of sites on the box at most, while none is left
 SHEARED = 0.01  # strain of the moving surface, times its size over its largest displacement: above, it shears
+CLOSE = 0.5  # distance from one part over that from the next: above, a node hardly follows either
 FINER = 0.1  # of that distance: sites on the box may not stand closer, even if they shall
 
 
@@ -110,8 +111,9 @@ class Sites:
         points, certain = boundary.mesh.points, len(self.moving) + len(self.fixed)
         height = float(np.median(np.linalg.norm(points[above] - points[below], axis=1)))
         parts = [part[part < certain] for part in self.parts(boundary)]
-        other = Nearby.of(points[distinct(above)], points[self.known], parts).second
-        length = min(self.edge, float(other.min()))
+        near = Nearby.of(points[distinct(above)], points[self.known], parts)
+        between = near.first > CLOSE * near.second
+        length = min(self.edge, float(near.second[~between].min(initial=np.inf)))
         return replace(self, tolerance=min(self.tolerance, KEPT * length**2 / (10.0 * height)))
 
     def parts(self, boundary: PrescribedNodes) -> list[IntArray]:
