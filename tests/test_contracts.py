@@ -169,7 +169,7 @@ BUDGETS = {
     "cases/view": (681, 4),
     "deform": (684, 3),
     "deform/base": (812, 6),
-    "deform/mesh": (4540, 17),
+    "deform/mesh": (4543, 17),
     "deform/rbf": (1621, 7),
     "deform/repair": (1570, 6),
     "deform/surface": (1094, 7),

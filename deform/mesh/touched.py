@@ -92,6 +92,8 @@ WEIGHT = 10
 LAYER_HEIGHT = 0.4
 """Height over the longest edge on the wall, below which a cell counts as one of a layer. The layers of snappyHexMesh
 are 0.1 to 0.4 of that edge high, its other cells on a wall 0.6 and more."""
+FURTHER_HEIGHT = 0.2
+"""The same of further layers: a repair that kept higher ones would find no room."""
 THICK_HEIGHT = 0.1
 """The same, above which heights follow the wall less closely."""
 LAYER_CHANGE, THICK_CHANGE = 0.01, 0.1
@@ -283,7 +285,7 @@ def layers(touched: TouchedCells, walls: IntArray) -> Iterator[LayerEdges]:
     """
     seen = np.zeros(len(touched.mesh.points), dtype=np.bool_)
     seen[walls] = True
-    below = seen.copy()
+    below, highest = seen.copy(), LAYER_HEIGHT
     parts = [
         (alone(block, rows) if isinstance(block, Polyhedra) else block, rows)
         for block, rows in zip(touched.mesh.cells, touched.rows, strict=True)
@@ -291,7 +293,7 @@ def layers(touched: TouchedCells, walls: IntArray) -> Iterator[LayerEdges]:
     ]
     while True:
         found = [
-            _edges(touched.mesh.points, base, top)
+            _edges(touched.mesh.points, base, top, highest)
             for block, rows in parts
             for base, top in _first_cells(block, rows, below)
         ]
@@ -304,6 +306,7 @@ def layers(touched: TouchedCells, walls: IntArray) -> Iterator[LayerEdges]:
         yield LayerEdges(starts[new], ends[new], thick[new])
         below[:] = False
         below[ends[new]] = seen[ends[new]] = True
+        highest = FURTHER_HEIGHT
 
 
 def touching(block: Volume, moved: NDArray[np.bool_]) -> IntArray:
@@ -349,10 +352,10 @@ def _first_cells(block: Volume, rows: IntArray, wall: NDArray[np.bool_]) -> list
     return cells
 
 
-def _edges(points: FloatArray, base: IntArray, top: IntArray) -> LayerEdges:
-    """Return the edges of flat cells, of nodes (C, k) on a wall and opposite: others over a wall are no layer."""
+def _edges(points: FloatArray, base: IntArray, top: IntArray, highest: float) -> LayerEdges:
+    """Return the edges of cells up to a height over their width, of nodes (C, k) on a wall and opposite."""
     around = np.linalg.norm(points[base] - points[np.roll(base, 1, axis=1)], axis=2).max(axis=1)
     height = np.linalg.norm(points[top] - points[base], axis=2).max(axis=1)
-    flat = height < LAYER_HEIGHT * around
+    flat = height < highest * around
     thick = np.repeat((height > THICK_HEIGHT * around)[flat], base.shape[1])
     return LayerEdges(base[flat].ravel(), top[flat].ravel(), thick)
