@@ -149,7 +149,7 @@ def test_layers_over_polygons_are_found_and_what_is_no_prism_is_not():
 
 @pytest.mark.parametrize(("rise", "thick", "fails"), [(0.02, False, True), (0.005, True, True), (0.005, True, False)])
 def test_each_cell_of_the_first_layer_has_the_limit_of_its_own_height(rise, thick, fails):
-    """A quad .05 high beside three that are .3 high: of thin and thick ones, those nearer to their limit are told."""
+    """A thin quad beside three thick ones: the kind that is nearer to its limit is reported."""
     x = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0])
     height = np.array([0.05, 0.05, 0.3, 0.3, 0.3, 0.3])
     points = np.array([(a, y, 0.0) for a, y in zip(x, 0.0 * x, strict=True)] + [

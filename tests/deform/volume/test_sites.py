@@ -49,7 +49,7 @@ def test_lengths_follow_from_the_edges_of_the_surface(plan, inboard_wing):
 
 
 @pytest.mark.parametrize(("outwards", "thick"), [(80, True), (800, False)])
-def test_thick_first_layers_ask_for_a_smaller_tolerance(outwards, thick):
+def test_thick_first_layers_ask_for_a_smaller_tolerance(outwards, thick, monkeypatch):
     """An error of t changes a height h by .5 % at most if t = .005 L**2 / (10 h), L an edge or the way to the wing."""
     mesh, hinge = airfoil(2, 0.2, outwards=outwards), [[0.7, 0.0, 0.0], [0.7, 0.2, 0.0]]
     motion = Blended(Rotation.about(*hinge), held=OnPatches(("wing",)))
@@ -64,6 +64,9 @@ def test_thick_first_layers_ask_for_a_smaller_tolerance(outwards, thick):
     assert sites.tolerance == pytest.approx(min(asked, 0.01 * sites.edge), rel=1e-12)
     given = box_plan(mesh, replace(wanted, fitting=Fitting(tolerance=0.02)))
     assert given.sites.tolerance == 0.02
+    monkeypatch.setattr(places, "CLOSE", 0.0)  # now every node is between two parts, and the edge alone counts
+    asked = 0.005 * sites.edge**2 / (10.0 * height)
+    assert box_plan(mesh, wanted).sites.tolerance == pytest.approx(min(asked, 0.01 * sites.edge), rel=1e-12)
 
 
 @pytest.mark.parametrize(("given", "spacing"), [({"spacing": 0.3}, 0.3), ({"spacing_edges": 1.0}, 0.5)])
