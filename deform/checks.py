@@ -17,7 +17,7 @@ from sdm_deflect.deform.mesh.cells import Polyhedra
 from sdm_deflect.deform.mesh.crossing import Crossings
 from sdm_deflect.deform.mesh.edges import edges_of, polygons_of
 from sdm_deflect.deform.mesh.faces import faces_of
-from sdm_deflect.deform.mesh.images import is_thin, plane_of
+from sdm_deflect.deform.mesh.images import plane_of
 from sdm_deflect.deform.mesh.mesh import EVERY_BIT, Mesh
 from sdm_deflect.deform.mesh.quality import inverted_of
 from sdm_deflect.deform.mesh.standard import type_of
@@ -216,7 +216,7 @@ def _staying(box: BoxPlan, still: BoolArray, near: float) -> Iterator[tuple[str,
     may = still.copy()
     may[union(mesh.on(*box.boundary.fixed, *names), *(pair.nodes.ravel() for pair in mesh.periodic))] = False
     rows = np.flatnonzero(may)
-    rows = rows[region.hexahedron.contains(mesh.points[rows], near)]
+    rows = rows[region.hexahedron.contains(box.touched.places[rows], near)]
     for patch in mesh.patches:
         own = np.intersect1d(patch.nodes, rows, assume_unique=True)
         rows = np.setdiff1d(rows, own, assume_unique=True)
@@ -238,7 +238,9 @@ def _sliding(deflection: Deflection, unit: str) -> Iterator[Check]:
     for box in deflection.boxes:
         checks = []
         for patch, nodes in zip(box.plan.boundary.sliding, box.plan.sites.sliding, strict=True):
-            before, now = (patch.surface.distance(at[nodes]) for at in (box.plan.mesh.points, box.points))
+            thin = box.plan.boundary.thin
+            states = (at[nodes] for at in (box.plan.mesh.points, box.points))
+            before, now = map(patch.surface.distance, map(thin.halfway.places, states) if thin else states)
             drift, where = float(np.abs(now - before).max(initial=0.0)), f"{len(nodes)} sliding nodes"
             checks.append(Check(f"on_{patch.patch}", drift, _on_shape(box), unit, where, over=len(nodes)))
         yield from with_surface(checks, box.plan, deflection.plan)
@@ -263,7 +265,7 @@ def _pairs(deflection: Deflection) -> Iterator[Check]:
         size = float(np.abs(mesh.points[nodes]).max(initial=0.0))
         off = [np.linalg.norm(pair.image(at[nodes[:, 0]]) - at[nodes[:, 1]], axis=1) for at in (mesh.points, points)]
         name, where = "periodic", f"{len(nodes)} pairs of nodes"
-        if is_thin(mesh, pair):
+        if pair.thin:
             name, where = "plane", f"{where} on both sides of one cell, and from their side"
             plane = plane_of(mesh, pair.nodes[:, 0])
             moved = (points - mesh.points)[nodes[:, 0]]

@@ -88,7 +88,7 @@ def findings(found: Sequence["Finding"]) -> Group:
 def plan_table(plan: Plan) -> Group:
     """Return patches with their part, the box, and what will be computed."""
     table = _table(f"{plan.mesh.name}: what would be done", ("patch", "part"), ("nodes", "in the box"))
-    inside = union(*(box.region.inside for box in plan.boxes))
+    inside = union(*(box.inside for box in plan.boxes))
     for patch in plan.mesh.patches:
         count = len(np.intersect1d(patch.nodes, inside, assume_unique=True))
         table.add_row(plain(patch.name), plain(_part(plan, patch.name)), str(len(patch.nodes)), str(count))
@@ -220,7 +220,7 @@ def _box_lines(plan: BoxPlan) -> list[str]:
     low, high = (", ".join(f"{x:.4g}" for x in region.hexahedron.corners[i]) for i in (0, 7))
     return [
         f"box {region.box.why}; from ({low}) to ({high})",
-        f"{len(region.inside)} of {plan.mesh.point_count} nodes inside, {plan.touched.count} cells touched",
+        f"{len(plan.inside)} of {plan.mesh.point_count} nodes inside, {plan.touched.count} cells touched",
         f"data sites: {len(sites.distinct)} moving, {len(sites.sampled)} fixed, {len(sites.sampled_sliding)} sliding, "
         f"{sum(map(len, sites.zero))} on the box {sites.spacing:.3g} apart; tolerance {sites.tolerance:.3g}",
         f"kernel: {kernel_text(kernel_figures(plan))}",

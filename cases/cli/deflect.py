@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from sdm_deflect.cases.run.progress import Stopwatch
     from sdm_deflect.deform.mesh.mesh import Runner
     from sdm_deflect.deform.rbf.fitting import RepairMode
+    from sdm_deflect.deform.volume.job import Job
     from sdm_deflect.deform.volume.plan import Plan
 
 HELPERS = ("workers", "scheduler", "worker_memory")
@@ -79,8 +80,8 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
     from sdm_deflect.cases.settings.jobs import jobs_of
 
     jobs = jobs_of(settings)
-    angles = many or (jobs[0].angle,)
-    wanted = replace(Targets.of(mesh, out, angles, sensitivity, report), field=field)
+    angles, others = _amounts(jobs, many)
+    wanted = replace(Targets.of(mesh, out, angles, sensitivity, report), field=field, others=others)
     wanted.check(inputs)
     with (
         options.watched(quiet or (as_json and not verbose), verbose) as watch,
@@ -268,6 +269,13 @@ def _show_plan(wanted: "Targets", plan: "Plan", as_json: bool) -> int:
     figured = {**plan_figures(plan), "files": names}
     options.print_either(as_json, figured, plan_table(plan), f"would write {short_list(names)}")
     return 0
+
+
+def _amounts(jobs: Sequence["Job"], many: tuple[float, ...]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return the angles of the first surface, and if they are several the amounts of the others per unit of it."""
+    from sdm_deflect.deform.volume.job import ratios_of
+
+    return (many, ratios_of(jobs)[1:]) if many else ((jobs[0].angle,), ())
 
 
 def _settings(given: dict[str, Any]) -> tuple[JobSettings, tuple[Path, ...]]:

@@ -204,7 +204,7 @@ def _box_figures(plan: BoxPlan) -> Json:
     """Return the box of a plan and its data sites."""
     region, sites = plan.region, plan.sites
     return {
-        "box": {"corners": region.hexahedron.corners.tolist(), "why": region.box.why, "inside": len(region.inside)},
+        "box": {"corners": region.hexahedron.corners.tolist(), "why": region.box.why, "inside": len(plan.inside)},
         "sites": {"surface": len(sites.distinct), "fixed": len(sites.sampled), "tolerance": sites.tolerance},
     }
 

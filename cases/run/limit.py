@@ -18,7 +18,7 @@ from sdm_deflect.deform.mesh.polyhedra import nodes_of
 from sdm_deflect.deform.mesh.quality import quality_and_inverted
 from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE, RepairMode
 from sdm_deflect.deform.volume.deflection import Deflection
-from sdm_deflect.deform.volume.job import Job
+from sdm_deflect.deform.volume.job import Job, ratios_of
 from sdm_deflect.deform.volume.plan import Plan
 
 from .output import lacks, write_table
@@ -171,7 +171,6 @@ def search_of(mesh: Mesh, jobs: Sequence[Job], resolution: float = 0.0, precisio
     precision : How the file of a deflected mesh keeps coordinates.
     """
     first, unit = jobs[0], jobs[0].surfaces[0].motion.unit
-    ratios = [amount for job in jobs for amount in job.amounts_at(job.beside(first, 1.0))]
     whole = abs(first.angle) or 1.0
 
     def plan(angle: float, repair: RepairMode) -> Plan:
@@ -182,7 +181,7 @@ def search_of(mesh: Mesh, jobs: Sequence[Job], resolution: float = 0.0, precisio
     title = f"{', '.join(first.surfaces[0].patches)} of {mesh.name}"
     if unit != "deg":
         return Search(title, unit, plan, BEYOND * whole, resolution or whole / 50.0)
-    return Search(title, unit, plan, LARGEST_ANGLE / max(map(abs, ratios)), resolution or 1.0)
+    return Search(title, unit, plan, LARGEST_ANGLE / max(map(abs, ratios_of(jobs))), resolution or 1.0)
 
 
 def where_worst(deflection: Deflection) -> str:

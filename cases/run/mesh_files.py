@@ -36,6 +36,7 @@ class Targets:
     sensitive : whether d(points)/d(angle) is written beside each mesh.
     reported : whether a folder with a report is written beside each mesh.
     field : the file of the displacement field, which is of one angle; None: none is written.
+    others : amounts of further surfaces per unit of the angle, for the names of files.
     """
 
     source: Path
@@ -44,6 +45,7 @@ class Targets:
     sensitive: bool = False
     reported: bool = False
     field: Path | None = None
+    others: tuple[float, ...] = ()
 
     @classmethod
     def of(
@@ -66,8 +68,12 @@ class Targets:
         return cls(source, named, tuple(angles), sensitive, reported)
 
     def mesh(self, angle: float) -> Path:
-        """Return the mesh of one angle, such as ``wing-deflected_-12.su2`` where there are several."""
-        return self.out if len(self.angles) == 1 else self._named(f"_{angle:+}".removesuffix(".0"))
+        """Return the mesh of one angle, such as ``wing-deflected_-12.su2`` where there are several.
+
+        The amounts of further surfaces follow: ``wing-deflected_-12_+3.su2``.
+        """
+        amounts = "".join(f"_{angle * other:+g}" for other in self.others)
+        return self.out if len(self.angles) == 1 else self._named(f"_{angle:+}".removesuffix(".0") + amounts)
 
     def sensitivity(self, angle: float) -> tuple[Path, Path]:
         """Return the .npz and the .vtu of the sensitivity at one angle."""

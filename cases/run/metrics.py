@@ -58,7 +58,7 @@ def deflection_figures(deflection: Deflection) -> Json:
         "confinement": {
             "corners": region.hexahedron.corners.tolist(),
             "why": region.box.why,
-            "inside": len(region.inside),
+            "inside": len(plan.inside),
             "filter_seconds": region.filter_seconds,
             "spacing": sites.spacing,
         },

@@ -398,10 +398,11 @@ def _in_proportion(surfaces: list[dict[str, Any]], angle: float | None) -> list[
     first = surfaces[0].get("angle")
     if angle is None or first is None or angle == first:
         return surfaces[1:]
-    if first == 0 and any(table.get("angle") for table in surfaces[1:]):
+    moves = [table.get("patches") for table in surfaces[1:] if table.get("angle")]
+    if first == 0 and moves:
         raise InputError(
             f"angle = {angle:g}: the first surface has angle 0, so that the others cannot be in proportion to it; put "
-            "a surface that moves first"
+            f"{shortened(moves[0])} first"
         )
     return [
         {**table, "angle": table["angle"] * angle / first} if table.get("angle") else table for table in surfaces[1:]

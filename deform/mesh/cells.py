@@ -215,6 +215,7 @@ class Periodic:
         patches do not match one to one, as in OpenFOAM's ``cyclicAMI``.
     rotation : (3, 3) orthogonal, determinant +1.
     shift : (3,) in the mesh's unit of length.
+    thin : Whether they are the two sides of a plane or axisymmetric case one cell thick.
 
     Raises InputError for arrays of other shapes, and for a matrix that is no rotation.
     """
@@ -224,6 +225,7 @@ class Periodic:
     nodes: IntArray = field(repr=False)
     rotation: FloatArray = field(default_factory=lambda: np.eye(3), repr=False)
     shift: FloatArray = field(default_factory=lambda: np.zeros(3), repr=False)
+    thin: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "nodes", whole(self.nodes, f"{self.name}: nodes").reshape(-1, 2))

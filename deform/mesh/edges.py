@@ -88,7 +88,8 @@ class Joints(NamedTuple):
 
     def cosines(self, points: FloatArray, faces: Polygons) -> FloatArray:
         """Return the cosine (J,) of the angle by which the faces turn from one to the other."""
-        normal = unit(area_vectors(points, faces))
+        lines = points[faces.nodes[1::2]] - points[faces.nodes[::2]] if are_lines(faces) else None
+        normal = unit(area_vectors(points, faces) if lines is None else lines)  # lines turn as their normals do
         cosine = np.einsum("ij,ij->i", normal[self.first], normal[self.second])
         cosine[~self.agree] *= -1.0
         return np.asarray(cosine)

@@ -122,17 +122,12 @@ class Images:
         return Images(self.nodes[rows], group.ravel(), self.turn[rows], self.free[groups])
 
 
-def is_thin(mesh: Mesh, pair: Periodic) -> bool:
-    """Whether a pair is the two sides of a plane or axisymmetric case one cell thick."""
-    return any(name in mesh.names and mesh.patch(name).constraint in THIN for name in pair.patches)
-
-
 def plane_of(mesh: Mesh, nodes: IntArray) -> Plane | None:
     """Return the plane, in a plane mesh the line, that all these nodes (K,) are in; None if there is none."""
     points = mesh.points[nodes]
     if len(points) < (2 if mesh.plane else 3):
         return None
-    plane = Plane.fitted(points, mesh.plane)
+    plane = Plane.fitted(points, mesh.normal)
     off = float(np.abs(plane.distance(points)).max())
     return plane if off <= PLANE_TOLERANCE * float(np.ptp(points, axis=0).max()) else None
 

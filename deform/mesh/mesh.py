@@ -239,7 +239,7 @@ class Warned(str):
 class Mesh:
     """Points, cells of every type and named boundary patches: all that a deformation needs to know.
 
-    A plane mesh has cells of the shapes `PLANE`, patches of lines, and points of one and the same z.
+    A plane mesh has cells of the shapes `PLANE`, patches of lines, and points of one and the same z, or x, or y.
 
     Parameters
     ----------
@@ -253,6 +253,7 @@ class Mesh:
     whole : The mesh that this one is an excerpt of; None if it is whole itself.
     periodic : Pairs of patches whose nodes are images of one another.
     files : The files it was read from, as they were then (`check_unchanged`).
+    across : Of a plane mesh: the coordinate that all points share, 0, 1 or 2.
 
     Raises InputError for coordinates that are not finite or beyond `LARGEST`, indices out of range, names given twice.
     """
@@ -267,6 +268,7 @@ class Mesh:
     whole: Whole | None = None
     periodic: tuple[Periodic, ...] = ()
     files: States = field(default_factory=dict, repr=False)
+    across: int = 2
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", real(self.points, "points"))
@@ -302,7 +304,8 @@ class Mesh:
         solid = [block for block in self.cells if isinstance(block, Polyhedra) or block.shape not in PLANE]
         if solid:
             raise InputError(f"{self.name}: cells are triangles and quads, or volume cells, not both")
-        low, high = self.points[:, 2].min(initial=np.inf), self.points[:, 2].max(initial=-np.inf)
+        stations = self.points[:, self.across]
+        low, high = stations.min(initial=np.inf), stations.max(initial=-np.inf)
         if low < high:
             raise InputError(
                 f"{self.name}: its cells are triangles and quads, so all points must have one z, but they lie between "
@@ -311,8 +314,13 @@ class Mesh:
 
     @property
     def plane(self) -> bool:
-        """True for a two-dimensional mesh: triangles and quads, in a plane of constant z."""
+        """True for a two-dimensional mesh: triangles and quads, in a plane."""
         return any(isinstance(block, Cells) and block.shape in PLANE for block in self.cells)
+
+    @property
+    def normal(self) -> FloatArray | None:
+        """Unit normal (3,) of a plane mesh; None of any other."""
+        return np.eye(3)[self.across] if self.plane else None
 
     def _indices(self) -> list[tuple[NDArray[np.intp], str]]:
         indices = []

@@ -17,7 +17,6 @@ from sdm_deflect.deform.base.threads import in_chunks
 from .cells import Periodic, Polygons, Polyhedra
 from .edges import rows_of
 from .faces import face_keys, node_keys
-from .images import is_thin
 from .mesh import Mesh
 from .polyhedra import PARTS, ROWS, WEIGHT, judge_faces, measured_cells, spans_of
 from .quality import oriented
@@ -136,7 +135,7 @@ class Couples:
         parts = [(np.empty((0, 2), dtype=np.intp), np.empty((0, 3, 3)), np.empty((0, 3)))]
         inner = len(cells.neighbour)
         if mesh.periodic and mesh.whole is None:
-            coupled = [pair for pair in mesh.periodic if len(pair.nodes) and not is_thin(mesh, pair)]
+            coupled = [pair for pair in mesh.periodic if len(pair.nodes) and not pair.thin]
             parts += [_coupled(pair, cells.faces.rows(inner, len(cells.faces)), mesh) for pair in coupled]
         pairs, rotations, shifts = (np.concatenate(part) for part in zip(*parts, strict=True))
         pairs += inner

@@ -197,17 +197,21 @@ class SlidingSurface(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plane:
-    """A plane through `point` (3,) with unit `normal` (3,); in a plane mesh it is a line, whose normal has no z."""
+    """A plane through `point` (3,) with unit `normal` (3,); in a plane mesh it is a line, whose normal is within it."""
 
     point: FloatArray
     normal: FloatArray
 
     @classmethod
-    def fitted(cls, points: FloatArray, line: bool = False) -> "Plane":
-        """Return the least-squares plane of points (N, 3), or line; along coordinate axes where that is so."""
+    def fitted(cls, points: FloatArray, across: FloatArray | None = None) -> "Plane":
+        """Return the least-squares plane of points (N, 3), along coordinate axes where that is so.
+
+        In a plane mesh with the normal `across` (3,) it is a line.
+        """
         center = points.mean(axis=0)
-        if line:
-            normal = np.append(np.linalg.svd((points - center)[:, :2], full_matrices=False)[2][1], 0.0)
+        if across is not None:
+            normal, within = np.zeros(3), across == 0.0
+            normal[within] = np.linalg.svd((points - center)[:, within], full_matrices=False)[2][1]
         else:
             normal = np.linalg.svd(points - center, full_matrices=False)[2][2]
         axis = np.round(normal)
@@ -236,11 +240,14 @@ class CylinderWall:
     cylinder: Cylinder
 
     @classmethod
-    def fitted(cls, points: FloatArray, circle: bool = False) -> "CylinderWall":
-        """Return the least-squares cylinder of points (N, 3), started from each principal direction; or circle."""
+    def fitted(cls, points: FloatArray, across: FloatArray | None = None) -> "CylinderWall":
+        """Return the least-squares cylinder of points (N, 3), started from each principal direction.
+
+        In a plane mesh with the normal `across` (3,) it is a circle.
+        """
         some = points[np.linspace(0, len(points) - 1, min(SAMPLE, len(points))).astype(int)]
-        if circle:
-            return cls(_fit_cylinder(some, np.array([0.0, 0.0, 1.0]), slopes=0))
+        if across is not None:
+            return cls(_fit_cylinder(some, across, slopes=0))
         directions = np.linalg.svd(some - some.mean(axis=0), full_matrices=False)[2]
         fits = [_fit_cylinder(some, direction) for direction in directions]
         return cls(min(fits, key=lambda shape: float(np.abs(shape.distance(some)).max())))
@@ -271,27 +278,27 @@ class CylinderWall:
         return np.asarray(reach / np.linalg.norm(radial, axis=1, keepdims=True))
 
 
-FITTED: dict[str, Callable[[FloatArray, bool], SlidingSurface]] = {
+FITTED: dict[str, Callable[[FloatArray, FloatArray | None], SlidingSurface]] = {
     "plane": Plane.fitted,
     "cylinder": CylinderWall.fitted,
 }
-"""How a shape is fitted to the nodes of a patch; True: of a plane mesh."""
+"""How a shape is fitted to the nodes of a patch, given the normal of a plane mesh."""
 SURFACE = "surface"
 """The shape of a patch that is taken as it is."""
 SHAPES = (*FITTED, SURFACE)
 NAMES = f"{', '.join(FITTED)} or {SURFACE}"
 
 
-def fitted(shape: str, points: FloatArray, patch: str, plane: bool = False) -> SlidingSurface:
-    """Fit a shape to the nodes (N, 3) of a patch, perhaps of a plane mesh, and verify it.
+def fitted(shape: str, points: FloatArray, patch: str, across: FloatArray | None = None) -> SlidingSurface:
+    """Fit a shape to the nodes (N, 3) of a patch, perhaps of a plane mesh with a normal (3,), and verify it.
 
     Raises InputError if the shape is unknown, or the patch is not of that shape.
     """
     if shape not in FITTED:
         raise InputError(f"slide = {patch}:{shape}: the shape must be {NAMES}")
-    if len(points) < (2 if plane and shape == "plane" else 3):
+    if len(points) < (2 if across is not None and shape == "plane" else 3):
         raise InputError(f"slide = {patch}:{shape}: {len(points)} nodes do not determine a {shape}")
-    surface, size = FITTED[shape](points, plane), float(np.ptp(points, axis=0).max())
+    surface, size = FITTED[shape](points, across), float(np.ptp(points, axis=0).max())
     off = float(np.abs(surface.distance(points)).max())
     if not off <= RESIDUAL * size:
         raise InputError(
@@ -315,7 +322,7 @@ class SlidingPatch:
         """Fit a shape to a patch, or take its faces; InputError if it has another shape, or no faces."""
         nodes = mesh.patch(name).nodes
         if shape != SURFACE:
-            return cls(name, fitted(shape, mesh.points[nodes], name, mesh.plane), nodes)
+            return cls(name, fitted(shape, mesh.points[nodes], name, mesh.normal), nodes)
         faces = polygons_of(mesh.patch(name).faces)
         if len(distinct(faces.nodes)) < len(nodes) or not len(faces):
             raise InputError(f"slide = {name}:{shape}: the patch needs faces that hold all of its {len(nodes)} nodes")

@@ -123,23 +123,27 @@ class TouchedCells:
     rows : For each block of cells, those with a node that may move.
     orientation : For each block 1, or -1 if most of its cells are inverted: the file counts their nodes left-handed.
     inverted : Number of inverted cells of each block of the whole mesh before.
+    places : (N, 3) nodes by which the cells are high or wide, of a mesh one cell thick in its plane.
     """
 
     mesh: Mesh
     rows: tuple[IntArray, ...] = field(repr=False)
     orientation: tuple[float, ...]
     inverted: tuple[int, ...]
+    places: FloatArray = field(repr=False)
 
     @classmethod
-    def of(cls, mesh: Mesh, inside: IntArray) -> TouchedCells:
+    def of(cls, mesh: Mesh, inside: IntArray, places: FloatArray | None = None) -> TouchedCells:
         """Find the cells that have a node of `inside` (K,), and judge all cells as they are."""
         moved = np.zeros(len(mesh.points), dtype=bool)
         moved[inside] = True
         rows = tuple(touching(block, moved) for block in mesh.cells)
+        places = mesh.points if places is None else places
         if mesh.whole:
-            return cls(mesh, rows, mesh.whole.orientation, mesh.whole.inverted)
+            return cls(mesh, rows, mesh.whole.orientation, mesh.whole.inverted, places)
         orientations = [oriented(mesh.points, block) for block in mesh.cells]
-        return cls(mesh, rows, tuple(sign for sign, _ in orientations), tuple(count for _, count in orientations))
+        signs, counts = zip(*orientations, strict=True) if orientations else ((), ())
+        return cls(mesh, rows, signs, counts, places)
 
     @classmethod
     def together(cls, parts: Sequence[TouchedCells]) -> TouchedCells:
@@ -293,7 +297,7 @@ def layers(touched: TouchedCells, walls: IntArray) -> Iterator[LayerEdges]:
     ]
     while True:
         found = [
-            _edges(touched.mesh.points, base, top, highest)
+            _edges(touched.places, base, top, highest)
             for block, rows in parts
             for base, top in _first_cells(block, rows, below)
         ]

@@ -293,14 +293,14 @@ def _pieces(
             found.append(_on(nodes[inside[nodes]], pieces, piece))
         return found
     if isinstance(shape, str):
-        shape = FITTED[shape](points[patch.nodes], mesh.plane)
+        shape = FITTED[shape](points[patch.nodes], mesh.normal)
     return [_on(patch.nodes[inside[patch.nodes]], pieces, SlidingPiece(shape))]
 
 
 def _plane(mesh: Mesh, points: FloatArray, face: Polygons) -> SlidingPiece:
     """Return a face that was plane before the deflection, of no shape if it is so no more."""
     nodes = distinct(face.nodes)
-    plane, size = Plane.fitted(points[nodes], mesh.plane), float(np.ptp(points[nodes], axis=0).max())
+    plane, size = Plane.fitted(points[nodes], mesh.normal), float(np.ptp(points[nodes], axis=0).max())
     flat = len(nodes) > (2 if mesh.plane else 3) and float(np.abs(plane.distance(points[nodes])).max()) <= FLAT * size
     return SlidingPiece(plane, faces=(face,)) if flat else SlidingPiece(None)
 

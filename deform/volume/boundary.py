@@ -9,9 +9,10 @@ from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, unio
 from sdm_deflect.deform.base.errors import InputError, nearest
 from sdm_deflect.deform.mesh.edges import median_edge
 from sdm_deflect.deform.mesh.faces import node_keys, patch_keys
-from sdm_deflect.deform.mesh.images import THIN, Images, is_thin, plane_of
+from sdm_deflect.deform.mesh.images import THIN, Images, plane_of
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.sliding import Plane, SlidingPatch, fitted
+from sdm_deflect.deform.mesh.thin import ThinMesh
 from sdm_deflect.deform.rbf.problem import XYZ
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import MotionLaw
@@ -23,8 +24,7 @@ from .job import Job
 ZERO_LENGTH = 1e-9  # of the moving surfaces' size: lengths below are zero
 LEAST = 1e-8  # length of the moving surfaces, as a share of the largest coordinate or of 1
 ON_SHAPE = 1e-6  # of it: a moving node this near to a sliding shape is put on it
-ALIKE = 0.01  # of the largest displacement: images on a moving surface that move alike but for this get the mean
-TILT = 0.1  # the same in a wedge, whose sides are turned from the plane in which its hinge turns
+ALIKE = 0.01  # of the largest displacement: images that move alike but for this get the mean, and keep their plane
 ACROSS = 0.1  # cosine between a hinge and the normal of a plane, below which the surface turns across the plane
 COARSE = 0.1  # of the moving surface's median edge: a tolerance above it is a slip
 Amounts = tuple[float, ...]
@@ -38,7 +38,7 @@ class PrescribedNodes:
     Attributes
     ----------
     job : what is asked.
-    mesh : the mesh.
+    mesh : the mesh; of one that is one cell thick the plane mesh, without the nodes of the back.
     surfaces, laws : the moving surfaces and their motions, in the job's order.
     nodes : (K,) sorted indices of their nodes, each once.
     fixed : patches that stay.
@@ -50,6 +50,7 @@ class PrescribedNodes:
     sides : names of the same of cases one cell thick.
     walls : planes of all these patches, where they are plane.
     covered : patches all of whose faces are on others that are named: nothing need be said of them.
+    thin : the mesh one cell thick, if it is that.
     known : displacements (K, 3) by the amounts for which they are at hand.
     """
 
@@ -67,16 +68,19 @@ class PrescribedNodes:
     sides: tuple[str, ...] = ()
     walls: tuple[Plane, ...] = ()
     covered: tuple[str, ...] = ()
+    thin: ThinMesh | None = None
     known: Mapping[Amounts, FloatArray] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(cls, mesh: Mesh, job: Job) -> "PrescribedNodes":
         """Sort the patches of a mesh; InputError for names that are no patches, or that are given two parts."""
-        surfaces = tuple(Surface.of(mesh, moving.patches) for moving in job.surfaces)
-        moves = [name for surface in surfaces for name in surface.patches]
+        thin, mesh = _thin(mesh, job)
+        moves = [name for moving in job.surfaces for name in mesh.named(moving.patches, "the surface")]
         slides = {name: slide.shape for slide in job.slides for name in mesh.named([slide.patch], "slide")}
+        slides = thin.slides(slides) if thin else slides
         pairs, sides, flat = _bound(mesh, moves, slides)
         slides = {name: slides[name] for name in _without(slides, flat)}
+        surfaces = tuple(Surface.of(mesh, moving.patches) for moving in job.surfaces)
         others = {*moves, *slides, *pairs, *sides}.difference(job.fixed)
         fixed = _without(mesh.named(job.fixed, "fixed"), others)
         slides |= _symmetry(mesh, (*others, *fixed))
@@ -89,7 +93,8 @@ class PrescribedNodes:
         fixed_nodes = np.setdiff1d(mesh.on(*fixed), nodes, assume_unique=True)
         bound = Images.of(mesh, flat), _without(pairs, fixed), _without(sides, fixed), _walls(mesh)
         covered = _covered(mesh, (*moves, *fixed, *slides, *pairs))
-        return cls(job, mesh, surfaces, laws, nodes, fixed, fixed_nodes, sliding, _size(mesh, nodes), *bound, covered)
+        size = _size(mesh, nodes)
+        return cls(job, mesh, surfaces, laws, nodes, fixed, fixed_nodes, sliding, size, *bound, covered, thin)
 
     @property
     def moving(self) -> tuple[str, ...]:
@@ -98,8 +103,12 @@ class PrescribedNodes:
 
     @property
     def components(self) -> tuple[int, ...]:
-        """Directions in which nodes move: in a plane mesh x and y."""
-        return XYZ[:2] if self.mesh.plane else XYZ
+        """Directions in which nodes move: in a plane mesh the two within it."""
+        return tuple(c for c in XYZ if c != self.mesh.across) if self.mesh.plane else XYZ
+
+    def both(self, nodes: IntArray) -> IntArray:
+        """Return sorted nodes (K,), in a mesh one cell thick with those on the other side."""
+        return self.thin.images.closed(nodes, len(self.mesh.points)) if self.thin else nodes
 
     @property
     def declared(self) -> tuple[str, ...]:
@@ -126,12 +135,7 @@ class PrescribedNodes:
         for patch, rows in self._on_sliding():
             out[rows] = self._projected(patch, rows, out[rows])
         out = self._alike(out)
-        if self.mesh.plane and out[:, 2].any():
-            raise InputError(
-                f"{self.mesh.name}: the surface would leave the plane of the mesh by "
-                f"{float(np.abs(out[:, 2]).max()):.4g}; give the hinge as one point, such as 0.7,0, and "
-                "displacements without z"
-            )
+        self._keep_plane(out)
         out.flags.writeable = False
         return out
 
@@ -237,15 +241,23 @@ class PrescribedNodes:
             )
         out = self.images.among(self.nodes).projected(displacement)
         off = float(np.linalg.norm(out - displacement, axis=1).max(initial=0.0))
-        wedge = any(mesh.patch(name).constraint == "wedge" for name in self.sides)
-        if off > max(ZERO_LENGTH * self.size, (TILT if wedge else ALIKE) * largest):
-            what, hinge = "move unlike their periodic images", "fit to the periodicity"
-            if self.sides:
-                what, hinge = "leave the plane of a case one cell thick", "be parallel to its thin direction"
+        if off > max(ZERO_LENGTH * self.size, ALIKE * largest):
             raise InputError(
-                f"{mesh.name}: nodes of the moving surface would {what}, by up to {off:.4g}; the hinge must {hinge}"
+                f"{mesh.name}: nodes of the moving surface would move unlike their periodic images, by up to "
+                f"{off:.4g}; the hinge must fit to the periodicity"
             )
         return out
+
+    def _keep_plane(self, displacement: FloatArray) -> None:
+        """Keep a displacement (K, 3) in the plane of a plane mesh; InputError if it leaves that."""
+        off = np.abs(displacement[:, self.mesh.across]) if self.mesh.plane else np.zeros(1)
+        if off.max(initial=0.0) > (ALIKE * np.abs(displacement).max() if self.thin else 0.0):
+            hinge = "the hinge must be normal to it" if self.thin else "give the hinge as one point, such as 0.7,0"
+            raise InputError(
+                f"{self.mesh.name}: the surface would leave the plane of the mesh by {float(off.max()):.4g}; {hinge}, "
+                f"and displacements without {'xyz'[self.mesh.across]}"
+            )
+        displacement[:, self.mesh.across] *= not self.mesh.plane
 
     def _left_behind(self, displacement: FloatArray) -> float:
         """Hold moving nodes whose images are on no moving surface; return their largest displacement."""
@@ -275,6 +287,12 @@ class PrescribedNodes:
         return all(axis and abs(float(axis.direction @ n)) < ACROSS for n in normals for axis in axes) and bool(normals)
 
 
+def _thin(mesh: Mesh, job: Job) -> tuple[ThinMesh | None, Mesh]:
+    """Return the mesh as one that is one cell thick, if it is that, and the mesh on which displacements are known."""
+    thin = None if job.sections else ThinMesh.of(mesh, job.fixed)
+    return thin, thin.mesh if thin else mesh
+
+
 def _bound(mesh: Mesh, moves: list[str], slides: dict[str, str]) -> tuple[tuple[str, ...], ...]:
     """Return the patches of periodic pairs and of cases one cell thick, as far as they have pairs of nodes.
 
@@ -282,7 +300,7 @@ def _bound(mesh: Mesh, moves: list[str], slides: dict[str, str]) -> tuple[tuple[
     """
     known = {name: len(pair.nodes) for pair in mesh.periodic for name in pair.patches if name in mesh.names}
     thin = tuple(patch.name for patch in mesh.patches if patch.constraint in THIN)
-    sides = thin if any(is_thin(mesh, pair) and len(pair.nodes) for pair in mesh.periodic) else ()
+    sides = thin if mesh.plane or any(pair.thin and len(pair.nodes) for pair in mesh.periodic) else ()
     names, pairs = tuple(dict.fromkeys((*known, *thin))), [name for name in known if known[name]]
     _check_bound(mesh, names, moves, slides, set(pairs))
     return _without(pairs, thin), sides, _without(names, set(names).difference(slides))
@@ -297,7 +315,7 @@ def _check_bound(mesh: Mesh, names: Iterable[str], moves: list[str], slides: dic
     """Raise if a periodic patch moves or slides on a shape. If its nodes are paired, it may slide on its plane."""
     for name in names:
         if slides.get(name) == "plane" and name in pairs:
-            fitted("plane", mesh.points[mesh.patch(name).nodes], name, mesh.plane)
+            fitted("plane", mesh.points[mesh.patch(name).nodes], name, mesh.normal)
         elif name in (*moves, *slides):
             constraint = mesh.patch(name).constraint
             what = f"is {constraint}" if constraint in THIN else "is one side of a periodic pair"

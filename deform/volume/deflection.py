@@ -138,7 +138,7 @@ class BoxDeflection:
 
     def stored(self, precision: Precision) -> "BoxDeflection":
         """Return the same deflection rounded for another file, from its unrounded coordinates."""
-        exact = self.steps[-1].points if self.steps else self.points
+        exact = self.plan.moved(self.steps[-1].points) if self.steps else self.points
         exact = self.repaired.points if self.repaired else exact
         return replace(self, plan=replace(self.plan, precision=precision)).with_points(exact)
 
@@ -265,7 +265,8 @@ class Deflection:
         for box in self.boxes:
             job, changed = box.plan.job, box.plan.changed
             speeds = tuple(ratio * self.plan.angle_of(box.plan, 1.0) for ratio in job.ratios)
-            rates[changed] = rate(box.steps[-1], box.plan.boundary.rate(box.amounts, speeds))[changed]
+            found, thin = rate(box.steps[-1], box.plan.boundary.rate(box.amounts, speeds)), box.plan.boundary.thin
+            rates[changed] = (thin.displacement(found) if thin else found)[changed]
         return rates
 
 
@@ -335,14 +336,14 @@ def least_of(touched: TouchedCells, points: FloatArray, quality: Sequence[Qualit
 
 def stepped(plan: BoxPlan, angle: float, ways: Sequence[Way]) -> BoxDeflection:
     """Deflect in equal steps, each from the end of the last one; `ways` holds a way to choose centres for each."""
-    begin, nodes = perf_counter(), plan.sites.moving
-    points, steps, reached = plan.mesh.points, [], np.zeros((len(nodes), 3))
+    begin, nodes, start = perf_counter(), plan.sites.moving, plan.boundary.mesh.points
+    points, steps, reached = start, [], np.zeros((len(nodes), 3))
     for k, way in enumerate(ways, 1):
         target = plan.boundary.displacement(plan.share(angle, k, len(ways)))
         steps.append(solve(way.start or plan.state(points), target - reached, way, plan.runner))
         points, reached = steps[-1].points, target
-    points[nodes] = plan.mesh.points[nodes] + reached  # the places asked for, without the rounding of the steps
-    points = plan.precision.rounded(points, plan.mesh.points)
+    points[nodes] = start[nodes] + reached  # the places asked for, without the rounding of the steps
+    points = plan.precision.rounded(plan.moved(points), plan.mesh.points)
     inverted = inverted_count(plan.touched, points)
     return BoxDeflection(plan, angle, tuple(steps), points, inverted, perf_counter() - begin)
 

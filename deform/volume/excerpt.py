@@ -16,12 +16,13 @@ from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, dist
 from sdm_deflect.deform.base.errors import InputError, short_list
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.hexahedron import Hexahedron
-from sdm_deflect.deform.mesh.cells import CORNERS, LARGEST, Cells, Faces, Patch, Polyhedra, Volume, Zone
+from sdm_deflect.deform.mesh.cells import CORNERS, LARGEST, Cells, Faces, Patch, Polyhedra, Volume
 from sdm_deflect.deform.mesh.faces import Keys, cell_face_keys, face_keys, node_keys, patch_keys
 from sdm_deflect.deform.mesh.mesh import Mesh, MeshInPieces, Pieces, Runner, Whole, gathered
 from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra, joined
 from sdm_deflect.deform.mesh.quality import inverted_of, other_hand, other_handed
 from sdm_deflect.deform.mesh.standard import POLYHEDRON
+from sdm_deflect.deform.mesh.thin import Halfway
 from sdm_deflect.deform.mesh.touched import touching
 
 from .boundary import PrescribedNodes
@@ -60,6 +61,7 @@ class ScanTask:
     keys : (B,) random numbers of these, of which a face's key is the sum.
     faces : (F,) sorted keys of the faces of patches.
     sign : orientation of each block of cells.
+    halfway : of a mesh one cell thick the plane in which nodes are compared with the boxes.
     held : all points, where these are held in memory.
     """
 
@@ -70,6 +72,7 @@ class ScanTask:
     keys: Keys = field(repr=False)
     faces: Keys = field(repr=False)
     sign: tuple[float, ...]
+    halfway: Halfway | None = None
     held: Window | None = field(default=None, repr=False)
 
     def holding(self) -> "ScanTask":
@@ -116,6 +119,7 @@ class ScanTask:
     def inside(self, points: FloatArray, nodes: IntArray) -> BoolArray:
         """Return which nodes (K,) at points (K, 3) lie in a box, and in a zone that deforms in it."""
         inside = np.zeros(len(nodes), dtype=np.bool_)
+        points = self.halfway.places(points) if self.halfway else points
         for box, zones in self.boxes:
             deforming = np.zeros(len(nodes), dtype=np.bool_)
             for first, end in zones:
@@ -242,7 +246,7 @@ def excerpt(
     """
     pieces = mesh.pieces
     border = _border(mesh)
-    task = _task(mesh, border, *_boxes(border, jobs, angles))
+    task = _task(mesh, border, prepared(border, jobs), jobs, angles)
     task = _in_memory(task) if runner.shares_memory else task
     inside, places = _nodes_inside(task, runner, progress)
     scanned, task = _cells(mesh, task, runner, progress)
@@ -257,19 +261,6 @@ def excerpt(
     bad = tuple(sum(piece.inverted - piece.mirrored for piece in block) for block in scanned)
     whole = Whole(pieces, nodes, tuple(rows for _, rows in blocks), task.sign, bad)
     return _numbered(mesh, points, tuple(cells for cells, _ in blocks), whole)
-
-
-def _boxes(
-    border: Mesh, jobs: Sequence[Job], angles: Sequence[float]
-) -> tuple[list[tuple[Hexahedron, tuple[Zone, ...]]], IntArray]:
-    """Return each job's box with its deforming zones, and the moving nodes in the file."""
-    mesh, boxes, moving = prepared(border, jobs), [], []
-    for job in jobs:
-        boundary = PrescribedNodes.of(mesh, job)
-        zones, box = confined(boundary, job.ends([job.beside(jobs[0], angle) for angle in angles] or [job.angle]))
-        boxes.append((box.hexahedron, zones))
-        moving.append(mesh.numbers(boundary.nodes))
-    return boxes, union(*moving)
 
 
 def _border(mesh: MeshInPieces) -> Mesh:
@@ -302,18 +293,21 @@ def _numbered(mesh: MeshInPieces, points: FloatArray, cells: tuple[Volume, ...],
     return Mesh(points, cells, patches, zones, mesh.name, source, mesh.notes, whole, periodic, files)
 
 
-def _task(
-    mesh: MeshInPieces, border: Mesh, boxes: Sequence[tuple[Hexahedron, tuple[Zone, ...]]], moving: IntArray
-) -> ScanTask:
+def _task(mesh: MeshInPieces, border: Mesh, own: Mesh, jobs: Sequence[Job], angles: Sequence[float]) -> ScanTask:
+    """Return the task for jobs at the first one's angles; `own` is the border that is prepared for them."""
     assert border.whole is not None
-    spans = []
-    for box, zones in boxes:
-        deforming = [(zone.start, zone.stop) for zone in mesh.zones if zone.name in {own.name for own in zones}]
-        spans.append((box, np.array(deforming, dtype=np.intp).reshape(-1, 2)))
-    keys = node_keys(len(border.points))
+    boxes, moving, halfway = [], [np.empty(0, dtype=np.intp)], None
+    for job in jobs:
+        boundary = PrescribedNodes.of(own, job)
+        zones, box = confined(boundary, job.ends([job.beside(jobs[0], angle) for angle in angles] or [job.angle]))
+        names = {zone.name for zone in zones}
+        spans = [(zone.start, zone.stop) for zone in mesh.zones if zone.name in names]
+        boxes.append((box.hexahedron, np.array(spans, dtype=np.intp).reshape(-1, 2)))
+        moving.append(own.numbers(boundary.both(boundary.nodes)))
+        halfway = boundary.thin.halfway if boundary.thin else None
+    keys, sign = node_keys(len(border.points)), (1.0,) * len(mesh.pieces.blocks)
     faces = distinct(np.concatenate([np.empty(0, np.uint64), *(patch_keys(patch, keys) for patch in border.patches)]))
-    sign = (1.0,) * len(mesh.pieces.blocks)
-    return ScanTask(mesh.pieces, tuple(spans), moving, border.whole.nodes, keys, faces, sign)
+    return ScanTask(mesh.pieces, tuple(boxes), union(*moving), border.whole.nodes, keys, faces, sign, halfway)
 
 
 def _in_memory(task: ScanTask) -> ScanTask:

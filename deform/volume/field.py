@@ -22,6 +22,7 @@ from sdm_deflect.deform.base.errors import InputError, damaged, read_arrays
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.cells import bounded
+from sdm_deflect.deform.mesh.thin import Halfway
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.rbf.kernels import arrays_of, stored_kernel
 
@@ -96,6 +97,7 @@ class FieldBox:
     places, ends : (K, 3) undeflected coordinates of nodes with a prescribed end, and these ends: nodes of moving, fixed
         and sliding patches in the box, images of others, and nodes that a repair has moved. No place is there twice.
     planes : (S, 3) component, station and tolerance of faces of overlapping blocks, in whose planes nodes stay.
+    halfway : of a mesh one cell thick the plane of box and steps.
     """
 
     box: Hexahedron = field(repr=False)
@@ -104,13 +106,15 @@ class FieldBox:
     places: FloatArray = field(repr=False)
     ends: FloatArray = field(repr=False)
     planes: FloatArray = field(repr=False)
+    halfway: Halfway | None = None
 
     @classmethod
     def of(cls, one: BoxDeflection) -> "FieldBox":
         """Take what a deflection has found in one box; InputError as of `Field.of`."""
-        plan, sites = one.plan, one.plan.sites
+        plan, sites, thin = one.plan, one.plan.sites, one.plan.boundary.thin
         prescribed = np.zeros(len(plan.mesh.points), dtype=np.bool_)
-        prescribed[np.intersect1d(plan.boundary.images.nodes, plan.region.inside, assume_unique=True)] = True
+        images = (thin or plan.boundary).images
+        prescribed[np.intersect1d(images.nodes, plan.changed, assume_unique=True)] = True
         prescribed[sites.known] = True
         if one.repaired is not None:
             prescribed[one.repaired.moved] = True
@@ -129,17 +133,19 @@ class FieldBox:
             plan.mesh.points[rows],
             one.points[rows],
             np.array(planes, dtype=np.float64).reshape(-1, 3),
+            thin.halfway if thin else None,
         )
 
     def move(self, given: FloatArray, out: FloatArray) -> None:
         """Write the final positions of the points `given` (M, 3) inside the box into `out` (M, 3)."""
-        inside = self.box.contains(given)
+        start = self.halfway.places(given) if self.halfway else given
+        inside = self.box.contains(start)
         inner = np.flatnonzero(inside | self._among(given))
         distance, row = self._tree.query(given[inner]) if len(self.places) else (np.ones(len(inner)), inner)
         exact = distance == 0.0
         inside[inner[exact]] = False
         rows = np.flatnonzero(inside)
-        moved = given[rows]
+        moved = start[rows]
         for step in self.steps:
             if len(moved):
                 displacement = step.displacement(moved)
@@ -147,7 +153,8 @@ class FieldBox:
                     stays = np.abs(given[rows, int(component)] - station) <= near
                     displacement[stays, int(component)] = 0.0
                 moved += displacement
-        out[rows] = moved
+        away = moved - start[rows]
+        out[rows] = given[rows] + self.halfway.displacement(given[rows], away) if self.halfway else moved
         out[inner[exact]] = self.ends[row[exact]]
 
     def matches(self, points: FloatArray) -> tuple[BoolArray, BoolArray]:
@@ -226,6 +233,8 @@ class Field:
                 f"places_{b}": box.places, f"ends_{b}": box.ends, f"planes_{b}": box.planes,
                 f"steps_{b}": np.array(len(box.steps)),
             }  # fmt: skip
+            if box.halfway:
+                arrays[f"halfway_{b}"] = box.halfway.numbers
             for i, step in enumerate(box.steps):
                 own = {name: getattr(step, name) for name in ARRAYS} | {"reach": np.array(step.reach)}
                 own |= {name: getattr(step.interpolant, name) for name in ("centers", "beta", "alpha")}
@@ -255,7 +264,8 @@ def _box(stored: Mapping[str, Any], b: int) -> FieldBox:
         raise ValueError(f"places {places.shape} and ends {ends.shape} must be (K, 3) both")
     steps = tuple(_step(stored, f"_{b}_{i}") for i in _counted(stored, f"steps_{b}"))
     zones = tuple(stored[f"zones_{b}"].tolist())
-    return FieldBox(Hexahedron(stored[f"corners_{b}"]), zones, steps, places, ends, planes.reshape(-1, 3))
+    halfway = Halfway.stored(bounded(stored[f"halfway_{b}"], "halfway")) if f"halfway_{b}" in stored else None
+    return FieldBox(Hexahedron(stored[f"corners_{b}"]), zones, steps, places, ends, planes.reshape(-1, 3), halfway)
 
 
 def _counted(stored: Mapping[str, Any], name: str) -> range:

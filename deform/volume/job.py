@@ -11,6 +11,7 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import one_hand
 from sdm_deflect.deform.mesh.selection import Selection, selected
 from sdm_deflect.deform.mesh.sliding import NAMES, SHAPES
+from sdm_deflect.deform.mesh.thin import with_sides
 from sdm_deflect.deform.rbf.fitting import JobOptions
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Motion, Moving
@@ -112,9 +113,10 @@ class Job(JobOptions):
         Raises InputError if the first one's own amount is zero, so that nothing is in proportion to it.
         """
         if not self.angle and any(self.amounts):
+            moves = next(surface for surface in self.surfaces if surface.amount)
             raise InputError(
-                f"angle = {self.angle:g} of {', '.join(self.surfaces[0].patches)}, the first surface: the others "
-                "cannot be in proportion to it; put a surface that moves first"
+                f"angle = 0 of {', '.join(self.surfaces[0].patches)}, the first surface: the others cannot be in "
+                f"proportion to it; put {', '.join(moves.patches)} first"
             )
         return tuple(amount / self.angle if self.angle else 1.0 for amount in self.amounts)
 
@@ -142,14 +144,31 @@ class Job(JobOptions):
 def prepared(mesh: Mesh, jobs: Sequence[Job]) -> Mesh:
     """Turn the jobs' selections into patches and their periodic patches into pairs; all jobs name the same.
 
+    Both sides of a mesh one cell thick become a pair if they slide in their planes.
+
     Cells of a block that are counted in the other hand than most are turned over.
 
     Raises InputError if one of them does not suit the mesh.
     """
     names = tuple(dict.fromkeys(name for job in jobs for name in job.names))
     mesh = paired(selected(mesh, jobs[0].selections, names), jobs[0].periodic)
+    mesh = with_sides(mesh, set.intersection(*(_planes(mesh, job) for job in jobs)))
     cells = tuple(one_hand(mesh.points, block) for block in mesh.cells) if not mesh.whole else mesh.cells
     return mesh if all(map(is_, cells, mesh.cells)) else replace(mesh, cells=cells)
+
+
+def ratios_of(jobs: Sequence[Job]) -> tuple[float, ...]:
+    """Return the amount of each surface of all jobs per unit of the first one's; InputError as of `Job.ratios`."""
+    return tuple(amount for job in jobs for amount in job.amounts_at(job.beside(jobs[0], 1.0)))
+
+
+def _planes(mesh: Mesh, job: Job) -> set[str]:
+    """Return the patches that slide on their plane: as the job says, or the file, if the job says nothing."""
+    moving = [patch for surface in job.surfaces for patch in surface.patches]
+    parts = ((moving, "the surface"), (job.fixed, "fixed"), ([one.patch for one in job.slides], "slide"))
+    named = {name for patches, what in parts for name in mesh.named(patches, what)}
+    planes = mesh.named([one.patch for one in job.slides if one.shape == "plane"], "slide")
+    return {*planes, *(p.name for p in mesh.patches if p.constraint == "symmetry" and p.name not in named)}
 
 
 def _named_by(motion: Motion) -> tuple[str, ...]:

@@ -232,17 +232,17 @@ class LocalRotation:
     start, end : (E,) rows of the boundary nodes.
     vectors : (E, 3) from start to end, divided by the squared length.
     count : number of boundary nodes.
-    plane : whether they are in a plane of constant z, which then turns within itself.
+    normal : (3,) of the plane that they are in, if they are, which then turns within itself.
     """
 
     start: IntArray = field(repr=False)
     end: IntArray = field(repr=False)
     vectors: FloatArray = field(repr=False)
     count: int
-    plane: bool = False
+    normal: FloatArray | None = None
 
     @classmethod
-    def of(cls, points: FloatArray, edges: IntArray, certain: int, plane: bool = False) -> "LocalRotation":
+    def of(cls, points: FloatArray, edges: IntArray, certain: int, normal: FloatArray | None = None) -> "LocalRotation":
         """Take edges (E, 2) between points (K, 3); those without length are left out.
 
         The first `certain` points turn among themselves, whatever the others, which follow them, do.
@@ -251,7 +251,7 @@ class LocalRotation:
         vectors = points[end] - points[start]
         square = np.sum(vectors**2, axis=1)
         some = (square > 0.0) & ((start >= certain) | (end < certain))
-        return cls(start[some], end[some], vectors[some] / square[some, None], len(points), plane)
+        return cls(start[some], end[some], vectors[some] / square[some, None], len(points), normal)
 
     def rotations(self, displacement: FloatArray) -> FloatArray:
         """Return the rotation less the identity (K, 3, 3) at each node, given displacements (K, 3)."""
@@ -291,8 +291,8 @@ class LocalRotation:
     def _polar(self, displacement: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return R and S (K, 3, 3); both the identity where the edges determine no rotation."""
         still = self._sums(np.zeros_like(displacement), unit=1.0)
-        if self.plane:
-            still[:, 2, 2] = 1.0  # an edge along z, as it were, that stays
+        if self.normal is not None:
+            still += np.outer(self.normal, self.normal)  # an edge along it, as it were, that stays
         u, s, vt = np.linalg.svd(still + self._sums(displacement))
         sign = np.linalg.det(u @ vt)
         u[:, :, 2] *= sign[:, None]

@@ -62,9 +62,9 @@ class BoxPlan:
             raise InputError("; ".join([str(error), *boundary.warnings])) from None
         sites = Sites.of(boundary, region)
         progress("cells", nan)
-        touched = TouchedCells.of(boundary.mesh, union(region.inside, sites.moving))
+        touched = TouchedCells.of(mesh, boundary.both(union(region.inside, sites.moving)), boundary.mesh.points)
         touched.check(job.allow_inverted)
-        first = next(layers(touched, union(sites.moving, sites.fixed)), None)
+        first = next(layers(touched, boundary.both(union(sites.moving, sites.fixed))), None)
         if first and not job.fitting.tolerance:
             sites = sites.keeping(boundary, first.starts, first.ends)
         return cls(boundary, region, sites, touched)
@@ -95,14 +95,19 @@ class BoxPlan:
         return self.patches[0]
 
     @property
+    def inside(self) -> IntArray:
+        """Sorted indices of the nodes inside, in the zones that deform."""
+        return self.boundary.both(self.region.inside)
+
+    @property
     def changed(self) -> IntArray:
         """Sorted indices of all nodes that may move."""
-        return union(self.region.inside, self.sites.moving)
+        return self.boundary.both(union(self.region.inside, self.sites.moving))
 
     @property
     def walls(self) -> IntArray:
         """Sorted indices of the moving and fixed nodes inside."""
-        return union(self.sites.moving, self.sites.fixed)
+        return self.boundary.both(union(self.sites.moving, self.sites.fixed))
 
     @cached_property
     def unheld(self) -> BoundaryGaps:
@@ -124,25 +129,30 @@ class BoxPlan:
                 shapes[section.patch] = "plane"
         shapes |= {slide.patch: slide.surface for slide in self.boundary.sliding}
         inside = np.zeros(len(mesh.points), dtype=np.bool_)
-        moving, size = self.sites.moving, self.boundary.size
-        inside[self.region.inside] = True
-        inside[moving] = self.region.hexahedron.contains(mesh.points[moving], ON_FACE * size)
-        inside[np.setdiff1d(self.sites.fixed, mesh.on(*shapes), assume_unique=True)] = inside[self.unheld.nodes] = False
-        bound = (*self.boundary.pairs, *self.boundary.sides)
+        both, images, size = self.boundary.both, (self.boundary.thin or self.boundary).images, self.boundary.size
+        moving, fixed = both(self.sites.moving), both(self.sites.fixed)
+        inside[self.inside] = True
+        inside[moving] = self.region.hexahedron.contains(self.touched.places[moving], ON_FACE * size)
+        inside[np.setdiff1d(fixed, mesh.on(*shapes), assume_unique=True)] = inside[self.unheld.nodes] = False
         free = inside.copy()
-        free[mesh.on(*(name for name in mesh.names if name not in bound))] = False
-        free = self.boundary.images.complete(free)
-        images = self.boundary.images.within(free)
-        inside[np.setdiff1d(self.boundary.images.nodes, images.nodes, assume_unique=True)] = False
-        freedom = FreeNodes.of(mesh, points, inside, np.flatnonzero(free), shapes, images)
+        others = {*mesh.names}.difference(self.boundary.pairs, self.boundary.sides)
+        free[mesh.on(*others)] = False
+        free = images.complete(free)
+        bound = images.within(free)
+        inside[np.setdiff1d(images.nodes, bound.nodes, assume_unique=True)] = False
+        freedom = FreeNodes.of(mesh, points, inside, np.flatnonzero(free), shapes, bound)
         return freedom.with_columns(Columns.of(self.touched, self.walls), points)
 
     def share(self, angle: float, k: int, count: int) -> Amounts:
         """Return the amounts after k of so many equal steps to an angle."""
         return tuple(amount * k / count for amount in self.job.amounts_at(angle))
 
+    def moved(self, places: FloatArray) -> FloatArray:
+        """Return where the nodes (N, 3) come to be; `places` (N, 3) are those of the mesh that is interpolated."""
+        return self.boundary.thin.moved(places) if self.boundary.thin else places
+
     def state(self, points: FloatArray) -> StepStart:
-        """Return the start of a step with the mesh at `points` (N, 3)."""
+        """Return the start of a step with the mesh that is interpolated at `points` (N, 3)."""
         return StepStart.of(self.boundary, self.region, self.sites, points)
 
 
@@ -237,7 +247,7 @@ class Plan:
     @property
     def fixed(self) -> IntArray:
         """Sorted indices of the fixed nodes inside."""
-        return union(*(box.sites.fixed for box in self.boxes))
+        return union(*(box.boundary.both(box.sites.fixed) for box in self.boxes))
 
     @property
     def walls(self) -> IntArray:

@@ -188,8 +188,8 @@ class PreparedDeflection:
         check_moving(boundary, plan.region.hexahedron, [amounts])
         target = boundary.displacement(amounts)
         found = self.steps[k](target - self.reached[k])
-        found.points[plan.sites.moving] = plan.mesh.points[plan.sites.moving] + target
-        return found
+        found.points[plan.sites.moving] = boundary.mesh.points[plan.sites.moving] + target
+        return found._replace(points=plan.moved(found.points))
 
 
 def _rows(state: StepStart, sites: DataSites, centers: Mapping[int, FloatArray]) -> IntArray:

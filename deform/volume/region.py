@@ -60,6 +60,8 @@ class BoxNodes:
         box.hexahedron.contains(mesh.points[:1])  # loads the compiled test: not part of the filter's time
         start = perf_counter()
         inside = _inside(mesh, zones, box.hexahedron)
+        if boundary.thin:
+            inside = inside[np.isin(inside, boundary.thin.nodes[:, 0])]
         seconds = perf_counter() - start
         check_moving(boundary, box.hexahedron, all_amounts)
         _check_clear(boundary, box.hexahedron, inside)

@@ -9,7 +9,7 @@ from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, dist
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.hexahedron import FACES, border_sites, polygon_sites
 from sdm_deflect.deform.mesh.edges import edges_of, median_edge, polygons_of
-from sdm_deflect.deform.mesh.images import PLANE_TOLERANCE, is_thin
+from sdm_deflect.deform.mesh.images import PLANE_TOLERANCE
 from sdm_deflect.deform.mesh.sliding import Plane
 from sdm_deflect.deform.rbf.fitting import KERNELS, Fitting
 from sdm_deflect.deform.rbf.kernels import OF_RADIUS, Kernel
@@ -143,7 +143,7 @@ class Sites:
             largest = float(np.linalg.norm(speeds, axis=1).max())
             rate[np.searchsorted(self.moving, surface.nodes)] = speeds / largest if largest else speeds
         certain = len(self.moving) + len(self.fixed)
-        turning = LocalRotation.of(points[self.known], self.edges(boundary), certain, boundary.mesh.plane)
+        turning = LocalRotation.of(points[self.known], self.edges(boundary), certain, boundary.mesh.normal)
         return np.asarray(turning.strain(rate)[: len(self.moving)] * boundary.size > SHEARED)
 
 
@@ -200,7 +200,7 @@ def _sampled(mask: BoolArray) -> IntArray:
 def _sliding(boundary: PrescribedNodes, region: BoxNodes) -> tuple[tuple[IntArray, ...], IntArray]:
     """Return the nodes inside that neither move nor stay: of each sliding patch, and of periodic pairs."""
     known, mesh = union(boundary.nodes, region.fixed), boundary.mesh
-    pairs = union(*(pair.nodes for pair in mesh.periodic if not is_thin(mesh, pair)))
+    pairs = union(*(pair.nodes for pair in mesh.periodic if not pair.thin))
     parts = [
         np.setdiff1d(np.intersect1d(nodes, region.inside, assume_unique=True), known, assume_unique=True)
         for nodes in (*(patch.nodes for patch in boundary.sliding), pairs)
@@ -283,13 +283,13 @@ def _zero_sites(
 
 def _on_box(boundary: PrescribedNodes, region: BoxNodes, spacing: float) -> FloatArray:
     """Return points (P, 3) on all faces of the box but its open ones; in a plane mesh on its outline there."""
-    if not boundary.mesh.plane:
+    mesh = boundary.mesh
+    if mesh.normal is None:
         sites = region.hexahedron.face_sites(spacing, skip=region.box.open_faces)
         around = _around_walls(boundary, region, spacing)
         return np.vstack([apart_from(sites, around, APART * spacing), around]) if len(around) else sites
-    outline = region.hexahedron.section(boundary.mesh.points[0], np.array([0.0, 0.0, 1.0]))
-    sites = border_sites(outline, spacing)
-    sites[:, 2] = boundary.mesh.points[0, 2]
+    sites = border_sites(region.hexahedron.section(mesh.points[0], mesh.normal), spacing)
+    sites[:, mesh.across] = mesh.points[0, mesh.across]
     return sites
 
 

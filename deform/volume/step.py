@@ -100,7 +100,7 @@ class Following:
         near_wall = NearWall.of(places, known, nearby, parts, reach.follow)
         places, parts = points[sites.slid], [part[part < certain] for part in parts]
         sliding = NearWall.of(places, known, Nearby.of(places, known, parts), parts, reach.follow)
-        turning = LocalRotation.of(known, sites.edges(boundary), certain, boundary.mesh.plane)
+        turning = LocalRotation.of(known, sites.edges(boundary), certain, boundary.mesh.normal)
         return cls(reach.follow, layers, near_wall, sliding, turning)
 
 

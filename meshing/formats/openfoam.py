@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import Polyhedra, Zone
-from sdm_deflect.deform.mesh.images import THIN, is_thin
+from sdm_deflect.deform.mesh.images import THIN
 from sdm_deflect.deform.mesh.mesh import DOUBLE, Mesh, MeshInPieces
 from sdm_deflect.meshing.files import fresh_folder
 
@@ -91,7 +91,7 @@ def write_mesh(mesh: Mesh, folder: Path, types: Mapping[str, str] | None = None)
     patches, renamed = _patches(mesh, whole, types or {})
     content = header("polyBoundaryMesh", "boundary") + boundary_text(patches)
     (folder / "boundary").write_text(content, encoding="utf-8")
-    return (*whole.lost, *renamed, *unwritten(pair for pair in mesh.periodic if not is_thin(mesh, pair)))
+    return (*whole.lost, *renamed, *unwritten(pair for pair in mesh.periodic if not pair.thin))
 
 
 def _patches(mesh: Mesh, whole: Bounded, types: Mapping[str, str]) -> tuple[list[FoamPatch], list[str]]:

@@ -194,7 +194,8 @@ def _sides(patches: Sequence[Patch], kind: Constraint, places: Places) -> Iterat
     elif kind == "wedge" and len(own) == 2:
         found = _wedge_sides(polygons_of(own[0].faces), polygons_of(own[1].faces), places)
     name = "_".join(dict.fromkeys(names))
-    yield Periodic(name, names, *(found or (np.empty((0, 2), dtype=np.intp),)))
+    nodes, rotation, shift = found or (np.empty((0, 2), dtype=np.intp), np.eye(3), np.zeros(3))
+    yield Periodic(name, names, nodes, rotation, shift, thin=True)
 
 
 def _flat_sides(faces: Polygons, places: Places) -> Sides | None:

@@ -13,7 +13,7 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, union
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.cells import Cells, Constraint, Patch, Periodic, Polygons, Polyhedra, Zone, taken
-from sdm_deflect.deform.mesh.images import fitted, is_thin, tolerance
+from sdm_deflect.deform.mesh.images import fitted, tolerance
 from sdm_deflect.deform.mesh.mesh import Mesh
 
 from .shapes import Faces, chosen
@@ -156,7 +156,7 @@ def with_pairs(mesh: Mesh, listed: Iterable[Listed], notes: tuple[str, ...] = ()
 
 def written_pairs(mesh: Mesh) -> list[Periodic]:
     """Return the pairs that a format with periodic sides can hold: of nodes, and not those of a case one cell thick."""
-    return [pair for pair in mesh.periodic if len(pair.nodes) and not is_thin(mesh, pair)]
+    return [pair for pair in mesh.periodic if len(pair.nodes) and not pair.thin]
 
 
 def unwritten(pairs: Iterable[Periodic]) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from sdm_deflect.deform.mesh.cells import Cells, Patch, Periodic
+from sdm_deflect.deform.mesh.images import THIN
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.openfoam import BARE, write_files, write_mesh
 from sdm_deflect.meshing.formats.openfoam_files import MESH
@@ -158,7 +159,8 @@ def bound(mesh, one, other, rotation=None, shift=(0.0, 0.0, 0.0), constraint="")
     images = mesh.points[nodes[0]] @ rotation.T + shift
     distance, rows = KDTree(mesh.points[nodes[1]]).query(images)
     assert distance.max() < 1e-12
-    pair = Periodic(one, (one, other), np.column_stack([nodes[0], nodes[1][rows]]), rotation, np.array(shift))
+    images = np.column_stack([nodes[0], nodes[1][rows]])
+    pair = Periodic(one, (one, other), images, rotation, np.array(shift), constraint in THIN)
     patches = tuple(replace(p, constraint=constraint) if p.name in (one, other) else p for p in mesh.patches)
     return replace(mesh, patches=patches, periodic=(*mesh.periodic, pair))
 
