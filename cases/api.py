@@ -153,7 +153,7 @@ class Result:
         Parameters
         ----------
         path : The file to write, or the folder of an OpenFOAM case; its suffix says the format.
-        to_solver : Refused: `studies.flow.case`, in a clone, writes cases for flow solvers.
+        to_solver : Removed: in a clone, `studies.flow.case` writes cases for flow solvers.
 
         Returns
         -------

@@ -160,27 +160,27 @@ def test_no_class_has_the_name_of_another():
 
 BUDGETS = {
     "cases": (626, 6),
-    "cases/aircraft": (2059, 13),
+    "cases/aircraft": (2069, 13),
     "cases/cli": (1379, 7),
     "cases/compare": (510, 4),
-    "cases/report": (2000, 10),
+    "cases/report": (2019, 10),
     "cases/run": (2103, 10),
     "cases/settings": (982, 5),
     "cases/view": (681, 4),
     "deform": (686, 3),
     "deform/base": (812, 6),
-    "deform/mesh": (4758, 18),
+    "deform/mesh": (4759, 18),
     "deform/rbf": (1621, 7),
     "deform/repair": (1570, 6),
     "deform/surface": (1094, 7),
-    "deform/volume": (3639, 13),
+    "deform/volume": (3686, 13),
     "geometry": (2071, 13),
     "meshing": (571, 5),
-    "meshing/formats": (9003, 37),
+    "meshing/formats": (9004, 37),
     "meshing/generate": (1566, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 8_479, 450
+MOST_COMPLEXITY, LONGEST = 8_507, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

@@ -114,6 +114,17 @@ class Case:
                 )
 
     @property
+    def ways(self) -> tuple[str, str]:
+        """Which way the first surface turns by a positive angle, and by a negative one."""
+        rudder = self.deflections[0].surface == "rudder"
+        return ("to port", "to starboard") if rudder else ("trailing edge down", "trailing edge up")
+
+    @property
+    def way(self) -> str:
+        """Which way the first surface turns by the angle of the case."""
+        return self.ways[self.angle < 0.0] if self.angle else "undeflected"
+
+    @property
     def strategy(self) -> Strategy:
         """How centres are chosen: for each direction, or common ones."""
         return self.adaptation.strategy

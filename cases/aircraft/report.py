@@ -49,7 +49,7 @@ def case_data(
     """Return what the report of a case shows of points (N, 3), of which a repair (N, 3) is a part."""
     mesh = plan.mesh
     return ReportData(
-        title=f"{case.title[:1].upper()}{case.title[1:]}, {case.angle:+g}\N{DEGREE SIGN}",
+        title=f"{case.title[:1].upper()}{case.title[1:]}, {case.angle:+g}\N{DEGREE SIGN} ({case.way})",
         facts=(
             ("case", case.name),
             ("scale, strategy", f"{case.scale}, {case.strategy.upper()}"),

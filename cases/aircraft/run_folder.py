@@ -85,8 +85,7 @@ class FinishedCase(FinishedRun):
     @property
     def display(self) -> Display:
         """How it is shown: without the far field and the face of a Chimera block."""
-        positive = "to port" if self.plan.surface == "rudder" else "trailing edge down"
-        return Display(self.case.title, positive, METRES, (FAR_FIELD, BLOCK), 1, LARGEST_TURN)
+        return Display(self.case.title, self.case.ways[0], METRES, (FAR_FIELD, BLOCK), 1, LARGEST_TURN)
 
     def report_data(self) -> ReportData:
         """Return what its report shows."""

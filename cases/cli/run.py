@@ -60,7 +60,7 @@ def run(
     if as_json:
         click.echo((folder / "metrics.json").read_text(encoding="utf-8"), nl=False)
     else:
-        title = f"{resolved.name} {resolved.angle:+g} deg, {resolved.scale}, {resolved.strategy}"
+        title = f"{resolved.name} {resolved.angle:+g} deg ({resolved.way}), {resolved.scale}, {resolved.strategy}"
         warned = warnings_of(result.deflection.plan)
         last = outcome(result.checks, warned)
         lines = (*summary(result), f"results in {folder}", *rigid_lines(result.checks), last)

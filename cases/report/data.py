@@ -163,7 +163,7 @@ class Box:
         return cls(
             name=name,
             surfaces=tuple(surfaces),
-            hexahedron=plan.region.hexahedron,
+            hexahedron=plan.hexahedron,
             nodes=plan.changed,
             sites=plan.sites.moving,
             touched=plan.touched,

@@ -13,7 +13,7 @@ from matplotlib.colors import to_hex
 from sdm_deflect.cases.run.metrics import Json
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray, distinct, union
 from sdm_deflect.deform.mesh.cells import Cells, Patch, Polyhedra
-from sdm_deflect.deform.mesh.edges import area_vectors, edges_of, polygons_of, sharp_edges
+from sdm_deflect.deform.mesh.edges import area_vectors, edges_of, polygons_of, sharp_edges, unit
 from sdm_deflect.deform.mesh.faces import FACES
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import quality_of
@@ -47,6 +47,10 @@ EDGE = 0.02
 """Around everything, by its largest extent: what touches the end of an axis is clipped."""
 FLAT = 1e-3
 """Height of what is drawn of the hexahedron around a plane mesh, over its own."""
+ARROW = 0.25
+"""Length of an arrow over the surface's largest extent."""
+SHAPE = np.array([[0.0, -0.03], [0.0, 0.03], [0.7, 0.03], [0.7, -0.03], [0.7, -0.12], [0.7, 0.12], [1.0, 0.0]])
+"""Corners of its shaft and its head, along it and across, over its length."""
 SHADES = 9
 CREASE = 20.0
 """Edges at which faces turn by more degrees stay as they are in thinned patches."""
@@ -69,6 +73,7 @@ def turnable(data: ReportData, most_cells: int = MOST_CELLS, most_triangles: int
     return {
         "patches": list(patches(data, most_triangles)),
         "boxes": [{"name": one.name, "segments": single(_corners_shown(data, one)[edges])} for one in data.boxes],
+        "arrows": {"segments": single(_arrows(data))},
         "dots": list(dots(data)),
         "cells": cells(data, most_cells),
         "views": list(views(data)),
@@ -85,6 +90,20 @@ def turnable(data: ReportData, most_cells: int = MOST_CELLS, most_triangles: int
         "factor": data.length.factor,
         "middle": data.length.factor * float(data.middle[1]),
     }
+
+
+def _arrows(data: ReportData) -> FloatArray:
+    """Return the triangles (T, 3, 3) of an arrow for each surface: from its farthest node on, which way it moved."""
+    triangles = [np.empty((0, 3, 3))]
+    for surface in data.surfaces:
+        places, ends = data.mesh.points[surface.nodes], data.points[surface.nodes]
+        row = int(np.argmax(np.linalg.norm(ends - places, axis=1)))
+        way = unit((ends - places)[row : row + 1])[0]
+        first = unit(np.cross(way, np.eye(3)[2 if data.mesh.plane else int(np.argmin(np.abs(way)))])[None])[0]
+        for across in (first, np.cross(way, first)):
+            corners = ends[row] + ARROW * float(np.ptp(places, axis=0).max()) * (SHAPE @ np.array([way, across]))
+            triangles.append(corners[[[0, 1, 2], [0, 2, 3], [4, 5, 6]]])
+    return np.concatenate(triangles)
 
 
 def patches(data: ReportData, most: int) -> Iterator[Json]:

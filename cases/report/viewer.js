@@ -161,6 +161,9 @@
       patch.outline = segments(positions(patch.points), patch.edges.filter((_, i) => off(patch.edges[i - i % 2]) || off(patch.edges[i - i % 2 + 1])), "#0072b2");
     }
     for (const group of groups) group.mesh = solid();
+    const arrows = solid(); // which way the surfaces moved
+    arrows.geometry.setAttribute("position", positions(lengthsOf(data.arrows.segments)));
+    arrows.material.color.set("#e69f00");
     const outlines = boxes.map((points) => segments(positions(points), null, "#cc00cc"));
     const clouds = dots.map((one) => {
       const geometry = new THREE.BufferGeometry();
@@ -331,6 +334,7 @@
     function draw() {
       patches.forEach(surface);
       const only = viewed().box;
+      arrows.visible = !data.live && control("overlay").checked && state !== "undeflected";
       outlines.forEach((one, i) => { one.visible = control("box").checked && (only === null || only === i); });
       clouds.forEach((one, i) => { one.visible = control(dots[i].group).checked; });
       cells();

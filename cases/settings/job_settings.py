@@ -48,11 +48,11 @@ BLENDED, IN_WORDS = Only(("blended",)), Only(("rigid", "blended"))
 
 
 def points_of(value: Any) -> Any:
-    """Return points, texts ``x,y,z`` among them as numbers; of a point of a plane mesh alone a list."""
+    """Return points, texts ``x,y,z`` among them as numbers; of a point alone a list."""
     value = value.tolist() if hasattr(value, "tolist") else value
     if not isinstance(value, list | tuple):
         return value
-    if len(value) == 2 and not any(isinstance(x, Iterable) for x in value):
+    if len(value) in (2, 3) and not any(isinstance(x, Iterable) for x in value):
         return [value]
     return [_point(item) if isinstance(item, str) else item for item in value]
 

@@ -403,9 +403,10 @@ class Mesh:
 
 
 def meant(wildcard: str, patch: str) -> bool:
-    """True if the wildcard stands for the patch, or for its name without that of its zone."""
+    """True if the wildcard stands for the patch, for its name without that of its zone, or for the whole of a part."""
     name = patch.rpartition("/")[2]
-    return fnmatchcase(patch, wildcard) or (wildcard != name and fnmatchcase(name, wildcard))
+    whole = wildcard != name and (fnmatchcase(name, wildcard) or name.startswith(f"{wildcard}#"))
+    return fnmatchcase(patch, wildcard) or whole
 
 
 def gathered(pieces: Pieces, nodes: IntArray) -> FloatArray:

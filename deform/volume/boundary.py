@@ -2,6 +2,7 @@
 
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,7 +13,6 @@ from sdm_deflect.deform.mesh.faces import node_keys, patch_keys
 from sdm_deflect.deform.mesh.images import THIN, Images, plane_of
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.sliding import Plane, SlidingPatch, fitted
-from sdm_deflect.deform.mesh.thin import ThinMesh
 from sdm_deflect.deform.rbf.problem import XYZ
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import MotionLaw
@@ -20,6 +20,9 @@ from sdm_deflect.deform.surface.placement import Placement, Reached
 from sdm_deflect.deform.surface.surface import Surface
 
 from .job import Job
+
+if TYPE_CHECKING:
+    from sdm_deflect.deform.mesh.thin import ThinMesh
 
 ZERO_LENGTH = 1e-9  # of the moving surfaces' size: lengths below are zero
 LEAST = 1e-8  # length of the moving surfaces, as a share of the largest coordinate or of 1
@@ -68,7 +71,7 @@ class PrescribedNodes:
     sides: tuple[str, ...] = ()
     walls: tuple[Plane, ...] = ()
     covered: tuple[str, ...] = ()
-    thin: ThinMesh | None = None
+    thin: "ThinMesh | None" = None
     known: Mapping[Amounts, FloatArray] = field(default_factory=dict, repr=False)
 
     @classmethod
@@ -287,9 +290,13 @@ class PrescribedNodes:
         return all(axis and abs(float(axis.direction @ n)) < ACROSS for n in normals for axis in axes) and bool(normals)
 
 
-def _thin(mesh: Mesh, job: Job) -> tuple[ThinMesh | None, Mesh]:
+def _thin(mesh: Mesh, job: Job) -> "tuple[ThinMesh | None, Mesh]":
     """Return the mesh as one that is one cell thick, if it is that, and the mesh on which displacements are known."""
-    thin = None if job.sections else ThinMesh.of(mesh, job.fixed)
+    if job.sections or not any(pair.thin for pair in mesh.periodic):
+        return None, mesh
+    from sdm_deflect.deform.mesh.thin import ThinMesh
+
+    thin = ThinMesh.of(mesh, job.fixed)
     return thin, thin.mesh if thin else mesh
 
 

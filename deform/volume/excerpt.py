@@ -7,7 +7,7 @@ Pieces of a mesh compared with a box: which nodes lie inside, which cells they t
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -22,12 +22,14 @@ from sdm_deflect.deform.mesh.mesh import Mesh, MeshInPieces, Pieces, Runner, Who
 from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra, joined
 from sdm_deflect.deform.mesh.quality import inverted_of, other_hand, other_handed
 from sdm_deflect.deform.mesh.standard import POLYHEDRON
-from sdm_deflect.deform.mesh.thin import Halfway
 from sdm_deflect.deform.mesh.touched import touching
 
 from .boundary import PrescribedNodes
 from .job import Job, prepared
 from .region import confined
+
+if TYPE_CHECKING:
+    from sdm_deflect.deform.mesh.thin import Halfway
 
 PROBES, PROBED = 8, 1 << 14
 """Places in a block of cells where their order is looked at, and cells at each."""
@@ -72,7 +74,7 @@ class ScanTask:
     keys: Keys = field(repr=False)
     faces: Keys = field(repr=False)
     sign: tuple[float, ...]
-    halfway: Halfway | None = None
+    halfway: "Halfway | None" = None
     held: Window | None = field(default=None, repr=False)
 
     def holding(self) -> "ScanTask":

@@ -12,7 +12,7 @@ from os import PathLike
 from pathlib import Path
 from shutil import copymode
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -22,7 +22,6 @@ from sdm_deflect.deform.base.errors import InputError, damaged, read_arrays
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.cells import bounded
-from sdm_deflect.deform.mesh.thin import Halfway
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.rbf.kernels import arrays_of, stored_kernel
 
@@ -30,6 +29,9 @@ from .deflection import BoxDeflection, Deflection
 from .near_wall import Nearby, NearWall
 from .region import ON_FACE
 from .step import Step
+
+if TYPE_CHECKING:
+    from sdm_deflect.deform.mesh.thin import Halfway
 
 POINTS_AT_A_TIME = 1 << 18
 """Nodes moved at a time."""
@@ -106,7 +108,7 @@ class FieldBox:
     places: FloatArray = field(repr=False)
     ends: FloatArray = field(repr=False)
     planes: FloatArray = field(repr=False)
-    halfway: Halfway | None = None
+    halfway: "Halfway | None" = None
 
     @classmethod
     def of(cls, one: BoxDeflection) -> "FieldBox":
@@ -192,6 +194,10 @@ class Field:
     boxes: tuple[FieldBox, ...]
     failed: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        known = sum(len(box.places) for box in self.boxes)
+        return f"Field({len(self.boxes)} boxes, {known} nodes with known ends, failed checks: {self.failed or 'none'})"
+
     @classmethod
     def of(cls, deflected: Deflection, failed: Iterable[str] = ()) -> "Field":
         """Take what a deflection has found, and the names of the checks that it failed.
@@ -264,7 +270,11 @@ def _box(stored: Mapping[str, Any], b: int) -> FieldBox:
         raise ValueError(f"places {places.shape} and ends {ends.shape} must be (K, 3) both")
     steps = tuple(_step(stored, f"_{b}_{i}") for i in _counted(stored, f"steps_{b}"))
     zones = tuple(stored[f"zones_{b}"].tolist())
-    halfway = Halfway.stored(bounded(stored[f"halfway_{b}"], "halfway")) if f"halfway_{b}" in stored else None
+    halfway = None
+    if f"halfway_{b}" in stored:
+        from sdm_deflect.deform.mesh.thin import Halfway
+
+        halfway = Halfway.stored(bounded(stored[f"halfway_{b}"], "halfway"))
     return FieldBox(Hexahedron(stored[f"corners_{b}"]), zones, steps, places, ends, planes.reshape(-1, 3), halfway)
 
 

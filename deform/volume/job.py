@@ -1,17 +1,16 @@
 """A job: one frozen value that says what is to move in a mesh, and how."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from operator import is_
 
-from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.arrays import FloatArray, distinct
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.images import PeriodicPatches, paired
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.images import PeriodicPatches, paired, plane_of
+from sdm_deflect.deform.mesh.mesh import Mesh, meant
 from sdm_deflect.deform.mesh.quality import one_hand
-from sdm_deflect.deform.mesh.selection import Selection, selected
+from sdm_deflect.deform.mesh.selection import MARK, Part, Selection, selected
 from sdm_deflect.deform.mesh.sliding import NAMES, SHAPES
-from sdm_deflect.deform.mesh.thin import with_sides
 from sdm_deflect.deform.rbf.fitting import JobOptions
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Motion, Moving
@@ -144,15 +143,20 @@ class Job(JobOptions):
 def prepared(mesh: Mesh, jobs: Sequence[Job]) -> Mesh:
     """Turn the jobs' selections into patches and their periodic patches into pairs; all jobs name the same.
 
-    Both sides of a mesh one cell thick become a pair if they slide in their planes.
+    A patch that slides on its plane and is no plane is cut into its parts if each of these is one. Both sides of a mesh
+    one cell thick become a pair if they slide in their planes.
 
     Cells of a block that are counted in the other hand than most are turned over.
 
     Raises InputError if one of them does not suit the mesh.
     """
-    names = tuple(dict.fromkeys(name for job in jobs for name in job.names))
+    names = tuple(dict.fromkeys(name for job in jobs for name in (*job.names, *_in_planes(mesh, job))))
     mesh = paired(selected(mesh, jobs[0].selections, names), jobs[0].periodic)
-    mesh = with_sides(mesh, set.intersection(*(_planes(mesh, job) for job in jobs)))
+    planes = set.intersection(*(_planes(mesh, job) for job in jobs))
+    if len(planes) > 1:
+        from sdm_deflect.deform.mesh.thin import with_sides
+
+        mesh = with_sides(mesh, planes)
     cells = tuple(one_hand(mesh.points, block) for block in mesh.cells) if not mesh.whole else mesh.cells
     return mesh if all(map(is_, cells, mesh.cells)) else replace(mesh, cells=cells)
 
@@ -160,6 +164,18 @@ def prepared(mesh: Mesh, jobs: Sequence[Job]) -> Mesh:
 def ratios_of(jobs: Sequence[Job]) -> tuple[float, ...]:
     """Return the amount of each surface of all jobs per unit of the first one's; InputError as of `Job.ratios`."""
     return tuple(amount for job in jobs for amount in job.amounts_at(job.beside(jobs[0], 1.0)))
+
+
+def _in_planes(mesh: Mesh, job: Job) -> Iterator[str]:
+    """Yield the parts of patches that slide on a plane, and are none, but whose parts are: ``sides#*``."""
+    slide = [one.patch for one in job.slides if one.shape == "plane"]
+    for patch in mesh.patches:
+        wanted = any(meant(text, patch.name) for text in slide) or patch.constraint == "symmetry"
+        if wanted and len(patch) and not plane_of(mesh, patch.nodes):
+            whole = Part.of(mesh, patch)
+            parts = whole.cut(whole.components(), MARK)
+            if all(plane_of(mesh, distinct(part.faces.nodes)) for part in parts):
+                yield f"{patch.name}{MARK}*"
 
 
 def _planes(mesh: Mesh, job: Job) -> set[str]:

@@ -10,6 +10,7 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray, union
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import Progress, silent
+from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.faces import BoundaryGaps
 from sdm_deflect.deform.mesh.mesh import EVERY_BIT, HERE, Mesh, Precision, Runner
 from sdm_deflect.deform.mesh.orthogonality import TouchedFaces
@@ -93,6 +94,17 @@ class BoxPlan:
     def surface(self) -> str:
         """Name of the first moving patch: the control surface."""
         return self.patches[0]
+
+    @property
+    def hexahedron(self) -> Hexahedron:
+        """The box; around a mesh one cell thick it is at least as high as that."""
+        box, thin = self.region.hexahedron, self.boundary.thin
+        if not thin:
+            return box
+        corners, across, station = box.corners.copy(), thin.halfway.component, thin.halfway.station
+        heights, thick = corners[:, across] - station, float(np.ptp(thin.points[:, across]))
+        corners[:, across] = station + max(1.0, thick / float(np.abs(heights).max())) * heights
+        return Hexahedron(corners)
 
     @property
     def inside(self) -> IntArray:

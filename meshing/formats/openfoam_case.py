@@ -405,7 +405,8 @@ def points_folder(path: Path) -> Path:
         if any((folder / name).is_file() for name in POINTS):
             return folder
         if (folder / "faces").is_file() and (others := sorted(one.name for one in folder.glob("points*"))):
-            raise MeshFileError(f"{folder} has no points; there is {short_list(others)}: copy it to points")
+            copy = f"copy it to points{'.gz' * others[0].endswith('.gz')}"
+            raise MeshFileError(f"{folder} has no points; there is {short_list(others)}: {copy}")
     if any(is_part(folder) for folder in sorted(case.glob(STALE[0]))):
         raise MeshFileError(f"{case}: {OF_PARTS.format(case)}")
     if not path.exists():

@@ -200,7 +200,7 @@ def test_its_command_is_printed(page):
 
 
 def test_markup_in_a_title_is_text(page):
-    assert page.inner_text("h1") == f"{MARKUP}, -12°"
+    assert page.inner_text("h1") == f"{MARKUP}, -12° (trailing edge up)"
     assert page.locator("#injected").count() == 0
 
 

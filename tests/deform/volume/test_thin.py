@@ -18,6 +18,7 @@ from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.field import Field
 from sdm_deflect.deform.volume.plan import Plan
+from tests.deform.blocks import block_with_body
 from tests.deform.jobs import job
 from tests.deform.paired import about_x, bound, section, wedge
 from tests.deform.volume.test_excerpt import in_pieces
@@ -170,3 +171,28 @@ def test_the_plane_is_known_from_its_numbers():
         assert np.array_equal(again.places(mesh.points), one.places(mesh.points))
     with pytest.raises(ValueError, match="not in list"):
         Halfway.stored(np.array([3.0, 0.0]))
+
+
+def one_patch(mesh, names, name="sides"):
+    """The mesh with some patches as one."""
+    blocks = [block for one in names for block in mesh.patch(one).faces]
+    faces = (Cells(blocks[0].shape, np.vstack([block.nodes for block in blocks])),)
+    return replace(mesh, patches=(*(p for p in mesh.patches if p.name not in names), Patch(name, faces)))
+
+
+def test_a_patch_whose_parts_are_planes_slides_on_each():
+    for mesh in (thick(0.1, "symmetry"), block_with_body(8)):
+        names = [name for name in mesh.names if name in ("side0", "side1", "y-", "y+")]
+        patches = tuple(replace(patch, constraint="") for patch in mesh.patches)
+        apart = replace(mesh, patches=patches)
+        hinge = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+        wanted = WANTED if "flap" in mesh.names else job(["body"], hinge, fixed=("x-", "x+", "z-", "z+"))
+        slides = [job(["flap"], slide=dict.fromkeys(sides, "plane")).slides for sides in (names, ["sides"])]
+        one = turned(apart, replace(wanted, slides=slides[0]))
+        other = turned(one_patch(apart, names), replace(wanted, slides=slides[1]))
+        assert np.array_equal(one.points, other.points)
+        checks = {check.name for check in checks_of(other)}
+        assert {"on_sides#1", "on_sides#2"} <= checks or "plane_sides#1_sides#2" in checks
+    box = one_patch(block_with_body(8), ["x-", "y-"])
+    with pytest.raises(InputError, match="the patch is no plane"):
+        turned(box, job(["body"], hinge, slide={"sides": "plane"}))
