@@ -342,6 +342,15 @@
       redraw();
     }
 
+    // A section shows all cells that it cuts; without one the choice of before returns.
+    let before = null;
+    function cutting() {
+      const cells = control("cells"), threshold = control("threshold"), now = [cells.checked, threshold.value];
+      const cuts = control("axis").value !== "none";
+      [cells.checked, threshold.value] = cuts ? [true, 1] : before || now;
+      before = cuts ? before || now : null;
+    }
+
     // What the first view holds: the moving surfaces of it at half the width, or everything.
     function framed() {
       const view = viewed(), parts = view.near ? moving.filter((one) => one.surface && view.near.includes(one.own)) : [];
@@ -520,9 +529,10 @@
       }
       data.views.forEach((view, i) => control("view").add(new Option(view.name, String(i))));
       control("view").addEventListener("change", first);
+      if (boxes.length > 1 && !data.live) control("view").value = String(data.views.length - 1);
       for (const name of ["view", "lines", "overlay", "box", "sites", "centres", "cells", "colour", "axis"]) {
         control(name).addEventListener("change", () => {
-          if (control("axis").value !== "none" && name === "axis") { control("cells").checked = true; control("threshold").value = 1; }
+          if (name === "axis") cutting();
           if (coloured() === "change" && name === "colour") control("cells").checked = true;
           draw();
         });

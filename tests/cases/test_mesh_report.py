@@ -329,3 +329,24 @@ def test_turnable_cells_of_polyhedra_are_triangles_of_their_own():
     (group,) = turnable(data)["cells"]["groups"]
     cell = np.frombuffer(b64decode(group["cell"]), "<u4")
     assert np.bincount(cell).tolist() == [12] * len(one.plan.touched.rows[0])
+
+
+def test_an_arrow_shows_which_way_each_surface_moved():
+    hinge = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
+    for angle in (5.0, -5.0):
+        job = Job((Moving(("body",), Rotation.about(*hinge), angle),))
+        one = deflect(Plan.of(block_with_body(), [job]), angle)
+        scene = turnable(folders.data_of(one))
+        triangles = np.frombuffer(b64decode(scene["arrows"]["segments"]), "<f4").reshape(-1, 3, 3)
+        assert len(triangles) == 6, "two crossed arrows of three triangles"
+        tips = triangles[[2, 5], 2]
+        moved = np.linalg.norm(one.points - one.plan.mesh.points, axis=1)
+        row = int(np.argmax(moved))
+        way = (one.points - one.plan.mesh.points)[row] / moved[row]
+        for tip in tips:
+            np.testing.assert_allclose(
+                tip,
+                one.points[row]
+                + 0.25 * np.ptp(block_with_body().points[block_with_body().on("body")], axis=0).max() * way,
+                atol=1e-5,
+            )
