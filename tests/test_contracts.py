@@ -164,7 +164,7 @@ BUDGETS = {
     "cases/cli": (1379, 7),
     "cases/compare": (510, 4),
     "cases/report": (2019, 10),
-    "cases/run": (2103, 10),
+    "cases/run": (2105, 10),
     "cases/settings": (982, 5),
     "cases/view": (681, 4),
     "deform": (686, 3),

@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from sdm_deflect.deform.base import threads
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.errors import InputError, short_list
 from sdm_deflect.deform.base.threads import Progress
 from sdm_deflect.deform.checks import Check, layers_of, run, verdict
 from sdm_deflect.deform.mesh.mesh import HERE, Mesh, Runner, check_unchanged, held
@@ -139,6 +139,7 @@ def _deflected(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: R
     summaries: list[AngleSummary] = []
     names: list[Path] = []
     lost: tuple[str, ...] = ()
+    older = [path.name for path in map(wanted.mesh, wanted.angles) if path.exists()]
     with permitted_as(wanted.source), output_files(wanted.out.parent) as scratch:
         for deflection, checks in run(plan, wanted.angles, watch.stage):
             summaries.append(AngleSummary.of(deflection, checks))
@@ -166,8 +167,9 @@ def _deflected(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: R
         check_unchanged(plan.mesh.files)
         wanted.keep_tables(scratch)
     lacking = lacks("report") if wanted.reported else ""
-    notes = (f"there is no report.html: {lacking}",) if lacking else ()
-    return Outcome(plan, tuple(summaries), tuple(names), wanted.reports, lost, notes)
+    notes = [f"there is no report.html: {lacking}"] * bool(lacking)
+    notes += [f"an older {short_list(older)} was replaced"] * bool(older)
+    return Outcome(plan, tuple(summaries), tuple(names), wanted.reports, lost, tuple(notes))
 
 
 def write_angle(wanted: Targets, deflection: Deflection, out: Path, progress: Progress) -> tuple[str, ...]:
