@@ -58,11 +58,13 @@ def hidden_folder(beside: Path | None = None) -> Iterator[Path]:
         with undisturbed():
             place = Path(tempfile.mkdtemp(END, NAME, home))
             _hidden.add(place)
-        with (place / LOCK).open("xb") as lock:
+        with (place / f"{LOCK}ing").open("xb") as lock:
             with suppress(OSError, ModuleNotFoundError):  # where there are no locks, nobody removes the folder
                 import fcntl
 
                 fcntl.flock(lock, fcntl.LOCK_EX)
+            with suppress(OSError):  # it has its name only when it is locked; Windows renames no open file
+                os.rename(lock.name, place / LOCK)
             yield place
     finally:
         with undisturbed():

@@ -346,3 +346,20 @@ def test_what_is_replaced_keeps_its_permissions(tmp_path):
     assert [now[name] for name in ("mesh", "run", "run/data", "run/notes.txt")] == ["600", "710", "640", "666"]
     assert now["run/more"] == "600"
     assert (home / "mesh").read_text() == "new"
+
+
+def test_doctor_leaves_a_folder_that_is_about_to_be_locked(tmp_path, monkeypatch):
+    """Between its making and its lock nothing may take it."""
+    import fcntl
+
+    real = fcntl.flock
+
+    def late(lock, how):
+        if how == fcntl.LOCK_EX:
+            examination.leftovers(tmp_path)
+        return real(lock, how)
+
+    monkeypatch.setattr(fcntl, "flock", late)
+    with files.hidden_folder(tmp_path) as place:
+        (place / "kept").touch()
+        assert (place / files.LOCK).exists()
