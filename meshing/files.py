@@ -64,7 +64,7 @@ def hidden_folder(beside: Path | None = None) -> Iterator[Path]:
 
                 fcntl.flock(lock, fcntl.LOCK_EX)
             with suppress(OSError):  # it has its name only when it is locked; Windows renames no open file
-                os.rename(lock.name, place / LOCK)
+                Path(lock.name).rename(place / LOCK)
             yield place
     finally:
         with undisturbed():
