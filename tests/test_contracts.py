@@ -173,7 +173,7 @@ BUDGETS = {
     "deform/rbf": (1621, 7),
     "deform/repair": (1570, 6),
     "deform/surface": (1094, 7),
-    "deform/volume": (3686, 13),
+    "deform/volume": (3688, 13),
     "geometry": (2071, 13),
     "meshing": (573, 5),
     "meshing/formats": (9004, 37),

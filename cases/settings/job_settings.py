@@ -48,7 +48,7 @@ BLENDED, IN_WORDS = Only(("blended",)), Only(("rigid", "blended"))
 
 
 def points_of(value: Any) -> Any:
-    """Return points, texts ``x,y,z`` among them as numbers; of a point alone a list."""
+    """Return points as numbers, given as texts ``x,y,z`` or numbers; a single point becomes a list of one."""
     value = value.tolist() if hasattr(value, "tolist") else value
     if not isinstance(value, list | tuple):
         return value

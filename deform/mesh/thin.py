@@ -63,14 +63,14 @@ class Halfway:
 
     @classmethod
     def stored(cls, numbers: FloatArray) -> Halfway:
-        """Return the plane of `numbers`; ValueError for others."""
+        """Return the plane that `numbers` describes; ValueError if it describes none."""
         component, station, *rest = numbers.tolist()
         wedge = np.reshape(rest, (-1, 3))
         return cls([0.0, 1.0, 2.0].index(component), station, *((Axis(*wedge[:2]), wedge[2]) if len(wedge) else ()))
 
     @property
     def numbers(self) -> FloatArray:
-        """All that it is, as a row of 2 numbers, or 11 of a wedge."""
+        """Its attributes as one row, for a file: 2 numbers, 11 for a wedge."""
         wedge = [*self.axis.point, *self.axis.direction] if self.axis else []
         return np.array([self.component, self.station, *wedge, *([] if self.outward is None else self.outward)])
 
@@ -167,7 +167,7 @@ def _sides(mesh: Mesh) -> Periodic | None:
 def _outlines(mesh: Mesh, pair: Periodic, front: IntArray) -> tuple[Patch, ...] | None:
     """Return the patches as lines between front nodes, given that of each node (N,), and the sides without any.
 
-    None if a face leads from no front node to another one.
+    None if a face does not lead from the front to the back.
     """
     patches = []
     for patch in mesh.patches:

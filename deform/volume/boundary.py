@@ -253,14 +253,16 @@ class PrescribedNodes:
 
     def _keep_plane(self, displacement: FloatArray) -> None:
         """Keep a displacement (K, 3) in the plane of a plane mesh; InputError if it leaves that."""
-        off = np.abs(displacement[:, self.mesh.across]) if self.mesh.plane else np.zeros(1)
-        if off.max(initial=0.0) > (ALIKE * np.abs(displacement).max() if self.thin else 0.0):
+        if not self.mesh.plane:
+            return
+        off = np.abs(displacement[:, self.mesh.across]).max(initial=0.0)
+        if off > (ALIKE * np.abs(displacement).max() if self.thin else 0.0):
             hinge = "the hinge must be normal to it" if self.thin else "give the hinge as one point, such as 0.7,0"
             raise InputError(
-                f"{self.mesh.name}: the surface would leave the plane of the mesh by {float(off.max()):.4g}; {hinge}, "
+                f"{self.mesh.name}: the surface would leave the plane of the mesh by {off:.4g}; {hinge}, "
                 f"and displacements without {'xyz'[self.mesh.across]}"
             )
-        displacement[:, self.mesh.across] *= not self.mesh.plane
+        displacement[:, self.mesh.across] = 0.0
 
     def _left_behind(self, displacement: FloatArray) -> float:
         """Hold moving nodes whose images are on no moving surface; return their largest displacement."""
@@ -291,7 +293,7 @@ class PrescribedNodes:
 
 
 def _thin(mesh: Mesh, job: Job) -> "tuple[ThinMesh | None, Mesh]":
-    """Return the mesh as one that is one cell thick, if it is that, and the mesh on which displacements are known."""
+    """Return the mesh as one cell thick, None if it is not, and the mesh on which motions are interpolated."""
     if job.sections or not any(pair.thin for pair in mesh.periodic):
         return None, mesh
     from sdm_deflect.deform.mesh.thin import ThinMesh

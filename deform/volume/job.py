@@ -167,7 +167,7 @@ def ratios_of(jobs: Sequence[Job]) -> tuple[float, ...]:
 
 
 def _in_planes(mesh: Mesh, job: Job) -> Iterator[str]:
-    """Yield the parts of patches that slide on a plane, and are none, but whose parts are: ``sides#*``."""
+    """Yield ``NAME#*`` for each patch that is to slide on a plane and consists of several plane parts."""
     slide = [one.patch for one in job.slides if one.shape == "plane"]
     for patch in mesh.patches:
         wanted = any(meant(text, patch.name) for text in slide) or patch.constraint == "symmetry"

@@ -221,6 +221,27 @@ def test_a_first_surface_that_stays_does_not_keep_the_second_from_moving(sdm, tm
     assert "put 'right' first" in complaint
 
 
+def test_a_mesh_that_replaces_an_older_one_says_so(sdm, tmp_path):
+    FORMATS["su2"].write(two_bodies(), tmp_path / "pair.su2")
+    hinge = ("--hinge", "-1,0,0", "-1,1,0", "--no-report", "--quiet", "--out", tmp_path / "turned.su2")
+    words = ("deflect", tmp_path / "pair.su2", "--surface", "left", *hinge, "--angle")
+    assert "was replaced" not in sdm(*words, 5)[1]
+    assert "note: an older turned.su2 was replaced" in sdm(*words, 6)[1]
+
+
+def test_the_files_of_a_sweep_name_the_amounts_of_all_surfaces(sdm, tmp_path):
+    FORMATS["su2"].write(two_bodies(), tmp_path / "pair.su2")
+    (tmp_path / "job.toml").write_text(
+        '[[surface]]\npatches = "left"\nhinge = [[-1, 0, 0], [-1, 1, 0]]\nangle = 10\n'
+        '[[surface]]\npatches = "right"\nhinge = [[1, 0, 0], [1, 1, 0]]\nangle = -5\n'
+    )
+    words = ("--config", tmp_path / "job.toml", "--no-report", "--quiet", "--angles", "-4,2")
+    code, said, error = sdm("deflect", tmp_path / "pair.su2", *words)
+    assert code == 0, said + error
+    names = {path.name for path in tmp_path.glob("*deflected*")}
+    assert names == {"pair-deflected_-4_+2.su2", "pair-deflected_+2_-1.su2"}
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
