@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.cases.aircraft.case import Case, Confinement
+from sdm_deflect.cases.aircraft.case import Case
 from sdm_deflect.cases.aircraft.job import ON_LINE, distance_to_line, panel_of
 from sdm_deflect.cases.aircraft.pipeline import meshed
 from sdm_deflect.cases.aircraft.registry import case_named
@@ -25,7 +25,7 @@ from sdm_deflect.deform.volume.step import initial_centers
 from sdm_deflect.geometry import datum
 from sdm_deflect.geometry.parameters import Fighter
 from studies.loop import Ended, Gmres, adapted
-from studies.measure import SiteGroups, sites_of
+from studies.measure import SiteGroups, scaled, sites_of
 from studies.paper import Row, Table, paper
 from studies.trials import GMRES, NOTHING, TOLERANCE, Trial
 
@@ -201,12 +201,6 @@ def variations(case: Case, mesh: Mesh) -> Iterator[tuple[str, str, Model]]:
         noise = np.random.default_rng(SEED).uniform(-metres, metres, (len(panel), 3)) * panel[:, None]
         rough = model.displaced(lambda values, d, noise=noise: values + noise[:, d])  # type: ignore[misc]
         yield "fuselage panel", f"rough by {1e3 * metres:g} mm", rough
-
-
-def scaled(confinement: Confinement, share: float) -> Confinement:
-    """Return a confinement whose margins are a share of what they were."""
-    names = ("aft", "outboard", "up", "down")
-    return replace(confinement, **{name: share * getattr(confinement, name) for name in names})
 
 
 def edges(sites: SiteGroups, surface: str) -> IndexArray:

@@ -13,22 +13,24 @@ from matplotlib.figure import Figure
 from numba import get_num_threads
 
 from sdm_deflect.cases.aircraft.metrics import Run
-from sdm_deflect.cases.aircraft.pipeline import meshed, run_case
+from sdm_deflect.cases.aircraft.pipeline import mesh_parameters, meshed, run_case
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.report.pictures import write_png
 from sdm_deflect.cases.run.progress import Stopwatch
-from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import Stage
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
-from sdm_deflect.deform.rbf.fitting import Strategy
-from sdm_deflect.meshing.files import hidden_folder
+from sdm_deflect.deform.rbf.fitting import RepairMode, Strategy
+from sdm_deflect.meshing.cache import cache_key
+from sdm_deflect.meshing.files import hidden_folder, replacing
 from sdm_deflect.meshing.mesh import tets_of, touching
 from studies import pictures as aircraft
-from studies.files import write_csv, write_plot
+from studies.files import read_rows, write_csv, write_plot
 from studies.measure import run_study, sites_of, timed
 from studies.paper import QualityStatement, paper
 from studies.rendering import Picture, figure_of
+from studies.trends import verdicts
 
 FILE = "page.json"
 Numbers = dict[str, Any]
@@ -52,29 +54,61 @@ class Sources:
         """Return a finished run with the paper's rule of adding centres, unrepaired, validated like every run."""
         key = (name, angle, strategy)
         if key not in self._runs:
-            case = case_named(name, self.scale)
-            adaptation = replace(case.adaptation, rule="worst", strategy=strategy)
-            case = replace(case, angle=angle, adaptation=adaptation, repair="off")
-            with TemporaryDirectory(dir=self.folder) as scratch:
-                self._runs[key] = run_case(case, Stopwatch(self.show), Path(scratch), self.cache)
+            self._runs[key] = self.repaired(name, angle, strategy, "off")
         return self._runs[key]
+
+    def repaired(self, name: str, angle: float, strategy: Strategy, repair: RepairMode = "auto") -> Run:
+        """Return the same with a repair; it is not kept for other sections."""
+        case = case_named(name, self.scale)
+        adaptation = replace(case.adaptation, rule="worst", strategy=strategy)
+        case = replace(case, angle=angle, adaptation=adaptation, repair=repair)
+        with TemporaryDirectory(dir=self.folder) as scratch:
+            return run_case(case, Stopwatch(self.show), Path(scratch), self.cache, report=False)
 
 
 Measure = Callable[[Sources, Numbers, Path], None]
 """Measures a section into numbers, and writes its pictures and tables into a folder."""
 
 
-def write_page(scale: str, folder: Path, show: Stage, cache: bool = True) -> None:
-    """Write figures/ and tables/ into `folder`, with all other numbers in tables/page.json."""
+def write_page(scale: str, folder: Path, show: Stage, cache: bool = True) -> Numbers:
+    """Write figures/ and tables/ into `folder`, with all other numbers in tables/page.json, and return these.
+
+    Sections that the folder holds already are not measured again. Raises InputError if they are of other meshes.
+    """
     for name in ("figures", "tables"):
-        (folder / name).mkdir()
-    numbers: Numbers = {"scale": scale, "threads": get_num_threads(), "sizes": {}, "counted": [], "seen": []}
-    numbers |= {"evaluations": [], "pictures": {}, "grounds": {}}
+        (folder / name).mkdir(parents=True, exist_ok=True)
+    numbers = _begun(scale, folder)
     with hidden_folder() as scratch:
         runs = Sources(scale, scratch, show, cache)
-        for measure in SECTIONS:
-            measure(runs, numbers, folder)
-    (folder / "tables" / FILE).write_text(json.dumps(numbers, indent=1) + "\n", encoding="utf-8")
+        for name, measure in SECTIONS.items():
+            if name not in numbers["done"]:
+                measure(runs, numbers, folder)
+                numbers["done"].append(name)
+                _keep(numbers, folder)
+    numbers["trends"] = verdicts(lambda table, loop: read_rows(folder / "tables" / f"{table}.csv", loop), numbers)
+    _keep(numbers, folder)
+    return numbers
+
+
+def _begun(scale: str, folder: Path) -> Numbers:
+    """Return the numbers that a folder holds of the meshes of a scale; empty ones at first."""
+    cases = dict.fromkeys(table.case for table in paper().tables.values())
+    meshes = {name: cache_key(mesh_parameters(case_named(name, scale))) for name in cases}
+    if not (folder / "tables" / FILE).exists():
+        numbers: Numbers = {"scale": scale, "meshes": meshes, "threads": get_num_threads(), "sizes": {}, "counted": []}
+        return numbers | {"seen": [], "evaluations": [], "pictures": {}, "grounds": {}, "done": []}
+    numbers = json.loads((folder / "tables" / FILE).read_text(encoding="utf-8"))
+    if numbers.get("meshes") != meshes:
+        raise InputError(
+            f"--out {folder}: its figures are of scale {numbers.get('scale')} or of other meshes than today's; "
+            "give another folder, or delete this one"
+        )
+    return numbers
+
+
+def _keep(numbers: Numbers, folder: Path) -> None:
+    with replacing(folder / "tables" / FILE) as scratch:
+        scratch.write_text(json.dumps(numbers, indent=1) + "\n", encoding="utf-8")
 
 
 def figure1(runs: Sources, numbers: Numbers, folder: Path) -> None:
@@ -97,22 +131,23 @@ Wanted = tuple[tuple[str, float, Strategy, str], ...]
 
 
 def histograms(runs: Sources, numbers: Numbers, folder: Path, number: int, wanted: Wanted) -> None:
-    """Histograms of some runs (case, angle, strategy, title), and the cells that the paper speaks of."""
+    """Histograms of some runs (case, angle, strategy, title), and the cells that the paper speaks of, repaired too."""
     found = [runs.run(name, angle, strategy) for name, angle, strategy, _ in wanted]
     for run in sorted(found, key=lambda run: run.case.adaptation.strategy, reverse=True):  # SQUV first
-        before, after = (mean_ratio(mesh.points, tets_of(mesh)) for mesh in (run.mesh, run.deflected))
+        repaired = runs.repaired(run.case.name, run.case.angle, run.case.strategy)
         theirs = [one for one in paper().quality if (one.figure, one.angle) == (number, run.case.angle)]
-        numbers["counted"] += [counted(one, run, before, after) for one in theirs]
+        numbers["counted"] += [counted(statement, one) for one in (run, repaired) for statement in theirs]
     figure, alternative = aircraft.histograms(found, [title for *_, title in wanted])
     _shown(figure, alternative, f"figure{number}", numbers, folder)
 
 
-def counted(theirs: QualityStatement, run: Run, before: FloatArray, after: FloatArray) -> Numbers:
-    """Count the cells below the paper's limit, by the mean ratios (M,) before and after: of all, and near the box."""
+def counted(theirs: QualityStatement, run: Run) -> Numbers:
+    """Count the cells below the paper's limit, before and after: of all, and near the box."""
+    before, after = (mean_ratio(mesh.points, tets_of(mesh)) for mesh in (run.mesh, run.deflected))
     near = touching(run.mesh, run.deflection.boxes[0].plan.region.inside)
     sides = {"before": before, "after": after, "near_before": before[near], "near_after": after[near]}
     return {
-        "statement": asdict(theirs), "strategy": run.case.adaptation.strategy, "cells": len(before),
+        "statement": asdict(theirs), "strategy": run.case.strategy, "repair": run.case.repair, "cells": len(before),
         "near": int(near.sum()), "least": [float(before[near].min()), float(after[near].min())],
         **{name: int(np.sum(own < theirs.below)) for name, own in sides.items()},
     }  # fmt: skip
@@ -159,7 +194,7 @@ def _checked(number: int, runs: list[Run], names: tuple[str, ...], numbers: Numb
     for run in runs:
         for one in run.checks:
             if one.name in names:
-                numbers["seen"].append({"figure": number, "angle": run.case.angle, **asdict(one)})
+                numbers["seen"].append({"figure": number, "angle": run.case.angle, **one.as_dict()})
 
 
 def _drawn(picture: Picture, name: str, numbers: Numbers, folder: Path) -> None:
@@ -176,8 +211,15 @@ _CHIMERA: Wanted = tuple(("aileron-chimera", angle, "squv", f"{angle:+g} deg") f
 _TAIL: Wanted = (("tail", 12.0, "squv", "+12 deg"),)
 
 
-SECTIONS: tuple[Measure, ...] = (
-    figure1, *(partial(table, name=f"table{number}") for number in (1, 2, 3, 4)),
-    partial(histograms, number=3, wanted=_AILERON), partial(histograms, number=4, wanted=_CHIMERA), figure5, figure6,
-    partial(histograms, number=7, wanted=_TAIL), figure8, timings,
-)  # fmt: skip
+SECTIONS: dict[str, Measure] = {
+    **{f"table{number}": partial(table, name=f"table{number}") for number in (1, 2, 3, 4)},
+    "figure1": figure1,
+    "figure3": partial(histograms, number=3, wanted=_AILERON),
+    "figure4": partial(histograms, number=4, wanted=_CHIMERA),
+    "figure5": figure5,
+    "figure6": figure6,
+    "figure7": partial(histograms, number=7, wanted=_TAIL),
+    "figure8": figure8,
+    "timings": timings,
+}
+"""The sections of the page, in the order in which they are measured."""

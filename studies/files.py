@@ -1,5 +1,6 @@
 """A study as CSV, as a table in Markdown and as a plot (figure 2 of the paper and its kin), ours beside the paper's."""
 
+import csv
 from collections.abc import Iterable, Iterator
 from math import isnan
 from pathlib import Path
@@ -12,6 +13,7 @@ from sdm_deflect.cases.report.pictures import write_png
 from sdm_deflect.cases.run.output import write_table
 from studies.measure import DEFAULT, GMRES, GROWN, REPETITIONS, Measured, Result
 from studies.paper import Row, Setting, Size, paper
+from studies.trends import title
 
 SETTING = ("columns", "angle_deg", "initial_surface", "initial_hexahedron", "n_add")
 RESULTS = ("iterations", "centers", "seconds", "max_error")
@@ -44,8 +46,25 @@ def write_csv(result: Result, path: Path) -> None:
         rows.append(["paper", *_setting(row.setting), "", *_results(row), "", ""])
     for one in result.measured:
         counted = (one.converged, one.repetitions)
-        rows.append([one.loop.name, *_setting(one.row.setting), one.sites, *_results(one.row), *counted])
+        rows.append([one.loop.name, *_setting(one.row.setting), one.row.sites, *_results(one.row), *counted])
     write_table(path, rows)
+
+
+def read_rows(path: Path, source: str) -> list[Row]:
+    """Return the rows of a loop, by its name, as `write_csv` wrote them."""
+    with path.open(newline="", encoding="utf-8") as file:
+        found = [row for row in csv.DictReader(file) if row["source"] == source]
+    settings = [
+        Setting(
+            one["columns"], float(one["angle_deg"]),
+            (int(one["initial_surface"]), int(one["initial_hexahedron"])), int(one["n_add"]),
+        ) for one in found
+    ]  # fmt: skip
+    ended = [
+        (int(one["iterations"]), int(one["centers"]), float(one["seconds"]), int(one["sites"]), float(one["max_error"]))
+        for one in found
+    ]
+    return [Row(setting, *own) for setting, own in zip(settings, ended, strict=True)]
 
 
 def markdown(result: Result) -> str:
@@ -69,6 +88,8 @@ def sizes(result: Result) -> str:
     moved = "; ".join(f"{listed(one.values())} mm at {angle:+g}°" for angle, one in ground.largest_mm.items())
     return (
         f"Here (scale `{ground.scale}`): {_size(ground.size)}. The paper: {_size(theirs)}. "
+        f"Margins of the hexahedron are {ground.margins:g} times the case's; zero sites stand "
+        f"{1e3 * ground.spacing:.2f} mm apart, {ground.spacing / ground.edge:.2f} median edges of the surface. "
         f"Largest prescribed displacement in x, y, z: {moved}."
     )
 
@@ -122,11 +143,6 @@ def small_motions(result: Result) -> Iterator[str]:
                     f"At {angle:+g}° f_{d} is nowhere larger than {most_mm:.3g} mm, less than the "
                     f"tolerance; it takes {most} iterations."
                 )
-
-
-def title(columns: str) -> str:
-    """Return how the paper calls it: MV or f_x."""
-    return "MV" if columns == "xyz" else f"f_{columns}"
 
 
 def listed(values: Iterable[float]) -> str:

@@ -9,7 +9,7 @@ from typing import Self
 
 import numpy as np
 
-from sdm_deflect.cases.aircraft.case import Case
+from sdm_deflect.cases.aircraft.case import Case, Confinement
 from sdm_deflect.cases.aircraft.job import job_of
 from sdm_deflect.cases.aircraft.pipeline import meshed
 from sdm_deflect.cases.aircraft.registry import case_named
@@ -32,6 +32,7 @@ from sdm_deflect.deform.rbf.greedy import (
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.rbf.problem import DataSites, Problem
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
+from sdm_deflect.deform.volume.sites import Sites
 from sdm_deflect.deform.volume.step import DIRECTIONS, GROUPINGS, initial_centers
 from sdm_deflect.meshing.mesh import tets_of
 from studies.paper import Evaluation, Row, Setting, Size, Table, paper
@@ -72,6 +73,12 @@ DIRECT = (GROWN, LAPACK, DEFAULT)
 """Without GMRES, which takes long where a problem is large."""
 LOOPS = {"table1": (ALL, DIRECT), "table2": (ALL, ALL), "table3": (DIRECT, DIRECT), "table4": (DIRECT, DIRECT)}
 """Which loops to time for the rows of a table: for those with the fewest initial centres (figure 2), and for others."""
+SMALL_BOX = ("table1", "table2")
+"""Tables for which the hexahedron is smaller than that of the case."""
+MARGINS = 0.25
+"""Its margins over those of the case: fitted to f_z of table 1 on one mesh, whose window is 0.24 to 0.28."""
+TRIED = np.linspace(0.9, 1.1, 101)
+"""Distances of zero sites that are tried, over the one that is estimated."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,14 +112,12 @@ class Measured:
     Attributes
     ----------
     row : as in the paper's table; its time is the median of `repetitions`.
-    sites : number of data sites.
     converged : whether the tolerance was reached.
     history : the residual in every iteration; empty where the row was read from a .csv.
     """
 
     row: Row
     loop: Loop
-    sites: int
     converged: bool
     repetitions: int
     history: tuple[Iteration, ...] = ()
@@ -152,8 +157,8 @@ class Task:
 
     def measured(self, fit: Adaptation, seconds: list[float]) -> Measured:
         """Return the row of a fit that took these times."""
-        row = Row(self.setting, fit.history[-1].iteration, len(fit.chosen), median(seconds), fit.max_error)
-        return Measured(row, self.loop, len(self.group), fit.stop is Stop.CONVERGED, len(seconds), fit.history)
+        ended = (fit.history[-1].iteration, len(fit.chosen), median(seconds), len(self.group), fit.max_error)
+        return Measured(Row(self.setting, *ended), self.loop, fit.stop is Stop.CONVERGED, len(seconds), fit.history)
 
 
 def measure(tasks: Sequence[Task], progress: Progress = silent) -> tuple[Measured, ...]:
@@ -175,10 +180,21 @@ def measure(tasks: Sequence[Task], progress: Progress = silent) -> tuple[Measure
 
 @dataclass(frozen=True, slots=True)
 class Ground:
-    """What a study was carried out on: sizes of mesh and sites, and how far the sites go in x, y, z at each angle."""
+    """What a study was carried out on.
+
+    Attributes
+    ----------
+    size : sizes of mesh and sites.
+    spacing, edge : distance of zero sites and median edge of the surface, m.
+    margins : those of the hexahedron, over those of the case.
+    largest_mm : how far the sites go in x, y, z at each angle.
+    """
 
     scale: str
     size: Size
+    spacing: float
+    edge: float
+    margins: float
     largest_mm: dict[float, dict[str, float]]
 
 
@@ -211,9 +227,44 @@ class Result:
         return tuple(loop for loop in ALL if self.by(loop))
 
 
-def carry_out(name: str, case: Case, mesh: Mesh, progress: Progress) -> Result:
-    """Measure every row of a table on the mesh of its case."""
-    table, (for_fewest, others) = paper().tables[name], LOOPS[name]
+def table_case(name: str, case: Case, mesh: Mesh) -> Case:
+    """Return the case with the hexahedron and the zero sites that a table is measured with.
+
+    For tables 1 and 2 a small hexahedron with the paper's number of sites (section 5.1); all others as the case is.
+    """
+    if name not in SMALL_BOX:
+        return case
+    return with_sites(replace(case, confinement=scaled(case.confinement, MARGINS)), mesh)
+
+
+def scaled(confinement: Confinement, share: float) -> Confinement:
+    """Return a confinement whose margins are a share of what they were."""
+    names = ("aft", "outboard", "up", "down")
+    return replace(confinement, **{name: share * getattr(confinement, name) for name in names})
+
+
+def with_sites(case: Case, mesh: Mesh) -> Case:
+    """Return the case with the distance of zero sites that gives the number nearest to the paper's in z.
+
+    Each face has whole rows of sites, so the number jumps.
+    """
+    plan, wanted = sites_of(case, mesh).plan, paper().size(case.name).zero_sites[2]
+
+    def number(spacing: float) -> int:
+        fitting = replace(plan.job.fitting, spacing=spacing)
+        boundary = replace(plan.boundary, job=replace(plan.job, fitting=fitting))
+        return Sites.of(boundary, plan.region).zero_sites(2)
+
+    first = plan.sites.spacing * (plan.sites.zero_sites(2) / wanted) ** 0.5
+    near = first * (number(first) / wanted) ** 0.5
+    best = min((near * share for share in TRIED), key=lambda spacing: abs(number(spacing) - wanted))
+    return replace(case, adaptation=replace(case.adaptation, spacing=best))
+
+
+def carry_out(name: str, case: Case, mesh: Mesh, progress: Progress, loops: tuple[Loop, ...] = ()) -> Result:
+    """Measure every row of a table on the mesh of its case, by the loops given or by those of the table."""
+    table, (for_fewest, others) = paper().tables[name], (loops, loops) if loops else LOOPS[name]
+    case = table_case(name, case, mesh)
     settings = [row.setting for row in table.rows]
     fewest = min(one.initial for one in settings)
     sites = {angle: sites_of(replace(case, angle=angle), mesh) for angle in dict.fromkeys(s.angle for s in settings)}
@@ -223,7 +274,9 @@ def carry_out(name: str, case: Case, mesh: Mesh, progress: Progress) -> Result:
         for loop in (for_fewest if one.initial == fewest else others)
     ]
     first = next(iter(sites.values()))
-    ground = Ground(case.scale, first.size(case.name, mesh), {angle: one.largest_mm() for angle, one in sites.items()})
+    lengths, margins = (first.plan.sites.spacing, first.plan.sites.edge), MARGINS if name in SMALL_BOX else 1.0
+    largest = {angle: one.largest_mm() for angle, one in sites.items()}
+    ground = Ground(case.scale, first.size(case.name, mesh), *lengths, margins, largest)
     return Result(name, ground, measure(tasks, progress))
 
 

@@ -42,6 +42,7 @@ class Row:
     ----------
     iterations, centers : t_end and N_c,end.
     seconds : time of the adaptation.
+    sites : number of data sites.
     max_error : largest error (m) at any data site; nan where the paper does not say.
     """
 
@@ -49,7 +50,13 @@ class Row:
     iterations: int
     centers: int
     seconds: float
+    sites: int
     max_error: float = float("nan")
+
+    @property
+    def pairs(self) -> float:
+        """Pairs of a centre and a site in all residuals, as if the centres grew evenly from first to last."""
+        return self.sites * (self.iterations + 1) * (sum(self.setting.initial) + self.centers) / 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,9 +134,14 @@ class Paper:
 
 @cache
 def paper() -> Paper:
-    """Read the data file of the package."""
+    """Read the data file of the package; sites are the sum of those on the surface and on the hexahedron."""
     data = loads(files(__package__).joinpath("paper.toml").read_text(encoding="utf-8"))
     tables = {name: data[name] for name in sorted(data) if name.startswith("table")}
+    sites = {
+        one["case"]: {d: one["surface"] + one["zero_sites"]["xyz".index(d[0])] for d in COLUMNS}
+        for one in data["sizes"]
+    }
     for table in tables.values():
-        table["rows"] = [{**row, "setting": row} for row in table["rows"]]
+        own = sites[table["case"]]
+        table["rows"] = [{**row, "setting": row, "sites": own[row["columns"]]} for row in table["rows"]]
     return structure({**data, "machine": data["machine"]["text"], "tables": tables}, Paper)

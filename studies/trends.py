@@ -1,0 +1,276 @@
+"""What the paper says of its tables, histograms and timings, as tests of the paper's numbers and of ours.
+
+The cost of an adaptation is counted in pairs of a centre and a data site: milliseconds of a busy machine say little.
+Times count only where a sentence is about solving, or about the evaluation of a whole mesh.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from typing import Any
+
+from studies.paper import COLUMNS, Evaluation, QualityStatement, Row, paper
+
+Rows = Sequence[Row]
+SAME = 1.25
+"""Costs differ little if the largest is at most so many times the smallest; the paper's own differ by up to 1.22."""
+SEEN = 3e-4
+"""Share of all cells that a histogram shows: a hundredth of its highest bars."""
+ROW_LIMIT = 0.15
+"""Largest relative difference of our number of centres from the paper's in a row of table 2."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """Whether a sentence of the paper holds here, and the figures behind it, the paper's and ours."""
+
+    table: str
+    sentence: str
+    holds: bool
+    paper: str
+    here: str
+
+    @property
+    def line(self) -> str:
+        """A row of a Markdown table."""
+        return f"| {self.sentence} | {'holds' if self.holds else '**does not hold**'} | {self.here} |"
+
+
+@dataclass(frozen=True, slots=True)
+class Trend:
+    """A sentence of the paper about the rows of a table.
+
+    Attributes
+    ----------
+    test : whether it holds for some rows.
+    figures : the figures of some rows behind the test.
+    loop : name of the loop whose rows are tested here.
+    """
+
+    table: str
+    sentence: str
+    test: Callable[[Rows], bool]
+    figures: Callable[[Rows], str]
+    loop: str = "grown"
+
+    def verdict(self, ours: Rows) -> Verdict:
+        """Judge our rows of the table."""
+        theirs = paper().tables[self.table].rows
+        return Verdict(self.table, self.sentence, self.test(ours), self.figures(theirs), self.figures(ours))
+
+
+def by(rows: Rows, name: str, columns: Iterable[str] = COLUMNS) -> dict[str, list[float]]:
+    """Return one figure of the rows by direction, without directions that no row has."""
+    found = {own: [float(getattr(row, name)) for row in rows if row.setting.columns == own] for own in columns}
+    return {own: values for own, values in found.items() if values}
+
+
+def listing(name: str, words: str = "", unit: float = 1.0, form: str = ".4g") -> Callable[[Rows], str]:
+    """Return what lists a figure of rows by direction, under its own name or in words."""
+
+    def figures(rows: Rows) -> str:
+        parts = (f"{title(own)} {_listed(values, unit, form)}" for own, values in by(rows, name).items())
+        return f"{words or name}: {'; '.join(parts)}"
+
+    return figures
+
+
+def title(columns: str) -> str:
+    """Return how the paper calls it: MV or f_x."""
+    return "MV" if columns == "xyz" else f"f_{columns}"
+
+
+def fewer_iterations(rows: Rows) -> bool:
+    """Whether iterations fall from row to row, but where none is needed."""
+    return all(not any(own) or all(_rises(own[::-1])) for own in by(rows, "iterations").values())
+
+
+def mostly_more_centers(rows: Rows) -> bool:
+    """Whether centres rise in most steps from row to row."""
+    return _most([step for own in by(rows, "centers").values() for step in _rises(own)])
+
+
+def mostly_fewer_iterations(rows: Rows) -> bool:
+    """Whether iterations fall in most steps from row to row."""
+    return _most([step for own in by(rows, "iterations").values() for step in _rises(own[::-1])])
+
+
+def costs_alike(rows: Rows) -> bool:
+    """Whether the rows of each direction cost about the same."""
+    return all(max(own) <= SAME * min(own) for own in by(rows, "pairs").values())
+
+
+def all_cost_alike(rows: Rows) -> bool:
+    """Whether all rows cost about the same."""
+    pairs = [row.pairs for row in rows]
+    return max(pairs) <= SAME * min(pairs)
+
+
+def y_then_x_then_z(rows: Rows) -> bool:
+    """Whether f_y has the fewest centres, followed by f_x."""
+    return all(all(_rises(own)) for own in zip(*by(rows, "centers", "yxz").values(), strict=True))
+
+
+def mv_as_z(rows: Rows) -> bool:
+    """Whether MV and f_z have the same iterations and centres."""
+    found = [by(rows, name, ("z", "xyz")).values() for name in ("iterations", "centers")]
+    return all(len({*own}) == 1 for one in found for own in zip(*one, strict=True))
+
+
+def mv_over_squv(rows: Rows) -> list[float]:
+    """Return the time of MV over that of all directions of SQUV, where a loop did them all."""
+    times = by(rows, "seconds")
+    squv = [sum(own) for own in zip(*(times[d] for d in "xyz"), strict=True)]
+    return [mv / own for mv, own in zip(times["xyz"], squv, strict=False)]
+
+
+def cheaper_than_one(rows: Rows) -> bool:
+    """Whether all rows cost less than the first."""
+    return max(row.pairs for row in rows[1:]) < rows[0].pairs
+
+
+def more_than_six(rows: Rows) -> bool:
+    """Whether the cheapest row costs less than a sixth of the first."""
+    return rows[0].pairs > 6.0 * min(row.pairs for row in rows)
+
+
+def until_25(rows: Rows) -> bool:
+    """Whether the cost falls up to M_add = 25, and rises somewhere beyond."""
+    first = [row.pairs for row in rows if row.setting.n_add <= 25]
+    later = [row.pairs for row in rows if row.setting.n_add >= 25]
+    return not any(_rises(first)) and any(_rises(later))
+
+
+def least_in_y(name: str) -> Callable[[Rows], bool]:
+    """Return what tests whether f_y has least of a figure, at each angle."""
+    return lambda rows: all(min(own) == own[1] for own in zip(*by(rows, name, "xyz").values(), strict=True))
+
+
+def more_with_angle(name: str) -> Callable[[Rows], bool]:
+    """Return what tests whether the larger of two deflections has more of a figure in each direction."""
+    return lambda rows: all(abs(a) < abs(b) for a, b in by(rows, name, "xyz").values())
+
+
+def at_limit(rows: Rows) -> bool:
+    """Whether all rows end at the limit of centres after the same iterations, above the tolerance."""
+    table = paper().tables["table4"]
+    limited = all(row.centers == table.max_centers and row.max_error > table.tolerance for row in rows)
+    return limited and len({row.iterations for row in rows}) == 1
+
+
+def least_error_in_y(rows: Rows) -> bool:
+    """Whether errors above the tolerance are least for f_y, followed by f_x; below it all are alike."""
+    errors = [own[0] for own in by(rows, "max_error", "yxz").values()]
+    return all(_rises(errors)) and errors[0] > paper().tables["table4"].tolerance
+
+
+def _rises(values: Sequence[float]) -> list[bool]:
+    return [b > a for a, b in pairwise(values)]
+
+
+def _most(steps: Sequence[bool]) -> bool:
+    return 2 * sum(steps) > len(steps)
+
+
+def _listed(values: Iterable[float], unit: float = 1.0, form: str = ".4g") -> str:
+    return ", ".join(f"{value / unit:{form}}" for value in values)
+
+
+def _spreads(rows: Rows) -> str:
+    return "most over least pairs: " + "; ".join(
+        f"{title(own)} {max(values) / min(values):.2f}" for own, values in by(rows, "pairs").items()
+    )
+
+
+def _falls(rows: Rows) -> str:
+    return "pairs of the first row over those of each: " + _listed(
+        (rows[0].pairs / row.pairs for row in rows[1:]), 1.0, ".3g"
+    )
+
+
+_ITERATIONS, _CENTERS = listing("iterations"), listing("centers", "centres")
+_PAIRS, _ERRORS = (listing("pairs", "millions of pairs", 1e6), listing("max_error", "largest error, m", 1.0, ".2e"))
+
+
+def _ends(rows: Rows) -> str:
+    return f"{_ITERATIONS(rows)}; {_CENTERS(rows)}"
+
+
+TRENDS = (
+    Trend("table1", "More initial centres mean fewer iterations.", fewer_iterations, _ITERATIONS),
+    Trend("table1", "More initial centres mostly mean more centres in the end.", mostly_more_centers, _CENTERS),
+    Trend("table1", "The initial centres hardly influence the cost.", costs_alike, _spreads),
+    Trend("table1", "f_y needs the fewest centres, followed by f_x and f_z.", y_then_x_then_z, _CENTERS),
+    Trend("table1", "SQUV for f_z ends with the same iterations and centres as MV.", mv_as_z,
+          _ends),
+    Trend("table1", "MV takes more than twice the time of SQUV, solved by GMRES.",
+          lambda rows: min(mv_over_squv(rows)) > 2.0,
+          lambda rows: f"time of MV over that of SQUV: {_listed(mv_over_squv(rows), 1.0, '.3g')}", "gmres"),
+    Trend("table2", "A larger M_add generally means fewer iterations.", mostly_fewer_iterations, _ITERATIONS),
+    Trend("table2", "A larger M_add generally means more centres.", mostly_more_centers, _CENTERS),
+    Trend("table2", "Any M_add above one costs less than one.", cheaper_than_one, _falls),
+    Trend("table2", "The cost falls by a factor of more than 6 at best.", more_than_six, _falls),
+    Trend("table2", "It falls monotonically up to M_add = 25 only, then often rises again.", until_25, _falls),
+    Trend("table3", "f_y needs the fewest centres, although it has the most sites.", least_in_y("centers"),
+          _CENTERS),
+    Trend("table3", "f_y costs least.", least_in_y("pairs"), _PAIRS),
+    Trend("table3", "A larger deflection needs more centres in every direction.", more_with_angle("centers"),
+          _CENTERS),
+    Trend("table3", "A larger deflection costs more in every direction.", more_with_angle("pairs"), _PAIRS),
+    Trend("table4", "No direction reaches the tolerance; all end at the limit after the same iterations.", at_limit,
+          _ends),
+    Trend("table4", "The costs differ little.", all_cost_alike, _PAIRS),
+    Trend("table4", "The largest error is smallest for f_y, followed by f_x.", least_error_in_y,
+          _ERRORS),
+)  # fmt: skip
+"""What the paper says of its tables."""
+
+
+def off(rows: Rows) -> list[str]:
+    """Return a sentence for each row of table 2 whose centres differ too much from the paper's."""
+    found = []
+    for theirs, ours in zip(paper().tables["table2"].rows, rows, strict=True):
+        differs = ours.centers / theirs.centers - 1.0
+        if abs(differs) > ROW_LIMIT:
+            found.append(
+                f"table 2, M_add = {theirs.setting.n_add}: {ours.centers} centres for {theirs.centers}: "
+                f"{100 * differs:+.0f} %, more than {100 * ROW_LIMIT:.0f} %"
+            )
+    return found
+
+
+def of_cells(counted: dict[str, Any]) -> Verdict:
+    """Judge what the paper reads off a histogram, by the cells counted before and after."""
+    theirs = QualityStatement(**counted["statement"])
+    none = theirs.finding == "none"
+    more = counted["after"] - counted["before"]
+    holds = counted["after"] == 0 if none else more <= SEEN * counted["cells"]
+    said = "the deformed mesh has no cell" if none else "no deterioration is visible"
+    strategy = " (MV)" if counted["strategy"] == "mv" else ""
+    here = (
+        f"{counted['before']} of {counted['cells']} cells below {theirs.below:g} before, {counted['after']} after; "
+        f"of the {counted['near']} cells that touch the hexahedron, {counted['near_before']} before, "
+        f"{counted['near_after']} after, the smallest {counted['least'][0]:.3f} before, {counted['least'][1]:.3f} after"
+    )
+    sentence = f"At {theirs.angle:+g}° {said} below {theirs.below:g}.{strategy}"
+    return Verdict(f"figure{theirs.figure}", sentence, holds, "read off the histogram", here)
+
+
+def of_times(theirs: Evaluation, ours: Evaluation) -> Verdict:
+    """Judge whether confinement saves time."""
+
+    def figures(one: Evaluation) -> str:
+        return f"{one.filter_seconds + one.inside_seconds:.3g} s against {one.whole_seconds:.3g} s"
+
+    holds = ours.filter_seconds + ours.inside_seconds < ours.whole_seconds
+    sentence = f"{theirs.case}: filter and confined evaluation together are cheaper than the whole mesh."
+    return Verdict("timings", sentence, holds, figures(theirs), figures(ours))
+
+
+def verdicts(rows: Callable[[str, str], Rows], numbers: dict[str, Any]) -> list[dict[str, Any]]:
+    """Judge all that the paper says, by rows(table, loop) and the numbers of a page."""
+    found = [one.verdict(rows(one.table, one.loop)) for one in TRENDS]
+    found += [of_cells(one) for one in numbers["counted"] if one["repair"] == "off"]
+    ours = [Evaluation(**{**one, "setting": one["setting"]}) for one in numbers["evaluations"]]
+    found += [of_times(*pair) for pair in zip(paper().evaluations, ours, strict=True)]
+    return [asdict(one) for one in found]
