@@ -12,7 +12,7 @@ from benchmarks.results import Result
 from benchmarks.workloads import Workload, aileron, chimera, tail
 from sdm_deflect.deform.rbf.greedy import Adaptation, GreedyOptions, Rule, Separated, Worst, adapt
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
-from studies.solves import DirectBasis, krylov
+from studies.loop import DirectBasis, Gmres
 
 UNREACHABLE = 1e-12  # m: the adaptation ends at its limit of centres
 Z = 2  # the direction that needs most centres
@@ -89,7 +89,7 @@ def gmres() -> Iterator[Result]:
     runs, options = Runs(aileron()), _options(1, 348)
     actions = {
         "worst": runs.grown("worst", options, Worst()),
-        "resolve": runs.resolved("resolve", options, krylov(1e-8)),
+        "resolve": runs.resolved("resolve", options, Gmres(1e-8)),
     }
     warm({"worst": actions["worst"]})
     yield runs.compared("small_adaptation_vs_gmres", side_by_side(actions, 1), "worst")

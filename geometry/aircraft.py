@@ -26,7 +26,7 @@ from .fuse import (
     walls,
 )
 from .model import CadModel
-from .parameters import MIN_FEATURE, Fighter, FloatArray
+from .parameters import MIN_FEATURE, Fighter, FloatArray, check_notch
 from .polyhedra import (
     Loops,
     fin_polyhedra,
@@ -45,9 +45,12 @@ SMALLEST_GAP_EDGE = 0.25
 
 
 def build(
-    fighter: Fighter, deflections: Mapping[str, CadTurn] | None = None, without: Set[str] = frozenset()
+    fighter: Fighter,
+    deflections: Mapping[str, CadTurn] | None = None,
+    without: Set[str] = frozenset(),
+    notch: float = 0.0,
 ) -> CadModel:
-    """Fuse all components into one solid.
+    """Fuse all components into one solid; ailerons with a notch ahead of their hinges are solids of their own.
 
     Parameters
     ----------
@@ -57,37 +60,47 @@ def build(
     without : set of str
         Control surfaces that are left out: the background of a Chimera block, so that all of the block's
         outer faces lie in flow.
+    notch : float
+        Chordwise gap (m) between the wing and both ailerons, ahead of their hinge edges; 0: none.
 
     Raises
     ------
     ValueError
-        Where a name is not that of a control surface, or a tail shall be blended.
+        Where a name is not that of a control surface, a tail shall be blended, or the notch is impossible.
     CadError
         Where the kernel fails, or the undeflected aircraft could not be meshed.
     """
     moved = dict(deflections or {})
-    for name in [*moved, *without]:
-        if name not in SURFACES:
-            raise ValueError(f"no control surface {name!r}; there are {', '.join(SURFACES)}")
-    if whole := [name for name, turn in moved.items() if turn.mode != "rigid" and not hinged(name)]:
-        raise ValueError(f"{whole[0]} has no hinge edges to blend towards; its deflection.mode must be 'rigid'")
+    _check_surfaces(moved, without)
+    check_notch(fighter, notch)
+    loose = sum(bool(notch) for name in SURFACES if "aileron" in name and name not in without)
     with _kernel_errors_named(fighter):
-        found = walls(general_fuse(aircraft_parts(fighter, moved, without)))
-        model = assemble(skin(found), partitions(found), fluid_inside=False)
+        found = walls(general_fuse(aircraft_parts(fighter, moved, without, notch)))
+        model = assemble(skin(found), partitions(found), fluid_inside=False, loose=loose)
         if not moved:
             preflight(model, min(MIN_FEATURE, fighter.aileron.gap or MIN_FEATURE))
     return model
 
 
-def aircraft_parts(fighter: Fighter, deflections: Mapping[str, CadTurn], without: Set[str]) -> list[NamedSolid]:
+def _check_surfaces(moved: Mapping[str, CadTurn], without: Set[str]) -> None:
+    for name in [*moved, *without]:
+        if name not in SURFACES:
+            raise ValueError(f"no control surface {name!r}; there are {', '.join(SURFACES)}")
+    if whole := [name for name, turn in moved.items() if turn.mode != "rigid" and not hinged(name)]:
+        raise ValueError(f"{whole[0]} has no hinge edges to blend towards; its deflection.mode must be 'rigid'")
+
+
+def aircraft_parts(
+    fighter: Fighter, deflections: Mapping[str, CadTurn], without: Set[str], notch: float
+) -> list[NamedSolid]:
     """All components as overlapping parts; where two overlap, the volume is the earlier one's."""
     f, kept = fighter, [name for name in SURFACES if name not in without]
     return [
         *fuselage_parts(f.fuselage),
         *one_side("pedestal", [pedestal_polyhedron(f.pedestal, f.fuselage)]),
-        *both_sides("wing", wing_polyhedra(f)),
+        *both_sides("wing", wing_polyhedra(f, notch)),
         *one_side("fin", fin_polyhedra(f)),
-        *(NamedSolid(name, solid(loops)) for name in kept for loops in _surface(f, name, deflections.get(name))),
+        *(NamedSolid(name, solid(loops)) for name in kept for loops in _surface(f, name, deflections.get(name), notch)),
         *both_sides("strake", strake_polyhedra(f.strake, f.fuselage)),
         *both_sides("ventral", [ventral_polyhedron(f.ventral, f.fuselage)]),
         *canopy_parts(f.canopy),
@@ -95,15 +108,16 @@ def aircraft_parts(fighter: Fighter, deflections: Mapping[str, CadTurn], without
     ]
 
 
-def _surface(fighter: Fighter, name: str, deflection: CadTurn | None) -> list[Loops]:
+def _surface(fighter: Fighter, name: str, deflection: CadTurn | None, notch: float) -> list[Loops]:
     inner, outer = ends(fighter, name)
+    whole, axis = wedge(inner, outer) if hinged(name) else prism(inner, outer), hinge_line(fighter, name)
     if deflection is None:
-        return [wedge(inner, outer) if hinged(name) else prism(inner, outer)]
-    axis = hinge_line(fighter, name)
-    if hinged(name):
+        return [whole]
+    free = notch and "aileron" in name and deflection.mode == "rigid"
+    if hinged(name) and not free:
         gap = fighter.aileron.gap if name != "rudder" else 0.0
         return deflected_wedge(inner, outer, axis, deflection, 0 if gap else len(ribs(fighter, name)))
-    return [turned(prism(inner, outer), axis, deflection.angle)]
+    return [turned(whole, axis, deflection.angle)]
 
 
 def chimera_block(fighter: Fighter, parameters: BlockParameters, surface: str = "aileron_left") -> CadModel:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from cadquery import Edge, Shape, Solid, Vertex
+from cadquery import Compound, Edge, Shape, Solid, Vertex
 from OCP.BRep import BRep_Builder, BRep_Tool
 from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeSolid
 from OCP.BRepCheck import BRepCheck_Analyzer
@@ -35,10 +35,10 @@ SHOWN = 3
 ROUNDING = 1e-9
 
 
-def assemble(skin: Sequence[CadFace], partitions: Sequence[CadFace], fluid_inside: bool) -> CadModel:
+def assemble(skin: Sequence[CadFace], partitions: Sequence[CadFace], fluid_inside: bool, loose: int = 0) -> CadModel:
     """Build the model from its exterior faces and the internal faces that may have to back their creases.
 
-    CadError where the skin is not closed, comes in several pieces, or is not a valid solid.
+    CadError where the skin is not closed, has not one piece and so many `loose` ones, or one is not a valid solid.
     """
     index, owners = _edge_owners(skin)
     vertices = TopTools_IndexedMapOfShape()
@@ -47,21 +47,26 @@ def assemble(skin: Sequence[CadFace], partitions: Sequence[CadFace], fluid_insid
     sheets = tuple(
         face for face in partitions if any(index.FindIndex(edge.wrapped) in weak for edge in face.shape.Edges())
     )
-    numbers = range(1, vertices.Extent() + 1)
-    vertex_faces: list[set[int]] = [set() for _ in numbers]
-    for edge in edges:
-        for vertex in edge.vertices:
-            vertex_faces[vertex].update(edge.faces)
-    _check_connected(len(skin), edges)
     return CadModel(
-        solid=_solid(skin),
+        solid=_solids(skin, edges, loose),
         faces=tuple(skin),
         sheets=sheets,
         edges=edges,
-        vertices=coordinates(BRep_Tool.Pnt_s(Vertex(vertices.FindKey(i)).wrapped) for i in numbers),
-        vertex_faces=tuple(frozenset(found) for found in vertex_faces),
+        vertices=coordinates(
+            BRep_Tool.Pnt_s(Vertex(vertices.FindKey(i + 1)).wrapped) for i in range(vertices.Extent())
+        ),
+        vertex_faces=_vertex_faces(edges, vertices.Extent()),
         fluid_inside=fluid_inside,
     )
+
+
+def _vertex_faces(edges: Sequence[CadEdge], count: int) -> tuple[frozenset[int], ...]:
+    """The faces that meet at each vertex."""
+    found: list[set[int]] = [set() for _ in range(count)]
+    for edge in edges:
+        for vertex in edge.vertices:
+            found[vertex].update(edge.faces)
+    return tuple(map(frozenset, found))
 
 
 def _edge_owners(skin: Sequence[CadFace]) -> tuple[TopTools_IndexedMapOfShape, list[tuple[int, int]]]:
@@ -101,13 +106,15 @@ def _edge(
     return CadEdge(forward, faces, (first, last), crease)
 
 
-def _check_connected(count: int, edges: Sequence[CadEdge]) -> None:
+def _solids(skin: Sequence[CadFace], edges: Sequence[CadEdge], loose: int) -> Solid | Compound:
+    """Make a solid of the faces that hang together, and a compound of all if some are `loose`."""
     faces = np.array([edge.faces for edge in edges], dtype=np.intp).reshape(-1, 2)
-    links = coo_array((np.ones(len(faces), dtype=bool), tuple(faces.T)), shape=(count, count))
-    _, piece = connected_components(links, directed=False)
-    reached = np.count_nonzero(piece == piece[0])
-    if reached != count:
-        raise CadError(f"the skin comes in separate pieces: {reached} of {count} faces hang together")
+    links = coo_array((np.ones(len(faces), dtype=bool), tuple(faces.T)), shape=(len(skin), len(skin)))
+    count, piece = connected_components(links, directed=False)
+    if count != 1 + loose:
+        raise CadError(f"the skin comes in {count} separate pieces instead of {1 + loose}")
+    solids = [_solid([skin[i] for i in np.flatnonzero(piece == number).tolist()]) for number in range(count)]
+    return Compound.makeCompound(solids) if loose else solids[0]
 
 
 def _solid(skin: Sequence[CadFace]) -> Solid:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from cadquery import Edge, Face, Solid
+from cadquery import Compound, Edge, Face, Solid
 from numpy.typing import NDArray
 
 from .export import tessellate, write_binary_stl, write_brep, write_step, write_stl
@@ -83,7 +83,7 @@ class CadEdge:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CadModel:
-    """One valid solid whose every exterior face carries a patch name.
+    """Valid solids whose every exterior face carries a patch name: one, and a compound with loose surfaces.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ class CadModel:
         True where the solid is the flow volume, False where the flow is around the solid.
     """
 
-    solid: Solid
+    solid: Solid | Compound
     faces: tuple[CadFace, ...]
     sheets: tuple[CadFace, ...]
     edges: tuple[CadEdge, ...]

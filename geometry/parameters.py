@@ -355,6 +355,20 @@ def _aileron(fighter: Fighter) -> None:
     _require_strip("outboard", w.half_span - span.outer_rib, f"wing.half_span = {w.half_span:g} m")
 
 
+def check_notch(fighter: Fighter, notch: float) -> None:
+    """Raise ValueError unless a gap of `notch` metres fits ahead of the ailerons' hinge edges; 0 always does."""
+    if not notch:
+        return
+    a, w = fighter.aileron, fighter.wing
+    _require(a.gap > 0.0, f"notch = {notch:g} m frees the ailerons at their hinges alone; set aileron.gap too")
+    _require(
+        notch >= MIN_GAP, f"notch = {notch:g} m is too narrow for any mesh; it must be 0 or at least {MIN_GAP:g} m"
+    )
+    tip = wing_section(w, aileron_span(fighter).outer_rib)
+    room = float(tip[HINGE_UPPER, 0] - tip[FRONT_UPPER, 0]) - MIN_FEATURE
+    _require(notch <= room, f"notch = {notch:g} m reaches the wing's front bevel; at most {room:.4g} m fit")
+
+
 def _require_strip(end: str, width: float, neighbour: str) -> None:
     _require(
         width == 0.0 or width >= MIN_FEATURE,

@@ -20,6 +20,7 @@ from .parameters import (
     Pedestal,
     Strake,
     VentralFin,
+    Wing,
     aileron_span,
     fin_section,
     rudder_span,
@@ -45,14 +46,27 @@ def prism(first: FloatArray, last: FloatArray) -> Loops:
     return (first[::-1], last, *strips)
 
 
-def wing_polyhedra(fighter: Fighter) -> list[Loops]:
-    """The wing without its aileron: inboard of the kink, the box outboard of it, the rest of the wedge."""
+def wing_polyhedra(fighter: Fighter, notch: float = 0.0) -> list[Loops]:
+    """The wing without its aileron: inboard of the kink, the box outboard of it, the rest of the wedge.
+
+    Between the ribs the box ends a `notch` (m) ahead of the hinge edges.
+    """
     wing, span = fighter.wing, aileron_span(fighter)
-    root = wing_section(wing, BURIED * fighter.fuselage.radius)
-    kink, tip = wing_section(wing, wing.y_kink), wing_section(wing, wing.half_span)
-    rest = ((wing.y_kink, span.wing_rib), (span.outer_rib, wing.half_span))
+    root, kink = (wing_section(wing, y) for y in (BURIED * fighter.fuselage.radius, wing.y_kink))
+    rest = [(wing.y_kink, span.wing_rib), (span.outer_rib, wing.half_span)]
     wedges = [prism(*(wing_section(wing, y)[WEDGE] for y in ends)) for ends in rest if ends[0] < ends[1]]
-    return [prism(root, kink), prism(kink[BOX], tip[BOX]), *wedges]
+    notched = (span.wing_rib, span.outer_rib)
+    pieces = [*rest, notched] if notch else [(wing.y_kink, wing.half_span)]
+    boxes = [_wing_box(wing, ends, notch if ends == notched else 0.0) for ends in pieces if ends[0] < ends[1]]
+    return [prism(root, kink), *boxes, *wedges]
+
+
+def _wing_box(wing: Wing, ends: tuple[float, float], notch: float) -> Loops:
+    """The wing ahead of its hinge edges between two stations y; it ends a `notch` (m) ahead of them."""
+    sections = [wing_section(wing, y) for y in ends]
+    for section in sections:
+        section[[HINGE_UPPER, HINGE_LOWER], 0] -= notch
+    return prism(*(section[BOX] for section in sections))
 
 
 def fin_polyhedra(fighter: Fighter) -> list[Loops]:

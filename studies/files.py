@@ -19,7 +19,7 @@ SETTING = ("columns", "angle_deg", "initial_surface", "initial_hexahedron", "n_a
 RESULTS = ("iterations", "centers", "seconds", "max_error")
 FIELDS = ("source", *SETTING, "sites", *RESULTS, "converged", "repetitions")
 COLOURS = {"x": "#0072b2", "y": "#d55e00", "z": "#009e73", "xyz": "0.6"}
-LOOP_COLOURS = {"grown": "#0072b2", "lapack": "#e69f00", "gmres": "#d55e00", "default": "#009e73"}
+LOOP_COLOURS = {"grown": "#0072b2", "gmres": "#d55e00", "default": "#009e73"}
 PAPER = {"color": "black", "marker": "s", "ls": "--", "lw": 1.2, "ms": 4}
 
 

@@ -18,7 +18,7 @@ def undeflected_cad(case: Case) -> CadModel:
     """Build what is meshed: the aircraft, or the Chimera block."""
     if case.domain == "block":
         return chimera_block(case.fighter, case.block, case.deflections[0].surface)
-    return build(case.fighter)
+    return build(case.fighter, notch=case.notch)
 
 
 def background_cad(case: Case) -> CadModel:
@@ -28,7 +28,8 @@ def background_cad(case: Case) -> CadModel:
 
 def deflected_cad(case: Case) -> CadModel:
     """Build the aircraft with its surfaces turned rigidly by the angles of the case."""
-    return build(case.fighter, {one.surface: CadTurn(one.factor * case.angle) for one in case.deflections})
+    turns = {one.surface: CadTurn(one.factor * case.angle) for one in case.deflections}
+    return build(case.fighter, turns, notch=case.notch)
 
 
 def undeflected(case: Case, watch: Stopwatch) -> Generated:

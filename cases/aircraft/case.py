@@ -9,12 +9,15 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.schema import INLINE, check_settings
 from sdm_deflect.deform.rbf.fitting import Fitting, Repair, RepairMode, Strategy
 from sdm_deflect.geometry.confinement import BlockParameters
-from sdm_deflect.geometry.parameters import LARGEST_TURN, Fighter
+from sdm_deflect.geometry.datum import hinged
+from sdm_deflect.geometry.parameters import LARGEST_TURN, Fighter, check_notch
 from sdm_deflect.geometry.quantity import Checked, quantity
 from sdm_deflect.meshing.generate.parameters import SCALES, MeshParameters
 
 Domain = Literal["aircraft", "block"]
 """What is meshed: the flow around the aircraft, or a Chimera block around the (one) aileron."""
+Law = Literal["blended", "rigid", "rooted"]
+"""How a surface moves: its trailing edge turns and its hinge edges stay, all of it turns, or a tail on the fuselage."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +92,7 @@ class Case:
     angle: float = quantity(-12.0, "deg", -LARGEST_TURN, LARGEST_TURN, "deflection, positive is trailing edge down")
     scale: str = "small"
     fighter: Annotated[Fighter, INLINE] = field(default_factory=Fighter)
+    notch: float = quantity(0.0, "m", 0.0, 1.0, "chordwise gap ahead of the ailerons, which then turn rigidly; 0: none")
     block: BlockParameters = field(default_factory=BlockParameters)
     mesh: MeshParameters = field(default_factory=lambda: SCALES["small"])
     background: MeshParameters = field(default_factory=lambda: SCALES["small"])
@@ -106,12 +110,21 @@ class Case:
         if self.scale not in SCALES:
             raise ValueError(f"scale = {self.scale!r} is not one of {', '.join(SCALES)}")
         Repair(self.repair, self.repair_share)
+        check_notch(self.fighter, self.notch)
+        if self.notch and self.domain == "block":
+            raise ValueError(f"notch = {self.notch:g} m in a Chimera block; the whole aircraft alone can have one")
         for one in self.deflections:
             if abs(one.factor * self.angle) > LARGEST_TURN:
                 raise ValueError(
                     f"case.angle = {self.angle:g} deg turns the {one.surface} by {one.factor * self.angle:g} deg; "
                     f"at most {LARGEST_TURN:g} deg are possible"
                 )
+
+    def law(self, surface: str) -> Law:
+        """Return how a control surface moves."""
+        if not hinged(surface):
+            return "rooted"
+        return "rigid" if self.notch and surface != "rudder" else "blended"
 
     @property
     def ways(self) -> tuple[str, str]:

@@ -47,7 +47,7 @@ def plan_of(case: Case, mesh: Mesh, angles: Sequence[float] = (), progress: Prog
 def job_of(case: Case, mesh: Mesh, turn: SurfaceTurn) -> Job:
     """Return what one control surface of a case is to do on a mesh."""
     surface, hexahedron = turn.surface, hexahedron_of(case, turn.surface)
-    patches = (surface,) if hinged(surface) else (surface, panel_of(surface))
+    patches = (surface, panel_of(surface)) if case.law(surface) == "rooted" else (surface,)
     for name in patches:
         if name not in mesh.names:
             raise InputError(f"{mesh.name}: the mesh has no patch {name}; {nearest(name, mesh.names, 'there are')}")
@@ -62,17 +62,21 @@ def job_of(case: Case, mesh: Mesh, turn: SurfaceTurn) -> Job:
         near_wall=hinged(surface) and case.confinement.ahead > 0.0,
         fitting=replace(case.adaptation, spacing=spacing),
         repair=Repair(case.repair, case.repair_share),
-        repair_slides=repair_slides(mesh, surface),
+        repair_slides=repair_slides(case, mesh, surface),
     )
 
 
-def repair_slides(mesh: Mesh, surface: str) -> tuple[Sliding, ...]:
+def repair_slides(case: Case, mesh: Mesh, surface: str) -> tuple[Sliding, ...]:
     """Return the patches whose nodes may slide when cells are mended.
 
-    Those of a hinged surface and of its parents do so on their faces and along the edges, which are straight; those of
-    a tail on its plane faces, and those of its panel on the cylinder.
+    Those of a blended surface and of its parents do so on their faces and along the edges, which are straight; those of
+    a tail on its plane faces, and those of its panel on the cylinder. Those of a rigid one stay where the turn brings
+    them.
     """
-    if not hinged(surface):
+    law = case.law(surface)
+    if law == "rigid":
+        return ()
+    if law == "rooted":
         return (Sliding(surface, "plane"), Sliding(panel_of(surface), "cylinder"))
     nodes = mesh.patch(surface).nodes
     others = [patch.name for patch in mesh.patches if patch.name not in (surface, BLOCK)]
@@ -119,7 +123,7 @@ def check_case(case: Case) -> None:
         for turn in case.deflections:
             block_stations(case, turn.surface)
             hexahedron_of(case, turn.surface)
-            if not hinged(turn.surface):
+            if case.law(turn.surface) == "rooted":
                 corners, axis = datum.ends(case.fighter, turn.surface), axis_of(case.fighter, turn.surface)
                 inner, outer = (axis.rotated(end, turn.factor * case.angle) for end in corners)
                 root_on(fuselage_cylinder(case.fighter), inner, outer - inner)
@@ -138,10 +142,14 @@ def motion_of(case: Case, mesh: Mesh, surface: str, hexahedron: Hexahedron) -> M
 
     Aileron and rudder: hinge edges fixed, trailing edge rotated, multiquadric in between. Nodes shared with another
     patch stay: the hinge edges, and the rib where no gap separates the surface from its parent. Beside such a closed
-    rib a strip is blended spanwise; beyond it the faces stay planar. A tail turns on the fuselage cylinder.
+    rib a strip is blended spanwise; beyond it the faces stay planar. A tail turns on the fuselage cylinder. A surface
+    that touches nothing turns rigidly.
     """
     fighter, blending, axis = case.fighter, case.blending, axis_of(case.fighter, surface)
-    if not hinged(surface):
+    law = case.law(surface)
+    if law == "rigid":
+        return Rotation(axis)
+    if law == "rooted":
         apex = apex_of(datum.ends(fighter, surface))
         cylinder = fuselage_cylinder(fighter)
         return RootOnCylinder(axis, cylinder, apex, (panel_of(surface),), hexahedron, blending.root, blending.epsilon)

@@ -105,7 +105,7 @@ def mesh_parameters(case: Case) -> dict[str, object]:
     parts: dict[str, object] = {"fighter": case.fighter, "mesh": case.mesh, "domain": case.domain}
     if case.domain == "block":
         parts |= {"block": case.block, "surface": case.deflections[0].surface}
-    return parts
+    return parts | ({"notch": case.notch} if case.notch else {})
 
 
 def background_mesh(case: Case, watch: Stopwatch, cache: bool = True) -> Mesh:

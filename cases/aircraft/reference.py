@@ -99,14 +99,14 @@ def reference(case: Case, cache: bool = True) -> Iterator[Callable[[], Reference
 def parameters(case: Case) -> dict[str, object]:
     """Return what the CAD of a case depends on; the sources of the geometry are among it."""
     sources = "".join(path.read_text(encoding="utf-8") for path in sorted(Path(geometry.__path__[0]).glob("*.py")))
-    return {"fighter": case.fighter, "turned": turned(case), "sources": sources}
+    return {"fighter": case.fighter, "notch": case.notch, "turned": turned(case), "sources": sources}
 
 
 def turned(case: Case) -> dict[str, CadTurn]:
     """Return how the CAD's surfaces turn where it is built as the mesh is: tails can only turn rigidly."""
     return {
         one.surface: CadTurn(one.factor * case.angle, "blended", case.blending.strip)
-        if hinged(one.surface)
+        if case.law(one.surface) == "blended"
         else CadTurn(one.factor * case.angle)
         for one in case.deflections
     }
@@ -114,7 +114,7 @@ def turned(case: Case) -> dict[str, CadTurn]:
 
 def question(case: Case) -> Arrays:
     """Return what the process that builds is asked."""
-    packed = pickle.dumps((case.fighter, turned(case)))
+    packed = pickle.dumps((case.fighter, turned(case), case.notch))
     return {"packed": np.frombuffer(packed, dtype=np.uint8)}
 
 
@@ -122,8 +122,8 @@ def answer(question: Arrays) -> Arrays:
     """Build the aircraft undeflected and deflected; return the faces' arrays as ``which/surface/number/field``."""
     from sdm_deflect.geometry.aircraft import build  # the CAD kernel: in the process that builds alone
 
-    fighter, turned = pickle.loads(question["packed"].tobytes())
-    before, after = build(fighter), build(fighter, turned)
+    fighter, turned, notch = pickle.loads(question["packed"].tobytes())
+    before, after = build(fighter, notch=notch), build(fighter, turned, notch=notch)
     parts = (("undeflected", before, turned), ("deflected", after, turned), ("still", before, carriers(turned)))
     return {
         f"{which}/{name}/{row}/{field}": array

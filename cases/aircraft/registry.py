@@ -27,6 +27,17 @@ AILERON_CHIMERA = Case(
 )
 """Case 5.2: behind a spanwise gap, in a Chimera block of its own."""
 
+AILERON_FREE = Case(
+    name="aileron-free",
+    title="left aileron with gaps all around, turned rigidly",
+    deflections=(SurfaceTurn("aileron_left"),),
+    angle=-12.0,
+    fighter=Fighter(aileron=Aileron(gap=0.012)),
+    notch=0.005,
+    confinement=Confinement(ahead=0.005),
+)
+"""No node touches the wing, so that the surface is rigidly rotated CAD to rounding. Both ailerons are free."""
+
 TAIL = Case(
     name="tail",
     title="left horizontal tail on the fuselage cylinder (section 5.3)",
@@ -56,7 +67,7 @@ ALL = Case(
 )
 """Every control surface at once, each in a box of its own."""
 
-CASES: dict[str, Case] = {case.name: case for case in (AILERON, AILERON_CHIMERA, TAIL, RUDDER, ALL)}
+CASES: dict[str, Case] = {case.name: case for case in (AILERON_FREE, AILERON, AILERON_CHIMERA, TAIL, RUDDER, ALL)}
 
 KERNEL = ("kernel", "kernel_radius", "polynomial")
 """Settings of the interpolation that may be given without the name of their table."""

@@ -5,14 +5,14 @@ the displacement is affine, in closed form. Beside a closed rib the angle falls 
 extended to the fuselage: there the law of appendix A is solved again by SciPy.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import RBFInterpolator
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, farthest
-from sdm_deflect.deform.checks import Check, worst
+from sdm_deflect.deform.checks import Check, Judgement, worst
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.closest import Triangles
 from sdm_deflect.deform.mesh.mesh import Mesh
@@ -22,7 +22,7 @@ from sdm_deflect.deform.volume.plan import BoxPlan
 from sdm_deflect.geometry import datum
 from sdm_deflect.meshing.mesh import nodes_by_face, triangles_of
 
-from .case import Case
+from .case import Case, Law
 from .job import Wedge, apex_of, axis_of, fuselage_cylinder, panel_of
 from .reference import Faces, ReferenceFace
 
@@ -39,6 +39,8 @@ WORDS = {
     "hinge_edges": "at the hinge edges, which stay",
     "faces": "on the faces behind, falling to zero aft",
     "trailing_edge": "at the trailing edge",
+    "whole": "over the whole surface",
+    "node_by_node": "from node to node",
     "root": "at the root, which was extended to the fuselage",
     "beyond_root": "beyond the root",
     "cad_to_surface": "from the CAD back to the surface",
@@ -65,6 +67,11 @@ class Shape:
     def angle(self) -> float:
         """Its angle, degrees."""
         return self.plan.job.angle
+
+    @property
+    def law(self) -> Law:
+        """How it moves."""
+        return self.case.law(self.surface)
 
     @property
     def axis(self) -> Axis:
@@ -130,16 +137,23 @@ class Shape:
 
 
 def rigid_checks(shape: Shape, rigid: Faces) -> Iterator[Check]:
-    """Yield the distance from rigid CAD, over all nodes and back, and how far it is from what is predicted."""
+    """Yield the distance from rigid CAD, over all nodes and back, and how far it is from what is predicted.
+
+    A surface that turns rigidly must be there, node by node.
+    """
     nodes, triangles, corners = shape.nodes, shape.rows, corners_of(rigid)
     points, (samples, areas), (places, parts) = shape.deflected.points[nodes], lattice(corners), predicted(shape)
     there, back = distance(points, corners), distance(samples, points[triangles])
     shares, expected = nodal_areas(points, triangles), _closest(places, corners)
     figures = {name: _figures(there[rows], expected[rows], shares[rows]) for name, rows in parts.items() if rows.any()}
     figures["cad_to_surface"] = _figures(back, _closest(samples, places[triangles]), areas)
+    if shape.law == "rigid":
+        turned = shape.axis.rotated(shape.mesh.points[nodes], shape.angle)
+        figures["node_by_node"] = _figures(np.linalg.norm(points - turned, axis=1), np.zeros(len(nodes)), shares)
     largest, asked, off = (max(one[key] for one in figures.values()) for key in ("largest", "predicted", "off"))
     where = f"{sentence(shape.surface, figures)}; {worst(there, points)}"
-    yield Check("surface_to_rigid_cad", largest, asked, "m", where, "information", nodes=nodes, distances=there)
+    judged: tuple[float, Judgement] = (ROUNDING, "at most") if shape.law == "rigid" else (asked, "information")
+    yield Check("surface_to_rigid_cad", largest, judged[0], "m", where, judged[1], nodes=nodes, distances=there)
     where = f"{len(nodes)} nodes in {len(figures) - 1} parts, and {len(back)} points of the CAD"
     yield Check("rigid_cad_predicted", off, PREDICTED, "m", where, figures=figures)
 
@@ -168,7 +182,9 @@ def _figures(measured: FloatArray, predicted: FloatArray, weights: FloatArray) -
 def parts_of(shape: Shape) -> dict[str, BoolArray]:
     """Return the parts (K,) of a surface's nodes, each in one: by topology and by the CAD's datum lines."""
     fighter, points = shape.case.fighter, shape.mesh.points[shape.nodes]
-    if not datum.hinged(shape.surface):
+    if shape.law == "rigid":
+        return {"whole": np.ones(len(points), dtype=np.bool_)}
+    if shape.law == "rooted":
         root = root_region(shape).inside
         return {"root": root, "beyond_root": ~root}
     wedge = Wedge.of(shape.mesh, fighter, shape.surface)
@@ -185,7 +201,7 @@ def predicted(shape: Shape) -> tuple[FloatArray, dict[str, BoolArray]]:
     Nodes that a repair slid must be on the surface of the others. They belong to the first part if they came into it.
     """
     points, parts = shape.mesh.points[shape.nodes], parts_of(shape)
-    expected = points + (blended(shape) if datum.hinged(shape.surface) else extended(shape))
+    expected = points + LAWS[shape.law](shape)
     if shape.repair is not None and (slid := np.any(shape.repair[shape.nodes], axis=1)).any():
         found = Triangles.of(expected[shape.rows]).closest(shape.deflected.points[shape.nodes[slid]])
         first = next(iter(parts.values()))
@@ -229,6 +245,15 @@ def extended(shape: Shape) -> FloatArray:
     inside = region.inside
     turned[inside] += _solved(sites, values, case.blending.epsilon, turned[inside]) * rays[inside]
     return turned - points
+
+
+def rigid(shape: Shape) -> FloatArray:
+    """Return the displacement (K, 3) of a surface that turns about its hinge."""
+    return shape.axis.displacement(shape.mesh.points[shape.nodes], shape.angle)
+
+
+LAWS: dict[Law, Callable[[Shape], FloatArray]] = {"blended": blended, "rigid": rigid, "rooted": extended}
+"""The displacement by each law."""
 
 
 def root_of(shape: Shape) -> BoolArray:

@@ -11,7 +11,6 @@ from sdm_deflect.deform.checks import Check, slid_nodes, with_surface, worst
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.volume.deflection import Deflection
-from sdm_deflect.geometry.datum import hinged
 from sdm_deflect.meshing.generate.attachment import boundary_failures
 from sdm_deflect.meshing.generate.parameters import FAR_FIELD, MeshParameters
 from sdm_deflect.meshing.generate.verify import verify
@@ -117,10 +116,11 @@ def surface_checks(shape: Shape, reference: Reference) -> Iterator[Check]:
     yield planarity(shape)
     yield from surface_to_cad(shape, cad)
     yield from rigid_checks(shape, rigid)
-    if hinged(shape.surface):
+    if shape.law != "rooted":
         yield trailing_edge_angle(shape)
+    if shape.law == "blended":
         yield hinge_offset(shape, rigid)
-    else:
+    if shape.law == "rooted":
         panel = shape.mesh.on(panel_of(shape.surface))
         yield cylindricity(shape, panel)
         yield root_on_cylinder(shape, rigid, np.intersect1d(shape.exact, panel, assume_unique=True))
@@ -142,7 +142,7 @@ def surface_to_cad(shape: Shape, cad: Faces) -> Iterator[Check]:
     nodes must be. A tail's root line is on a curved edge.
     """
     nodes, exact, corners = shape.nodes, shape.exact, corners_of(cad)
-    if not hinged(shape.surface):
+    if shape.law == "rooted":
         exact = np.setdiff1d(exact, shape.mesh.on(panel_of(shape.surface)), assume_unique=True)
     rows, points = np.isin(nodes, exact, assume_unique=True), shape.deflected.points[nodes]
     away, limit = distance(points, corners), shape.case.limits.surface_to_cad

@@ -29,7 +29,7 @@ def list_cases(as_json: bool) -> None:
 @options.angle_option
 @click.option("--out", type=options.FILE, help="Output folder (default: runs/CASE).")
 @options.set_option
-@click.option("--config", type=options.FILE, help="Repeat a run from its case.toml.")
+@options.config_option
 @options.cache_option
 @options.report_option
 @options.json_option
@@ -70,14 +70,13 @@ def run(
 
 @click.command()
 @click.option("--out", type=options.FILE, required=True, help="File to write: .step, .brep or .stl.")
-@click.option(
-    "--case", default="aileron", show_default=True, type=options.CaseName(), help="Case whose aircraft is built."
-)
+@click.option("--case", type=options.CaseName(), help="Case whose aircraft is built (default: aileron).")
+@options.config_option
 @options.angle_option
 @options.set_option
 @click.option("--binary", is_flag=True, help="Of an .stl: triangles in binary, without the names of patches.")
 @options.progress_options
-def geometry(out: Path, case: str, angle: float | None, binary: bool, **given: Any) -> None:
+def geometry(out: Path, case: str | None, angle: float | None, binary: bool, **given: Any) -> None:
     """Write the CAD of a case.
 
     --angle deflects it (default: 0). Faces in a .step and solids in an .stl have the names of the patches.
@@ -90,7 +89,8 @@ def geometry(out: Path, case: str, angle: float | None, binary: bool, **given: A
     if binary and out.suffix != ".stl":
         raise InputError(f"--out {out}: only an .stl can be binary")
     quiet, verbose = given.pop("quiet"), given.pop("verbose")
-    resolved = resolve(case, angle=angle or 0.0, **given)
+    name = case or ("" if given["config"] else "aileron")
+    resolved = resolve(name, angle=angle or 0.0, **given)
 
     from sdm_deflect.cases.aircraft.cad import deflected_cad, undeflected_cad
     from sdm_deflect.meshing.files import fresh

@@ -322,7 +322,7 @@ def adapt(
     initial : (M,) rows of the sites: the first centres; at least four that span a volume, for a linear polynomial.
     options : Steps (5) and (6).
     rule : `Separated()` adds large blocks of sites that are no neighbours, `Worst()` is the paper's.
-    basis : `CholeskyBasis.of` extends one factor; `studies.solves` solves again in every iteration, as the paper does.
+    basis : `CholeskyBasis.of` extends one factor; `studies.loop` solves again in every iteration, as the paper does.
     """
     _check_initial(initial, sites, options)
     history = Recorder(options, progress, perf_counter())

@@ -177,14 +177,15 @@ def fresh_mesh(study: FlowStudy, member: Member, watch: Stopwatch) -> Mesh:
 
     case = study.at(member.angle)
     turns = cad_turns(case) if member.angle else {}
-    parts = {
+    parts: dict[str, object] = {
         "fighter": case.fighter, "mesh": case.mesh, "domain": case.domain, "number": member.number,
         "turns": {name: [turn.angle, turn.mode, turn.strip] for name, turn in turns.items()},
     }  # fmt: skip
+    parts |= {"notch": case.notch} if case.notch else {}
 
     def made() -> Generated:
         with watch.stage("fresh mesh") as progress:
-            done = generate(build(case.fighter, turns), case.mesh, progress=progress)
+            done = generate(build(case.fighter, turns, notch=case.notch), case.mesh, progress=progress)
             progress(f"{member.name}: {len(tets_of(done.mesh))} cells", 1.0)
         return done
 

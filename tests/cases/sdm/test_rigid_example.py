@@ -11,11 +11,13 @@ pytestmark = pytest.mark.mesher
 
 
 @pytest.mark.parametrize(("name", "surface"), [("aileron_run", "aileron_left"), ("tail_run", "tail_left")])
-def test_pyvista_measures_the_same_distance(request, tmp_path, name, surface):
+def test_other_means_measure_the_same_distance(request, tmp_path, name, surface):
     run, folder = request.getfixturevalue(name)
-    undeflected_cad(run.case).write(tmp_path / "sdm.stl")
+    undeflected_cad(run.case).write(tmp_path / "sdm.brep")
     checks = json.loads((folder / "metrics.json").read_text())["validation"]["checks"]
     figures = next(check["figures"] for check in checks if check["name"] == "rigid_cad_predicted")
     largest = max(one["largest"] for part, one in figures.items() if part != "cad_to_surface")
-    found = rigid_cad.largest_distance(folder, surface, run.case.angle, run.case.fighter, tmp_path / "sdm.stl")
-    assert found == pytest.approx(largest, rel=3e-3)
+    found = rigid_cad.distances(folder, surface, tmp_path / "sdm.brep")
+    assert found["nodes to CAD"] == pytest.approx(largest, rel=1e-6)  # a curved edge
+    assert found["CAD to mesh"] == pytest.approx(figures["cad_to_surface"]["largest"], rel=0.1)  # at other points
+    assert found["node by node"] >= largest

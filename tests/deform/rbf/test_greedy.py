@@ -9,7 +9,7 @@ from sdm_deflect.deform.rbf.greedy import GreedyOptions, Separated, Stop, Worst,
 from sdm_deflect.deform.rbf.interpolant import SolveError, fit
 from sdm_deflect.deform.rbf.kernels import Multiquadric, ThinPlateSpline
 from sdm_deflect.deform.rbf.problem import DataSites
-from studies.solves import DirectBasis
+from studies.loop import DirectBasis
 
 KERNELS = [ThinPlateSpline(), Multiquadric(50.0)]
 

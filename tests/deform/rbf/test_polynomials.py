@@ -10,7 +10,7 @@ from sdm_deflect.deform.rbf.greedy import GreedyOptions, Stop, adapt
 from sdm_deflect.deform.rbf.interpolant import UnitBox
 from sdm_deflect.deform.rbf.kernels import OF_RADIUS, kernel_matrix
 from sdm_deflect.deform.rbf.problem import DataSites, Problem
-from studies.solves import DirectBasis
+from studies.loop import DirectBasis
 
 RADIUS = 0.5
 POINTS = np.random.default_rng(7).uniform(-1.0, 1.0, size=(160, 3))
