@@ -78,7 +78,7 @@ def build(
         found = walls(general_fuse(aircraft_parts(fighter, moved, without, notch)))
         model = assemble(skin(found), partitions(found), fluid_inside=False, loose=loose)
         if not moved:
-            preflight(model, min(MIN_FEATURE, fighter.aileron.gap or MIN_FEATURE))
+            preflight(model, min([MIN_FEATURE, *filter(None, (fighter.aileron.gap, notch))]))
     return model
 
 

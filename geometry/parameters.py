@@ -53,7 +53,7 @@ class Fuselage(Checked):
     radius: float = quantity(0.067, "m", 0.01, 1.0, "radius of the cylinder")
     nose_length: float = quantity(0.390, "m", 0.02, 5.0, "length of the ogive")
     panel_front: float = quantity(0.755, "m", 0.05, 10.0, "x of the panels' front border")
-    panel_rear: float = quantity(0.932, "m", 0.05, 10.0, "x of the panels' rear border")
+    panel_rear: float = quantity(0.940, "m", 0.05, 10.0, "x of the panels' rear border")
     panel_angle: float = quantity(74.0, "deg", 20.0, 75.0, "polar half-angle of a panel from the horizontal")
 
 

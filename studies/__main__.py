@@ -90,14 +90,19 @@ def page(scale: str, cache: bool, out: Path | None, as_json: bool, quiet: bool, 
 
 @study.command()
 @measured
-def centres(scale: str, cache: bool, **given: Any) -> int:
-    """Repeat adaptations of the paper with one thing changed at a time: why it needs more centres than we do."""
+def centres(scale: str, cache: bool, out: Path | None, as_json: bool, quiet: bool, verbose: bool) -> int:
+    """Repeat adaptations of the paper with one thing changed at a time: why it needs more centres than we do.
+
+    It continues in its folder where it was stopped.
+    """
     from studies.centres import write_trials
 
-    def write(folder: Path, watch: Stopwatch) -> tuple[str, bool]:
-        return write_trials(scale, folder, watch, cache), True
-
-    return _written("centres", scale, write=write, **given)
+    folder = out or Path("runs/centres")
+    with options.watched(quiet or (as_json and not verbose), verbose) as watch:
+        text = write_trials(scale, folder, watch, cache)
+    figures = {"study": "centres", "folder": folder, "tables": {"centres": _rows(folder / "centres.csv")}}
+    options.print_either(as_json, figures, f"{text}\nresults in {folder}")
+    return 0
 
 
 @study.command()

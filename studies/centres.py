@@ -1,7 +1,9 @@
 """Why the paper needs more centres than we do: one thing varied at a time, and how many centres it then takes."""
 
+import csv
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +15,6 @@ from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.output import write_table
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.arrays import FloatArray, IndexArray
-from sdm_deflect.deform.base.threads import Progress
 from sdm_deflect.deform.mesh.axis import Cylinder
 from sdm_deflect.deform.mesh.edges import edges_of, polygons_of
 from sdm_deflect.deform.mesh.mesh import Mesh
@@ -22,6 +23,7 @@ from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.rbf.problem import DataSites
 from sdm_deflect.deform.volume.step import initial_centers
 from sdm_deflect.geometry import datum
+from sdm_deflect.meshing.files import replacing
 from studies.loop import Choice, Ended, Gmres, adapted, worst, worst_free
 from studies.measure import SiteGroups, scaled, sites_of, table_case, with_sites
 from studies.paper import Row, Table, paper
@@ -54,24 +56,38 @@ class Trial:
 
     Attributes
     ----------
-    change, value : what was changed, and to what.
-    table, columns, angle : the row of the paper.
-    factor : by which the tolerance was divided.
-    theirs : centres in the paper.
-    stop : name of the reason why it ended.
+    change, value : what is changed, and to what.
+    table, row : the table of the paper and its row.
+    work : the adaptation.
     """
 
     change: str
     value: str
     table: str
-    columns: str
-    angle: float
-    factor: float
-    theirs: int
-    centers: int
-    iterations: int
-    max_error: float
-    stop: str
+    row: Row
+    work: Callable[[], Ended]
+
+    @property
+    def key(self) -> tuple[str, ...]:
+        """What it is known by in a .csv."""
+        setting = self.row.setting
+        return (self.change, self.value, self.table, setting.columns, f"{setting.angle:g}")
+
+
+HEADS = (
+    "scale",
+    "change",
+    "value",
+    "table",
+    "columns",
+    "angle_deg",
+    "paper",
+    "centers",
+    "iterations",
+    "max_error",
+    "stop",
+)
+"""Columns of centres.csv: those of the key, the paper's number of centres, and what came of the trial."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,10 +133,9 @@ class Demand:
         tolerance, limit = self.table.tolerance / factor, self.table.max_centers
         return GreedyOptions(n_add=self.row.setting.n_add, tol_add=tolerance, tol_stop=tolerance, max_centers=limit)
 
-    def trial(self, change: str, value: str, ended: Ended, factor: float = 1.0) -> Trial:
-        """Note what came of it."""
-        setting, figures = self.row.setting, (ended.centers, ended.iterations, ended.max_error, ended.stop.name)
-        return Trial(change, value, self.name, setting.columns, setting.angle, factor, self.row.centers, *figures)
+    def trial(self, change: str, value: str, work: Callable[[], Ended]) -> Trial:
+        """Plan an adaptation of this row."""
+        return Trial(change, value, self.name, self.row, work)
 
     def first(self, model: Model) -> IndexArray:
         """Return the initial centres."""
@@ -153,7 +168,7 @@ def by_tolerance(models: dict[tuple[str, float], Model]) -> Iterator[Trial]:
     for (table, angle), model in models.items():
         for one in demands(table, angle):
             for factor in FACTORS:
-                yield one.trial(TOLERANCE, f"/ {factor:g}", one.exact(model, one.options(factor)), factor)
+                yield one.trial(TOLERANCE, f"/ {factor:g}", partial(one.exact, model, one.options(factor)))
 
 
 def by_solver(table: str, angle: float, model: Model) -> Iterator[Trial]:
@@ -161,15 +176,15 @@ def by_solver(table: str, angle: float, model: Model) -> Iterator[Trial]:
     for one in demands(table, angle):
         for restart, most in SOLVERS:
             for words, choice in CHOICES.items():
-                ended = one.inexact(model, Gmres(ACCURACY, restart, most), choice)
-                yield one.trial(GMRES, f"({restart}), {most} iterations{words}", ended)
+                work = partial(one.inexact, model, Gmres(ACCURACY, restart, most), choice)
+                yield one.trial(GMRES, f"({restart}), {most} iterations{words}", work)
 
 
 def by_change(case: Case, table: str, mesh: Mesh) -> Iterator[Trial]:
     """Change the sites, or what they do, one thing at a time."""
     for change, value, model in variations(case, mesh):
         for one in demands(table, case.angle):
-            yield one.trial(change, value, one.exact(model, one.options()))
+            yield one.trial(change, value, partial(one.exact, model, one.options()))
 
 
 def variations(case: Case, mesh: Mesh) -> Iterator[tuple[str, str, Model]]:
@@ -218,36 +233,46 @@ def edges(sites: SiteGroups, surface: str) -> IndexArray:
 
 
 def write_trials(scale: str, folder: Path, watch: Stopwatch, cache: bool = True) -> str:
-    """Write centres.csv: all trials for the paper's tables 1, 3 and 4; table 2 has the sites of table 1."""
-    tables = paper().tables
+    """Write centres.csv: trials for the paper's tables 1, 3 and 4; table 2 has the sites of table 1.
+
+    Trials that the file holds already are not made again.
+    """
+    tables, path = paper().tables, folder / "centres.csv"
     cases = {n: replace(case_named(tables[n].case, scale), angle=tables[n].rows[0].setting.angle) for n in TABLES}
     meshes = {name: meshed(case, watch, cache)[0] for name, case in cases.items()}
+    rows: list[list[object]] = [list(HEADS)]
+    if path.exists():
+        with path.open(newline="", encoding="utf-8") as file:
+            rows = [list(row) for row in csv.reader(file)]
+    folder.mkdir(parents=True, exist_ok=True)
+    known, keys = len(trials := list(planned(cases, meshes))), {tuple(row[:6]) for row in rows}
     with watch.stage("centres") as progress:
-        trials = measured(cases, meshes, progress)
-    names = [one.name for one in fields(Trial)]
-    write_table(folder / "centres.csv", [names, *([getattr(one, name) for name in names] for one in trials)])
-    return f"{len(trials)} adaptations, each with one thing changed"
+        for k, trial in enumerate(trials):
+            progress(f"{trial.table}, f_{trial.row.setting.columns}, {trial.change} {trial.value}", k / known)
+            if (scale, *trial.key) not in keys:
+                ended = trial.work()
+                figures = (
+                    trial.row.centers,
+                    ended.centers,
+                    ended.iterations,
+                    f"{ended.max_error:.6g}",
+                    ended.stop.name,
+                )
+                rows.append([scale, *trial.key, *figures])
+                with replacing(path) as scratch:
+                    write_table(scratch, rows)
+    return f"{known} adaptations, each with one thing changed"
 
 
-def measured(cases: dict[str, Case], meshes: dict[str, Mesh], progress: Progress) -> tuple[Trial, ...]:
-    """Carry out all trials on the meshes of the paper's tables 1, 3 and 4; table 1 has its small hexahedron."""
+def planned(cases: dict[str, Case], meshes: dict[str, Mesh]) -> Iterator[Trial]:
+    """Yield all trials on the meshes of the paper's tables 1, 3 and 4; table 1 has its small hexahedron."""
     models = {}
     for name, case in cases.items():
         for angle in dict.fromkeys(row.setting.angle for row in paper().tables[name].rows):
             turned = table_case(name, replace(case, angle=angle), meshes[name])
             models[name, angle] = Model.of(sites_of(turned, meshes[name]))
-    changes = [by_change(cases[name], name, meshes[name]) for name in ("table1", "table4")]
+    yield from by_tolerance(models)
+    for name in ("table1", "table4"):
+        yield from by_change(cases[name], name, meshes[name])
     tail = cases["table4"].angle
-    trials: list[Trial] = []
-    for one in (
-        trial
-        for part in (by_tolerance(models), *changes, by_solver("table4", tail, models["table4", tail]))
-        for trial in part
-    ):
-        trials.append(one)
-        progress(f"{one.table}, f_{one.columns}, {one.change} {one.value}", min(1.0, len(trials) / EXPECTED))
-    return tuple(trials)
-
-
-EXPECTED = 160
-"""Trials, about."""
+    yield from by_solver("table4", tail, models["table4", tail])

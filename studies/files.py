@@ -1,7 +1,7 @@
 """A study as CSV, as a table in Markdown and as a plot (figure 2 of the paper and its kin), ours beside the paper's."""
 
 import csv
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from math import isnan
 from pathlib import Path
 from typing import Any
@@ -11,13 +11,13 @@ from matplotlib.figure import Figure
 
 from sdm_deflect.cases.report.pictures import write_png
 from sdm_deflect.cases.run.output import write_table
-from studies.measure import DEFAULT, GMRES, GROWN, REPETITIONS, Measured, Result
+from studies.measure import DEFAULT, GMRES, GROWN, Measured, Result
 from studies.paper import Row, Setting, Size, paper
 from studies.trends import title
 
 SETTING = ("columns", "angle_deg", "initial_surface", "initial_hexahedron", "n_add")
 RESULTS = ("iterations", "centers", "seconds", "max_error")
-FIELDS = ("source", *SETTING, "sites", *RESULTS, "converged", "repetitions")
+FIELDS = ("source", *SETTING, "sites", *RESULTS, "converged")
 COLOURS = {"x": "#0072b2", "y": "#d55e00", "z": "#009e73", "xyz": "0.6"}
 LOOP_COLOURS = {"grown": "#0072b2", "gmres": "#d55e00", "default": "#009e73"}
 PAPER = {"color": "black", "marker": "s", "ls": "--", "lw": 1.2, "ms": 4}
@@ -43,10 +43,9 @@ def write_csv(result: Result, path: Path) -> None:
     """Write one line for every row of the paper and for every row measured here."""
     rows: list[list[object]] = [list(FIELDS)]
     for row in result.table.rows:
-        rows.append(["paper", *_setting(row.setting), "", *_results(row), "", ""])
+        rows.append(["paper", *_setting(row.setting), "", *_results(row), ""])
     for one in result.measured:
-        counted = (one.converged, one.repetitions)
-        rows.append([one.loop.name, *_setting(one.row.setting), one.row.sites, *_results(one.row), *counted])
+        rows.append([one.loop.name, *_setting(one.row.setting), one.row.sites, *_results(one.row), one.converged])
     write_table(path, rows)
 
 
@@ -68,18 +67,8 @@ def read_rows(path: Path, source: str) -> list[Row]:
 
 
 def markdown(result: Result) -> str:
-    """Return heading, sizes, tables and loops."""
-    table = result.table
-    loops = [f"- `{loop.name}`: {loop.meaning}." for loop in result.loops]
-    parts = [
-        f"## Table {result.name[-1]}: {table.title}",
-        sizes(result),
-        counts(result),
-        f"Seconds by loop (wall time, median of up to {REPETITIONS} runs):\n\n" + "\n".join(loops),
-        seconds(result),
-        convergence(result),
-    ]
-    return "\n\n".join(parts) + "\n"
+    """Return heading, sizes and table."""
+    return "\n\n".join([f"## Table {result.name[-1]}: {result.table.title}", sizes(result), counts(result)]) + "\n"
 
 
 def sizes(result: Result) -> str:
@@ -106,45 +95,6 @@ def counts(result: Result) -> str:
     return _table(lines)
 
 
-def seconds(result: Result) -> str:
-    """Return the Markdown table of times by loop; the loop of `sdm run` has centres of its own."""
-    loops = [loop for loop in result.loops if loop != DEFAULT]
-    lines = [
-        ["", "initial", "M_add", "paper", *(f"`{one.name}`" for one in loops), f"`{DEFAULT.name}`: t_end, N_c,end", "s"]
-    ]
-    ours = {(one.row.setting, one.loop): one.row for one in result.measured}
-    for theirs in result.table.rows:
-        setting = theirs.setting
-        times = [_seconds(theirs), *(_seconds(ours.get((setting, loop))) for loop in loops)]
-        own = ours[setting, DEFAULT]
-        lines.append([*_named(setting), *times, f"{own.iterations}, {own.centers}", _seconds(own)])
-    return _table(lines)
-
-
-def convergence(result: Result) -> str:
-    """Say how many adaptations reached the tolerance, how the centres compare, and which had nothing to do."""
-    reached, table = sum(one.converged for one in result.measured), result.table
-    ratios = [ours.centers / theirs.centers for ours, theirs in zip(result.by(GROWN), table.rows, strict=True)]
-    sentences = [
-        f"{reached} of {len(result.measured)} adaptations here reached the tolerance of {table.tolerance:g} m.",
-        f"The paper's rule ends here with {min(ratios):.2f} to {max(ratios):.2f} times as many centres as there.",
-    ]
-    return " ".join([*sentences, *small_motions(result)])
-
-
-def small_motions(result: Result) -> Iterator[str]:
-    """Say which directions move by less than the tolerance, and what they then cost."""
-    for angle, largest in result.ground.largest_mm.items():
-        for d, most_mm in largest.items():
-            rows = [row for row in result.by(GROWN) if row.setting.columns == d and row.setting.angle == angle]
-            if rows and most_mm < 1e3 * result.table.tolerance:
-                most = max(row.iterations for row in rows)
-                yield (
-                    f"At {angle:+g}° f_{d} is nowhere larger than {most_mm:.3g} mm, less than the "
-                    f"tolerance; it takes {most} iterations."
-                )
-
-
 def listed(values: Iterable[float]) -> str:
     """Join numbers with few digits."""
     return ", ".join(f"{value:.3g}" if isinstance(value, float) else str(value) for value in values)
@@ -162,10 +112,6 @@ def _setting(setting: Setting) -> list[object]:
 
 def _results(row: Row) -> list[object]:
     return [row.iterations, row.centers, f"{row.seconds:.6g}", f"{row.max_error:.6g}"]
-
-
-def _seconds(row: Row | None) -> str:
-    return "" if row is None else f"{row.seconds:.3g}"
 
 
 def _named(setting: Setting) -> list[str]:

@@ -39,29 +39,26 @@ from studies.loop import DirectBasis, Gmres
 from studies.paper import Evaluation, Row, Setting, Size, Table, paper
 
 REPETITIONS = 7
-"""At most so many runs of one adaptation, of which the median time counts..."""
+"""At most so many evaluations, of which the median time counts..."""
 ENOUGH_SECONDS = 1.0
-"""...and no further run once they have taken this long."""
+"""...and no further one once they have taken this long."""
 
 
 @dataclass(frozen=True, slots=True)
 class Loop:
-    """How the centres are chosen and how their coefficients are found: a short name, and the meaning in one phrase."""
+    """How the centres are chosen and how their coefficients are found."""
 
     name: str
-    meaning: str
     rule: Rule
     basis: Callable[[Problem, IndexArray], Basis] = CholeskyBasis.of
 
 
-GROWN = Loop("grown", "the paper's rule, with one factor for all directions that grows with the centres", Worst())
-GMRES = Loop(
-    "gmres",
-    "the paper's loop: its rule, solved again in every iteration by GMRES, for each direction anew",
-    Worst(look_ahead=1),
-    partial(DirectBasis.of, solve=Gmres()),
-)
-DEFAULT = Loop("default", "what `sdm run` does: blocks of separated sites, growing factor", Separated())
+GROWN = Loop("grown", Worst())
+"""The paper's rule, with one factor for all directions that grows with the centres."""
+GMRES = Loop("gmres", Worst(look_ahead=1), partial(DirectBasis.of, solve=Gmres()))
+"""The paper's loop: its rule, solved again in every iteration by GMRES, for each direction anew."""
+DEFAULT = Loop("default", Separated())
+"""What `sdm run` does: blocks of separated sites, growing factor."""
 ALL = (GROWN, GMRES, DEFAULT)
 DIRECT = (GROWN, DEFAULT)
 """Without GMRES, which takes long where a problem is large."""
@@ -105,7 +102,7 @@ class Measured:
 
     Attributes
     ----------
-    row : as in the paper's table; its time is the median of `repetitions`.
+    row : as in the paper's table.
     converged : whether the tolerance was reached.
     history : the residual in every iteration; empty where the row was read from a .csv.
     """
@@ -113,7 +110,6 @@ class Measured:
     row: Row
     loop: Loop
     converged: bool
-    repetitions: int
     history: tuple[Iteration, ...] = ()
 
 
@@ -149,27 +145,23 @@ class Task:
         rule, basis = self.loop.rule, self.loop.basis
         return adapt(self.group, ThinPlateSpline(), self.first, self.options, rule=rule, basis=basis)
 
-    def measured(self, fit: Adaptation, seconds: list[float]) -> Measured:
-        """Return the row of a fit that took these times."""
-        ended = (fit.history[-1].iteration, len(fit.chosen), median(seconds), len(self.group), fit.max_error)
-        return Measured(Row(self.setting, *ended), self.loop, fit.stop is Stop.CONVERGED, len(seconds), fit.history)
+    def measured(self, fit: Adaptation) -> Measured:
+        """Return the row of a fit."""
+        last = fit.history[-1]
+        row = Row(self.setting, last.iteration, len(fit.chosen), last.seconds, len(self.group), fit.max_error)
+        return Measured(row, self.loop, fit.stop is Stop.CONVERGED, fit.history)
 
 
 def measure(tasks: Sequence[Task], progress: Progress = silent) -> tuple[Measured, ...]:
-    """Run all tasks in turn, several times where that is cheap: a busy moment of the machine then hits all alike."""
+    """Run all tasks in turn."""
     for loop in dict.fromkeys(task.loop for task in tasks):
         first = next(task for task in tasks if task.loop == loop)
         replace(first, options=replace(first.options, max_iterations=1)).run()  # loads compiled code: not timed
-    fits: dict[int, Adaptation] = {}
-    seconds: dict[int, list[float]] = {i: [] for i in range(len(tasks))}
-    for turn in range(REPETITIONS):
-        for i, task in enumerate(tasks):
-            if sum(seconds[i]) < ENOUGH_SECONDS:
-                text = f"f_{task.setting.columns} at {task.setting.angle:+g} deg, {task.loop.name}, run {turn + 1}"
-                progress(text, (turn * len(tasks) + i) / (REPETITIONS * len(tasks)))
-                fits[i] = task.run()
-                seconds[i].append(fits[i].history[-1].seconds)
-    return tuple(task.measured(fits[i], seconds[i]) for i, task in enumerate(tasks))
+    found = []
+    for i, task in enumerate(tasks):
+        progress(f"f_{task.setting.columns} at {task.setting.angle:+g} deg, {task.loop.name}", i / len(tasks))
+        found.append(task.measured(task.run()))
+    return tuple(found)
 
 
 @dataclass(frozen=True, slots=True)

@@ -107,14 +107,15 @@ class Evaluation:
 class QualityStatement:
     """What the paper reads off a histogram for cells below a mean ratio.
 
-    `finding` is "as before" (no deterioration visible there) or "none" (the deformed mesh has no such cells).
+    `finding` is "as before" (no deterioration visible there), "none" (the deformed mesh has no such cells), or "none
+    deformed" (nor has any deformed cell).
     """
 
     figure: int
     case: str
     angle: float
     below: float
-    finding: Literal["as before", "none"]
+    finding: Literal["as before", "none", "none deformed"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from typing import Any
 from studies.paper import COLUMNS, Evaluation, QualityStatement, Row, paper
 
 Rows = Sequence[Row]
+Test = Callable[[Rows], bool]
 SAME = 1.25
 """Costs differ little if the largest is at most so many times the smallest; the paper's own differ by up to 1.22."""
 SEEN = 3e-4
@@ -42,15 +43,15 @@ class Trend:
 
     Attributes
     ----------
-    test : whether it holds for some rows.
     figures : the figures of some rows behind the test.
+    test : whether it holds for some rows.
     loop : name of the loop whose rows are tested here.
     """
 
     table: str
     sentence: str
-    test: Callable[[Rows], bool]
     figures: Callable[[Rows], str]
+    test: Test
     loop: str = "grown"
 
     def verdict(self, ours: Rows) -> Verdict:
@@ -69,7 +70,10 @@ def listing(name: str, words: str = "", unit: float = 1.0, form: str = ".4g") ->
     """Return what lists a figure of rows by direction, under its own name or in words."""
 
     def figures(rows: Rows) -> str:
-        parts = (f"{title(own)} {_listed(values, unit, form)}" for own, values in by(rows, name).items())
+        parts = (
+            f"{title(own)} {_listed((value / unit for value in values), form)}"
+            for own, values in by(rows, name).items()
+        )
         return f"{words or name}: {'; '.join(parts)}"
 
     return figures
@@ -80,43 +84,6 @@ def title(columns: str) -> str:
     return "MV" if columns == "xyz" else f"f_{columns}"
 
 
-def fewer_iterations(rows: Rows) -> bool:
-    """Whether iterations fall from row to row, but where none is needed."""
-    return all(not any(own) or all(_rises(own[::-1])) for own in by(rows, "iterations").values())
-
-
-def mostly_more_centers(rows: Rows) -> bool:
-    """Whether centres rise in most steps from row to row."""
-    return _most([step for own in by(rows, "centers").values() for step in _rises(own)])
-
-
-def mostly_fewer_iterations(rows: Rows) -> bool:
-    """Whether iterations fall in most steps from row to row."""
-    return _most([step for own in by(rows, "iterations").values() for step in _rises(own[::-1])])
-
-
-def costs_alike(rows: Rows) -> bool:
-    """Whether the rows of each direction cost about the same."""
-    return all(max(own) <= SAME * min(own) for own in by(rows, "pairs").values())
-
-
-def all_cost_alike(rows: Rows) -> bool:
-    """Whether all rows cost about the same."""
-    pairs = [row.pairs for row in rows]
-    return max(pairs) <= SAME * min(pairs)
-
-
-def y_then_x_then_z(rows: Rows) -> bool:
-    """Whether f_y has the fewest centres, followed by f_x."""
-    return all(all(_rises(own)) for own in zip(*by(rows, "centers", "yxz").values(), strict=True))
-
-
-def mv_as_z(rows: Rows) -> bool:
-    """Whether MV and f_z have the same iterations and centres."""
-    found = [by(rows, name, ("z", "xyz")).values() for name in ("iterations", "centers")]
-    return all(len({*own}) == 1 for one in found for own in zip(*one, strict=True))
-
-
 def mv_over_squv(rows: Rows) -> list[float]:
     """Return the time of MV over that of all directions of SQUV, where a loop did them all."""
     times = by(rows, "seconds")
@@ -124,31 +91,11 @@ def mv_over_squv(rows: Rows) -> list[float]:
     return [mv / own for mv, own in zip(times["xyz"], squv, strict=False)]
 
 
-def cheaper_than_one(rows: Rows) -> bool:
-    """Whether all rows cost less than the first."""
-    return max(row.pairs for row in rows[1:]) < rows[0].pairs
-
-
-def more_than_six(rows: Rows) -> bool:
-    """Whether the cheapest row costs less than a sixth of the first."""
-    return rows[0].pairs > 6.0 * min(row.pairs for row in rows)
-
-
 def until_25(rows: Rows) -> bool:
     """Whether the cost falls up to M_add = 25, and rises somewhere beyond."""
     first = [row.pairs for row in rows if row.setting.n_add <= 25]
     later = [row.pairs for row in rows if row.setting.n_add >= 25]
     return not any(_rises(first)) and any(_rises(later))
-
-
-def least_in_y(name: str) -> Callable[[Rows], bool]:
-    """Return what tests whether f_y has least of a figure, at each angle."""
-    return lambda rows: all(min(own) == own[1] for own in zip(*by(rows, name, "xyz").values(), strict=True))
-
-
-def more_with_angle(name: str) -> Callable[[Rows], bool]:
-    """Return what tests whether the larger of two deflections has more of a figure in each direction."""
-    return lambda rows: all(abs(a) < abs(b) for a, b in by(rows, name, "xyz").values())
 
 
 def at_limit(rows: Rows) -> bool:
@@ -164,32 +111,45 @@ def least_error_in_y(rows: Rows) -> bool:
     return all(_rises(errors)) and errors[0] > paper().tables["table4"].tolerance
 
 
+def least_in_y(name: str) -> Test:
+    """Return what tests whether f_y has least of a figure, at each angle."""
+    return lambda rows: all(min(own) == own[1] for own in _beside(rows, name))
+
+
+def more_with_angle(name: str) -> Test:
+    """Return what tests whether the larger of two deflections has more of a figure in each direction."""
+    return lambda rows: all(abs(a) < abs(b) for a, b in by(rows, name, "xyz").values())
+
+
+def _beside(rows: Rows, name: str, columns: Iterable[str] = "xyz") -> Iterable[tuple[float, ...]]:
+    return zip(*by(rows, name, columns).values(), strict=True)
+
+
 def _rises(values: Sequence[float]) -> list[bool]:
     return [b > a for a, b in pairwise(values)]
 
 
-def _most(steps: Sequence[bool]) -> bool:
+def _most(rows: Rows, name: str, sign: int) -> bool:
+    """Whether a figure rises (1) or falls (-1) in most steps from row to row."""
+    steps = [step for own in by(rows, name).values() for step in _rises([sign * value for value in own])]
     return 2 * sum(steps) > len(steps)
 
 
-def _listed(values: Iterable[float], unit: float = 1.0, form: str = ".4g") -> str:
-    return ", ".join(f"{value / unit:{form}}" for value in values)
+def _listed(values: Iterable[float], form: str = ".3g") -> str:
+    return ", ".join(f"{value:{form}}" for value in values)
 
 
 def _spreads(rows: Rows) -> str:
-    return "most over least pairs: " + "; ".join(
-        f"{title(own)} {max(values) / min(values):.2f}" for own, values in by(rows, "pairs").items()
-    )
+    parts = (f"{title(own)} {max(values) / min(values):.2f}" for own, values in by(rows, "pairs").items())
+    return f"most over least pairs: {'; '.join(parts)}"
 
 
 def _falls(rows: Rows) -> str:
-    return "pairs of the first row over those of each: " + _listed(
-        (rows[0].pairs / row.pairs for row in rows[1:]), 1.0, ".3g"
-    )
+    return f"pairs of the first row over those of each: {_listed(rows[0].pairs / row.pairs for row in rows[1:])}"
 
 
 _ITERATIONS, _CENTERS = listing("iterations"), listing("centers", "centres")
-_PAIRS, _ERRORS = (listing("pairs", "millions of pairs", 1e6), listing("max_error", "largest error, m", 1.0, ".2e"))
+_PAIRS, _ERRORS = listing("pairs", "millions of pairs", 1e6), listing("max_error", "largest error, m", 1.0, ".2e")
 
 
 def _ends(rows: Rows) -> str:
@@ -197,31 +157,37 @@ def _ends(rows: Rows) -> str:
 
 
 TRENDS = (
-    Trend("table1", "More initial centres mean fewer iterations.", fewer_iterations, _ITERATIONS),
-    Trend("table1", "More initial centres mostly mean more centres in the end.", mostly_more_centers, _CENTERS),
-    Trend("table1", "The initial centres hardly influence the cost.", costs_alike, _spreads),
-    Trend("table1", "f_y needs the fewest centres, followed by f_x and f_z.", y_then_x_then_z, _CENTERS),
-    Trend("table1", "SQUV for f_z ends with the same iterations and centres as MV.", mv_as_z,
-          _ends),
+    Trend("table1", "More initial centres mean fewer iterations.", _ITERATIONS,
+          lambda rows: all(not any(own) or all(_rises(own[::-1])) for own in by(rows, "iterations").values())),
+    Trend("table1", "More initial centres mostly mean more centres in the end.", _CENTERS,
+          lambda rows: _most(rows, "centers", 1)),
+    Trend("table1", "The initial centres hardly influence the cost.", _spreads,
+          lambda rows: all(max(own) <= SAME * min(own) for own in by(rows, "pairs").values())),
+    Trend("table1", "f_y needs the fewest centres, followed by f_x and f_z.", _CENTERS,
+          lambda rows: all(all(_rises(own)) for own in _beside(rows, "centers", "yxz"))),
+    Trend("table1", "SQUV for f_z ends with the same iterations and centres as MV.", _ends,
+          lambda rows: all(len({*own}) == 1 for name in ("iterations", "centers")
+                           for own in _beside(rows, name, ("z", "xyz")))),
     Trend("table1", "MV takes more than twice the time of SQUV, solved by GMRES.",
-          lambda rows: min(mv_over_squv(rows)) > 2.0,
-          lambda rows: f"time of MV over that of SQUV: {_listed(mv_over_squv(rows), 1.0, '.3g')}", "gmres"),
-    Trend("table2", "A larger M_add generally means fewer iterations.", mostly_fewer_iterations, _ITERATIONS),
-    Trend("table2", "A larger M_add generally means more centres.", mostly_more_centers, _CENTERS),
-    Trend("table2", "Any M_add above one costs less than one.", cheaper_than_one, _falls),
-    Trend("table2", "The cost falls by a factor of more than 6 at best.", more_than_six, _falls),
-    Trend("table2", "It falls monotonically up to M_add = 25 only, then often rises again.", until_25, _falls),
-    Trend("table3", "f_y needs the fewest centres, although it has the most sites.", least_in_y("centers"),
-          _CENTERS),
-    Trend("table3", "f_y costs least.", least_in_y("pairs"), _PAIRS),
-    Trend("table3", "A larger deflection needs more centres in every direction.", more_with_angle("centers"),
-          _CENTERS),
-    Trend("table3", "A larger deflection costs more in every direction.", more_with_angle("pairs"), _PAIRS),
-    Trend("table4", "No direction reaches the tolerance; all end at the limit after the same iterations.", at_limit,
-          _ends),
-    Trend("table4", "The costs differ little.", all_cost_alike, _PAIRS),
-    Trend("table4", "The largest error is smallest for f_y, followed by f_x.", least_error_in_y,
-          _ERRORS),
+          lambda rows: f"time of MV over that of SQUV: {_listed(mv_over_squv(rows))}",
+          lambda rows: min(mv_over_squv(rows)) > 2.0, "gmres"),
+    Trend("table2", "A larger M_add generally means fewer iterations.", _ITERATIONS,
+          lambda rows: _most(rows, "iterations", -1)),
+    Trend("table2", "A larger M_add generally means more centres.", _CENTERS, lambda rows: _most(rows, "centers", 1)),
+    Trend("table2", "Any M_add above one costs less than one.", _falls,
+          lambda rows: max(row.pairs for row in rows[1:]) < rows[0].pairs),
+    Trend("table2", "The cost falls by a factor of more than 6 at best.", _falls,
+          lambda rows: rows[0].pairs > 6.0 * min(row.pairs for row in rows)),
+    Trend("table2", "It falls monotonically up to M_add = 25 only, then often rises again.", _falls, until_25),
+    Trend("table3", "f_y needs the fewest centres, although it has the most sites.", _CENTERS, least_in_y("centers")),
+    Trend("table3", "f_y costs least.", _PAIRS, least_in_y("pairs")),
+    Trend("table3", "A larger deflection needs more centres in every direction.", _CENTERS, more_with_angle("centers")),
+    Trend("table3", "A larger deflection costs more in every direction.", _PAIRS, more_with_angle("pairs")),
+    Trend("table4", "No direction reaches the tolerance; all end at the limit after the same iterations.", _ends,
+          at_limit),
+    Trend("table4", "The costs differ little.", _PAIRS,
+          lambda rows: max(row.pairs for row in rows) <= SAME * min(row.pairs for row in rows)),
+    Trend("table4", "The largest error is smallest for f_y, followed by f_x.", _ERRORS, least_error_in_y),
 )  # fmt: skip
 """What the paper says of its tables."""
 
@@ -242,10 +208,12 @@ def off(rows: Rows) -> list[str]:
 def of_cells(counted: dict[str, Any]) -> Verdict:
     """Judge what the paper reads off a histogram, by the cells counted before and after."""
     theirs = QualityStatement(**counted["statement"])
-    none = theirs.finding == "none"
     more = counted["after"] - counted["before"]
-    holds = counted["after"] == 0 if none else more <= SEEN * counted["cells"]
-    said = "the deformed mesh has no cell" if none else "no deterioration is visible"
+    said, holds = {
+        "as before": ("no deterioration is visible", more <= SEEN * counted["cells"]),
+        "none": ("the deformed mesh has no cell", counted["after"] == 0),
+        "none deformed": ("no deformed cell is", counted["near_after"] == 0),
+    }[theirs.finding]
     strategy = " (MV)" if counted["strategy"] == "mv" else ""
     here = (
         f"{counted['before']} of {counted['cells']} cells below {theirs.below:g} before, {counted['after']} after; "

@@ -19,7 +19,7 @@ from sdm_deflect.meshing.cache import RECIPE, MeshCache, cache_key
 from sdm_deflect.meshing.mesh import VOLUME, Skin, skin, tetrahedral, tets_of
 
 FOLDER = Path(__file__).parent / "kept"
-NAMES = ("aileron", "aileron-chimera", "background")
+NAMES = ("aileron", "aileron-free", "aileron-chimera", "background")
 ARRAYS = {"points": "f8", "tets": "i4", "triangles": "i4", "patch": "i1", "face": "i2"}
 
 

@@ -174,13 +174,13 @@ BUDGETS = {
     "deform/repair": (1570, 6),
     "deform/surface": (1094, 7),
     "deform/volume": (3688, 13),
-    "geometry": (2116, 13),
+    "geometry": (2120, 13),
     "meshing": (573, 5),
     "meshing/formats": (9004, 37),
     "meshing/generate": (1566, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 8_541, 450
+MOST_COMPLEXITY, LONGEST = 8_542, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

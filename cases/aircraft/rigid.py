@@ -148,8 +148,8 @@ def rigid_checks(shape: Shape, rigid: Faces) -> Iterator[Check]:
     figures = {name: _figures(there[rows], expected[rows], shares[rows]) for name, rows in parts.items() if rows.any()}
     figures["cad_to_surface"] = _figures(back, _closest(samples, places[triangles]), areas)
     if shape.law == "rigid":
-        turned = shape.axis.rotated(shape.mesh.points[nodes], shape.angle)
-        figures["node_by_node"] = _figures(np.linalg.norm(points - turned, axis=1), np.zeros(len(nodes)), shares)
+        apart = np.linalg.norm(points - shape.axis.rotated(shape.mesh.points[nodes], shape.angle), axis=1)
+        figures["node_by_node"] = _figures(apart, np.zeros(len(nodes)), shares)
     largest, asked, off = (max(one[key] for one in figures.values()) for key in ("largest", "predicted", "off"))
     where = f"{sentence(shape.surface, figures)}; {worst(there, points)}"
     judged: tuple[float, Judgement] = (ROUNDING, "at most") if shape.law == "rigid" else (asked, "information")
@@ -247,12 +247,12 @@ def extended(shape: Shape) -> FloatArray:
     return turned - points
 
 
-def rigid(shape: Shape) -> FloatArray:
-    """Return the displacement (K, 3) of a surface that turns about its hinge."""
+def turned(shape: Shape) -> FloatArray:
+    """Return the displacement (K, 3) of a surface that turns rigidly."""
     return shape.axis.displacement(shape.mesh.points[shape.nodes], shape.angle)
 
 
-LAWS: dict[Law, Callable[[Shape], FloatArray]] = {"blended": blended, "rigid": rigid, "rooted": extended}
+LAWS: dict[Law, Callable[[Shape], FloatArray]] = {"blended": blended, "rigid": turned, "rooted": extended}
 """The displacement by each law."""
 
 

@@ -1,5 +1,6 @@
 """What docs/paper.md states of the paper's trends: each holds on the paper's own numbers, and on ours as stated."""
 
+import csv
 import json
 from dataclasses import replace
 from functools import partial
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases.aircraft.registry import case_named
+from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import silent
 from sdm_deflect.deform.mesh.axis import Axis, Cylinder
@@ -17,9 +19,10 @@ from sdm_deflect.deform.rbf.interpolant import direct
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.rbf.problem import DataSites
 from studies import centres, figures
+from studies.files import read_rows
 from studies.loop import DirectBasis, Gmres, adapted, worst, worst_free
 from studies.paper import paper
-from studies.trends import TRENDS, of_cells, off
+from studies.trends import TRENDS, Verdict, off, verdicts
 from tests.calls import run_study
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -51,9 +54,24 @@ def test_every_row_of_the_paper_is_as_far_as_the_limit_allows():
     assert said == "table 2, M_add = 55: 520 centres for 650: -20 %, more than 15 %"
 
 
-@pytest.mark.parametrize("counted", NUMBERS["counted"], ids=lambda one: f"figure {one['statement']['figure']}")
-def test_cells_below_the_limit_of_the_paper_are_as_the_page_states(counted):
-    assert of_cells(counted).line in TEXT
+@pytest.mark.parametrize("trend", NUMBERS["trends"], ids=lambda one: f"{one['table']} {one['sentence']}")
+def test_the_page_states_each_verdict(trend):
+    assert Verdict(**trend).line in TEXT
+
+
+def test_the_page_counts_the_trends_of_its_own_tables():
+    again = verdicts(lambda table, loop: read_rows(DOCS / "tables" / f"{table}.csv", loop), NUMBERS)
+    assert again == NUMBERS["trends"]
+    hold = sum(one["holds"] for one in again)
+    assert f"Of {len(again)} trends that the paper states, {hold} hold here and {len(again) - hold} do not." in TEXT
+
+
+def test_every_row_of_table_2_on_the_page_has_the_paper_s_centres():
+    assert not off(read_rows(DOCS / "tables" / "table2.csv", "grown"))
+    fewest = [row for row in read_rows(DOCS / "tables" / "table1.csv", "grown") if row.setting.columns in ("z", "xyz")]
+    theirs = [row for row in paper().tables["table1"].rows if row.setting.columns in ("z", "xyz")]
+    for own, other in zip(fewest, theirs, strict=True):
+        assert own.centers == pytest.approx(other.centers, rel=0.15)
 
 
 def test_what_was_measured_is_not_measured_again(tmp_path, monkeypatch):
@@ -138,6 +156,29 @@ def test_limits_end_the_written_out_loop():
         ended = adapted(bump(), np.arange(10), replace(OPTIONS, **limit), direct)
         assert ended.stop is stop
         assert ended.centers <= 20
+
+
+def test_trials_that_were_made_are_not_made_again(tmp_path, monkeypatch):
+    calls, row = [], paper().tables["table1"].rows[4]
+
+    def work(number):
+        calls.append(number)
+        if calls == [0, 1]:
+            raise KeyboardInterrupt
+        return centres.Ended(100 + number, 5, 8e-5, Stop.CONVERGED)
+
+    trials = [centres.Trial("margins", f"x {k}", "table1", row, partial(work, k)) for k in range(3)]
+    monkeypatch.setattr(centres, "planned", lambda cases, meshes: trials)
+    monkeypatch.setattr(centres, "meshed", lambda *_: (None,))
+    with pytest.raises(KeyboardInterrupt):
+        centres.write_trials("small", tmp_path, Stopwatch())
+    centres.write_trials("small", tmp_path, Stopwatch())
+    assert calls == [0, 1, 1, 2]
+    with (tmp_path / "centres.csv").open(encoding="utf-8") as file:
+        found = list(csv.DictReader(file))
+    assert [(one["value"], one["paper"], one["centers"]) for one in found] == [
+        ("x 0", "105", "100"), ("x 1", "105", "101"), ("x 2", "105", "102")
+    ]  # fmt: skip
 
 
 @pytest.mark.mesher

@@ -8,7 +8,7 @@ HINGE = ("--hinge", "0.7,0.3,0", "0.7,0.7,0")
 BLENDED = (*WALLS, *HINGE, "--motion", "blended")
 WRITTEN = ("su2", "cgns", "msh", "b8.ugrid", "grid", "vtu", "foam")
 READ = (*WRITTEN, "lb4.ugrid", "ugrid", "cas.h5", "p3d")
-CASES = ("aileron", "aileron-chimera", "tail", "rudder", "all")
+CASES = ("aileron-free", "aileron", "aileron-chimera", "tail", "rudder", "all")
 
 
 @dataclass(frozen=True)

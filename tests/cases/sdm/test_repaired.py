@@ -21,7 +21,7 @@ pytestmark = pytest.mark.mesher
 @pytest.fixture(scope="module")
 def finished(finish):
     """A tail whose worst cells are repaired, and its folder."""
-    return finish(replace(case_named("tail"), angle=18.0, repair="auto"), "tail+18")
+    return finish(replace(case_named("tail"), angle=24.0, repair="auto"), "tail+24")
 
 
 @pytest.fixture(scope="module")
