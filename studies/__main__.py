@@ -46,7 +46,7 @@ def _written(name: str, scale: str, out: Path | None, as_json: bool, quiet: bool
 
 def _table(name: str) -> click.Command:
     def command(scale: str, cache: bool, **given: Any) -> int:
-        from studies.files import write_study
+        from studies.files import sizes, write_study
         from studies.measure import GROWN, run_study
         from studies.trends import off
 
@@ -54,11 +54,11 @@ def _table(name: str) -> click.Command:
             result = run_study(name, scale, watch, cache)
             write_study(result, folder)
             faults = off(result.by(GROWN)) if name == "table2" else []
-            return "\n".join([f"{len(result.measured)} adaptations", *faults]), not faults
+            return "\n".join([f"{len(result.measured)} adaptations. {sizes(result)}", *faults]), not faults
 
         return _written(name, scale, write=write, **given)
 
-    return click.command(name, help=f"Measure {name} of the paper; write it as .csv, .md and .png.")(measured(command))
+    return click.command(name, help=f"Measure {name} of the paper; write it as .csv and .png.")(measured(command))
 
 
 for table in TABLES:

@@ -1,8 +1,6 @@
-"""A study as CSV, as a table in Markdown and as a plot (figure 2 of the paper and its kin), ours beside the paper's."""
+"""A study as CSV and as a plot (figure 2 of the paper and its kin), ours beside the paper's."""
 
 import csv
-from collections.abc import Iterable
-from math import isnan
 from pathlib import Path
 from typing import Any
 
@@ -24,11 +22,9 @@ PAPER = {"color": "black", "marker": "s", "ls": "--", "lw": 1.2, "ms": 4}
 
 
 def write_study(result: Result, folder: Path) -> None:
-    """Write <name>.csv, <name>.md and <name>.png into `folder`."""
-    name = result.name
-    write_csv(result, folder / f"{name}.csv")
-    alternative = write_plot(result, folder / f"{name}.png")
-    (folder / f"{name}.md").write_text(f"{markdown(result)}\n![{alternative}]({name}.png)\n", encoding="utf-8")
+    """Write <name>.csv and <name>.png into `folder`."""
+    write_csv(result, folder / f"{result.name}.csv")
+    write_plot(result, folder / f"{result.name}.png")
 
 
 def write_plot(result: Result, path: Path) -> str:
@@ -66,38 +62,19 @@ def read_rows(path: Path, source: str) -> list[Row]:
     return [Row(setting, *own) for setting, own in zip(settings, ended, strict=True)]
 
 
-def markdown(result: Result) -> str:
-    """Return heading, sizes and table."""
-    return "\n\n".join([f"## Table {result.name[-1]}: {result.table.title}", sizes(result), counts(result)]) + "\n"
-
-
 def sizes(result: Result) -> str:
     """Say on what the study was carried out, ours and theirs, and how far the sites move."""
     ground, theirs = result.ground, paper().size(result.table.case)
-    moved = "; ".join(f"{listed(one.values())} mm at {angle:+g}°" for angle, one in ground.largest_mm.items())
+    moved = "; ".join(
+        f"{', '.join(f'{most:.3g}' for most in one.values())} mm at {angle:+g}°"
+        for angle, one in ground.largest_mm.items()
+    )
     return (
         f"Here (scale `{ground.scale}`): {_size(ground.size)}. The paper: {_size(theirs)}. "
         f"Margins of the hexahedron are {ground.margins:g} times the case's; zero sites stand "
         f"{1e3 * ground.spacing:.2f} mm apart, {ground.spacing / ground.edge:.2f} median edges of the surface. "
         f"Largest prescribed displacement in x, y, z: {moved}."
     )
-
-
-def counts(result: Result) -> str:
-    """Return the Markdown table of iterations, centres and errors, the paper's and those of its rule here."""
-    heads = ["", "initial", "M_add", "t_end paper", "here", "N_c,end paper", "here", "max error, m"]
-    told = any(not isnan(row.max_error) for row in result.table.rows)
-    lines = [[*heads[:-1], "max error paper, m", "here"] if told else heads]
-    for theirs, ours in zip(result.table.rows, result.by(GROWN), strict=True):
-        figures = (theirs.iterations, ours.iterations, theirs.centers, ours.centers)
-        errors = [f"{row.max_error:.2e}" for row in ((theirs, ours) if told else (ours,))]
-        lines.append([*_named(theirs.setting), *map(str, figures), *errors])
-    return _table(lines)
-
-
-def listed(values: Iterable[float]) -> str:
-    """Join numbers with few digits."""
-    return ", ".join(f"{value:.3g}" if isinstance(value, float) else str(value) for value in values)
 
 
 def _size(size: Size) -> str:
@@ -112,17 +89,6 @@ def _setting(setting: Setting) -> list[object]:
 
 def _results(row: Row) -> list[object]:
     return [row.iterations, row.centers, f"{row.seconds:.6g}", f"{row.max_error:.6g}"]
-
-
-def _named(setting: Setting) -> list[str]:
-    what = f"{title(setting.columns)} at {setting.angle:+g}°"
-    return [what, "{} + {}".format(*setting.initial), str(setting.n_add)]
-
-
-def _table(lines: list[list[str]]) -> str:
-    """Return a Markdown table of a heading and rows; the first two columns are words."""
-    rule = ["---", "---", *["---:"] * (len(lines[0]) - 2)]
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in (lines[0], rule, *lines[1:]))
 
 
 def table1(result: Result, figure: Figure) -> str:

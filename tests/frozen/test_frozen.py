@@ -69,7 +69,8 @@ def meshes():
 def test_cases(meshes, name, angle, strategy):
     case = case_named(name)
     adaptation = replace(case.adaptation, strategy=strategy or case.adaptation.strategy)
-    fighter = replace(case.fighter, fuselage=replace(case.fighter.fuselage, panel_front=0.770, panel_angle=55.0))
+    fuselage = replace(case.fighter.fuselage, panel_front=0.770, panel_rear=0.932, panel_angle=55.0)
+    fighter = replace(case.fighter, fuselage=fuselage)
     case = replace(case, angle=angle, adaptation=adaptation, repair="off", fighter=fighter)
     mesh = meshes["block" if case.domain == "block" else "aircraft"]
     kept = frozen(f"{name}{angle:+g}" + (f"_{strategy}" if strategy else ""))
