@@ -86,6 +86,7 @@ def test_what_was_measured_is_not_measured_again(tmp_path, monkeypatch):
     names = ("table1", "table2", "timings")
     monkeypatch.setattr(figures, "SECTIONS", {name: partial(section, name=name) for name in names})
     monkeypatch.setattr(figures, "verdicts", lambda rows, numbers: [])
+    monkeypatch.setattr(figures, "get_num_threads", lambda: 2)
     with pytest.raises(KeyboardInterrupt):
         figures.write_page("small", tmp_path, silent)
     kept = json.loads((tmp_path / "tables" / "page.json").read_text())

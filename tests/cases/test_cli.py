@@ -24,7 +24,7 @@ def sdm(sdm, monkeypatch, tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["run", "aleron"], "unknown case 'aleron'; did you mean aileron?"),
+        (["run", "aleron"], "unknown case 'aleron'; did you mean aileron, aileron-free?"),
         (["run"], "no case given"),
         (["run", "aileron", "--angle", "95"], "angle = 95 deg must be a number from -85 to 85 deg"),
         (["run", "all", "--angle", "69"], "turns the rudder by 86.25 deg; at most 85 deg are possible"),
@@ -89,8 +89,8 @@ def test_what_the_switches_may_be_is_what_there_is():
     ("typed", "offered"),
     [
         ("sdm r", {"run", "report"}),
-        ("sdm run ai", {"aileron", "aileron-chimera"}),
-        ("sdm limit ", {"aileron", "aileron-chimera", "tail", "rudder", "all"}),
+        ("sdm run ai", {"aileron", "aileron-chimera", "aileron-free"}),
+        ("sdm limit ", {"aileron", "aileron-chimera", "aileron-free", "tail", "rudder", "all"}),
         ("sdm geometry --case ru", {"rudder"}),
         ("sdm run tail --scale ", {"small", "medium", "paper"}),
         ("sdm run tail --strategy m", {"mv"}),

@@ -106,8 +106,8 @@ def hybrid(wing_folder):
 
 @pytest.fixture(scope="session")
 def repaired_folder(bare_run):
-    """A tail at 26 degrees, where the interpolant alone inverts cells."""
-    return bare_run(replace(case_named("tail"), angle=26.0, repair="auto"))
+    """A tail at 33 degrees, where the interpolant alone inverts cells."""
+    return bare_run(replace(case_named("tail"), angle=33.0, repair="auto"))
 
 
 @pytest.fixture(scope="session")
