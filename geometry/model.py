@@ -83,7 +83,7 @@ class CadEdge:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CadModel:
-    """Valid solids whose every exterior face carries a patch name: one, and a compound with loose surfaces.
+    """A valid solid, or a compound of several; every exterior face has a patch name.
 
     Attributes
     ----------

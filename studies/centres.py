@@ -245,11 +245,11 @@ def write_trials(scale: str, folder: Path, watch: Stopwatch, cache: bool = True)
         with path.open(newline="", encoding="utf-8") as file:
             rows = [list(row) for row in csv.reader(file)]
     folder.mkdir(parents=True, exist_ok=True)
-    known, keys = len(trials := list(planned(cases, meshes))), {tuple(row[:6]) for row in rows}
+    trials, done = list(planned(cases, meshes)), {tuple(row[:6]) for row in rows}
     with watch.stage("centres") as progress:
         for k, trial in enumerate(trials):
-            progress(f"{trial.table}, f_{trial.row.setting.columns}, {trial.change} {trial.value}", k / known)
-            if (scale, *trial.key) not in keys:
+            progress(f"{trial.table}, f_{trial.row.setting.columns}, {trial.change} {trial.value}", k / len(trials))
+            if (scale, *trial.key) not in done:
                 ended = trial.work()
                 figures = (
                     trial.row.centers,
@@ -261,7 +261,7 @@ def write_trials(scale: str, folder: Path, watch: Stopwatch, cache: bool = True)
                 rows.append([scale, *trial.key, *figures])
                 with replacing(path) as scratch:
                     write_table(scratch, rows)
-    return f"{known} adaptations, each with one thing changed"
+    return f"{len(trials)} adaptations, each with one thing changed"
 
 
 def planned(cases: dict[str, Case], meshes: dict[str, Mesh]) -> Iterator[Trial]:

@@ -56,7 +56,7 @@ class Loop:
 GROWN = Loop("grown", Worst())
 """The paper's rule, with one factor for all directions that grows with the centres."""
 GMRES = Loop("gmres", Worst(look_ahead=1), partial(DirectBasis.of, solve=Gmres()))
-"""The paper's loop: its rule, solved again in every iteration by GMRES, for each direction anew."""
+"""The paper's loop: its rule; GMRES solves each direction again in every iteration."""
 DEFAULT = Loop("default", Separated())
 """What `sdm run` does: blocks of separated sites, growing factor."""
 ALL = (GROWN, GMRES, DEFAULT)

@@ -160,7 +160,7 @@ def test_no_class_has_the_name_of_another():
 
 BUDGETS = {
     "cases": (626, 6),
-    "cases/aircraft": (2127, 13),
+    "cases/aircraft": (2131, 13),
     "cases/cli": (1380, 7),
     "cases/compare": (510, 4),
     "cases/report": (2019, 10),

@@ -17,7 +17,11 @@ from sdm_deflect.meshing.generate.parameters import SCALES, MeshParameters
 Domain = Literal["aircraft", "block"]
 """What is meshed: the flow around the aircraft, or a Chimera block around the (one) aileron."""
 Law = Literal["blended", "rigid", "rooted"]
-"""How a surface moves: its trailing edge turns and its hinge edges stay, all of it turns, or a tail on the fuselage."""
+"""How a surface moves.
+
+"blended": its trailing edge turns and its hinge edges stay; "rigid": all of it turns; "rooted": a tail turns, and its
+root stays on the fuselage.
+"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -253,7 +253,7 @@ def turned(shape: Shape) -> FloatArray:
 
 
 LAWS: dict[Law, Callable[[Shape], FloatArray]] = {"blended": blended, "rigid": turned, "rooted": extended}
-"""The displacement by each law."""
+"""Displacement of a surface, by law."""
 
 
 def root_of(shape: Shape) -> BoolArray:

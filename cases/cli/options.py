@@ -144,7 +144,7 @@ set_option = click.option("--set", "assignments", multiple=True, metavar="KEY=VA
 json_option = output_option("--json", "as_json", is_flag=True, help="Print JSON to the standard output, nothing else.")
 cache_option = click.option("--cache/--no-cache", default=True, help="Whether to use the mesh cache.")
 report_option = output_option("--report/--no-report", default=True, help="Whether to make report and pictures.")
-config_option = click.option("--config", type=FILE, help="Take all of a case from the case.toml of a run.")
+config_option = click.option("--config", type=FILE, help="Read the case from the case.toml of a run.")
 scale_option = click.option("--scale", type=SCALES, default="small", show_default=True, help="Size of the mesh.")
 
 
