@@ -162,7 +162,6 @@ BUDGETS = {
     "cases": (626, 6),
     "cases/aircraft": (2131, 13),
     "cases/cli": (1380, 7),
-    "cases/compare": (510, 4),
     "cases/report": (2019, 10),
     "cases/run": (2105, 10),
     "cases/settings": (982, 5),

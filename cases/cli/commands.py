@@ -14,7 +14,7 @@ import click
 
 from . import options
 from .deflect import apply, deflect, example, limit, quality
-from .run import compare, export, geometry, list_cases, report, run, study, validate, view
+from .run import compare, export, geometry, list_cases, report, run, validate, view
 
 OBJECTS = 100_000
 """New objects after which garbage is looked for: libraries make many as they are loaded, and all of them stay."""
@@ -103,7 +103,7 @@ SUBJECTS = {
     "This machine": (doctor, cache, completion),
 }
 """The commands that the help lists."""
-for command in (*chain.from_iterable(SUBJECTS.values()), study):
+for command in chain.from_iterable(SUBJECTS.values()):
     cli.add_command(command)
 
 

@@ -1,7 +1,7 @@
 """What commands print: calm tables, at the end."""
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -168,6 +168,17 @@ def face_table(figures: Json) -> list[Table]:
     for row in rows:
         table.add_row(*row)
     return [table] if rows else []
+
+
+def comparison_tables(names: Sequence[str], tables: Mapping[str, Sequence[Sequence[str]]]) -> list[Table]:
+    """Return tables by their titles: rows of a name and a value of each run; none without rows."""
+    found = []
+    for title, rows in tables.items():
+        table = _table(title, ("",), (), names)
+        for row in rows:
+            table.add_row(*map(plain, row))
+        found += [table] if rows else []
+    return found
 
 
 def sweep_table(angles: Sequence["AngleSummary"], title: str) -> Table:

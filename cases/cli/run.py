@@ -1,4 +1,4 @@
-"""Commands on cases and finished runs: list, run, validate, report, compare, view, export, geometry, study."""
+"""Commands on cases and finished runs: list, run, validate, report, compare, view, export, geometry."""
 
 from pathlib import Path
 from typing import Any
@@ -147,27 +147,21 @@ def report(folder: Path, form: str | None, quiet: bool, verbose: bool) -> int:
 
 @click.command()
 @click.argument("folders", metavar="RUN RUN...", nargs=-1, required=True, type=options.FILE)
-@click.option("--out", type=options.FILE, default=Path("compare.html"), show_default=True, help="Page to write: .html.")
+@options.gone("--out", "page")
 @options.json_option
 @options.progress_options
-def compare(folders: tuple[Path, ...], out: Path, as_json: bool, quiet: bool, verbose: bool) -> None:
-    """Compare finished runs on one page.
+def compare(folders: tuple[Path, ...], as_json: bool, quiet: bool, verbose: bool) -> None:
+    """Compare the settings and figures of finished runs.
 
-    A run may also be the folder beside a deflected mesh. The page shows the settings and figures that differ, and
-    pictures of the same mesh over each other.
+    A run may also be the folder beside a deflected mesh. The tables have what differs; with --verbose all figures.
     """
-    from sdm_deflect.cases.compare.figures import read_runs
-    from sdm_deflect.cases.compare.page import write_page
-    from sdm_deflect.deform.base.errors import InputError
+    from sdm_deflect.cases.compare import comparison, printed, read_runs
 
-    if out.suffix != ".html":
-        raise InputError(f"--out {out}: the suffix must be .html")
-    with options.watched(quiet or (as_json and not verbose), verbose) as watch:
-        with watch.stage("read") as progress:
-            runs = read_runs(folders, progress)
-        with watch.stage("page"):
-            figures = write_page(runs, out)
-    options.print_either(as_json, figures, f"{out}: {out.stat().st_size / 1e6:.1f} MB")
+    from .console import comparison_tables
+
+    with options.watched(quiet or as_json, verbose) as watch, watch.stage("read") as progress:
+        runs = read_runs(folders, progress)
+    options.print_either(as_json, comparison(runs), *comparison_tables([run.name for run in runs], printed(runs, verbose)))
 
 
 @click.command()
@@ -220,17 +214,3 @@ def export(folder: Path, form: str, which: str, out: Path | None, quiet: bool, v
     for sentence in lost:
         click.echo(f"{target}: {sentence}", err=True)
     click.echo(f"{target}")
-
-
-@click.command(hidden=True, context_settings={"ignore_unknown_options": True, "help_option_names": []})
-@click.argument("words", nargs=-1, type=click.UNPROCESSED)
-def study(words: tuple[str, ...]) -> int:
-    """Measure a table of the paper, in a clone of the project: python -m studies --help."""
-    try:
-        from studies.__main__ import study as studies
-    except ModuleNotFoundError:
-        raise click.ClickException("studies are run in a clone of the project: python -m studies --help") from None
-    if not words:
-        raise click.UsageError(f"name a study: {', '.join(studies.commands)}")
-    code: int = studies(words, prog_name="sdm study", standalone_mode=False)
-    return code

@@ -45,7 +45,7 @@ def sdm(sdm, monkeypatch, tmp_path):
         (["limit", "aileron", "--quality", "2"], "--quality 2 must be between 0 and 1"),
         (["limit", "aileron", "--resolution", "nan"], "--resolution nan must be between 0 and 30"),
         (["export", "runs/aileron", "--format", "fluent"], "'fluent' is not one of 'cgns', 'gmsh', 'openfoam'"),
-        (["study", "table5"], "table5"),
+        (["study", "table5"], "No such command 'study'"),
         (["validate", "nowhere"], "nowhere is not the output folder of a run"),
         (["fly"], "fly"),
     ],

@@ -1,4 +1,4 @@
-"""Finished runs read to be compared, and their figures in rows: what is the same, what differs, and by how much."""
+"""Finished runs beside each other: which figures and settings differ, and by how much."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -9,15 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.cases.finished import finished
 from sdm_deflect.cases.report.data import RUN, ReportData, shown
 from sdm_deflect.cases.run.metrics import Json
 from sdm_deflect.deform.base.errors import InputError, damaged
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.mesh import Mesh
 
+from .finished import finished
+
 FEWEST, MOST = 2, 8
-"""Runs that a page compares."""
+"""Numbers of runs that are compared."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,7 +27,7 @@ class ComparedRun:
 
     Attributes
     ----------
-    name : what it is called here: the name of its folder, or the path if several folders have that name.
+    name : the name of its folder, or the path if several folders have that name.
     data : what its report shows, with the checks that it made itself.
     """
 
@@ -53,15 +54,26 @@ def read_runs(folders: Sequence[Path], progress: Progress = silent) -> tuple[Com
         progress(str(folder), i / len(folders))
         data = finished(folder).report_data()
         with damaged(folder, RUN):
-            sum(check.passed and len(check.name) for check in data.checks)  # what the page says of each
+            sum(check.passed and len(check.name) for check in data.checks)  # InputError for a check of another kind
         found.append(ComparedRun(name if alone else str(folder), folder, data))
     return tuple(found)
 
 
-def alike(runs: Sequence[ComparedRun]) -> tuple[ComparedRun, ...]:
-    """Return the runs whose undeflected mesh is that of the first one, itself included: their pictures fit."""
-    first = runs[0].data.mesh
-    return tuple(run for run in runs if run is runs[0] or _same_mesh(run.data.mesh, first))
+def comparison(runs: Sequence[ComparedRun]) -> dict[str, Any]:
+    """Return what the tables hold, as JSON has it."""
+    return {
+        "runs": [
+            {"name": run.name, "folder": run.folder, "title": run.data.title, "passed": run.data.passed} for run in runs
+        ],
+        "same_mesh": all(_same_mesh(run.data.mesh, runs[0].data.mesh) for run in runs),
+        "tables": {
+            table.title: [
+                {"name": row.name, "unit": row.unit, "values": row.values, "same": row.same} for row in table.rows
+            ]
+            for table in tables(runs)
+        },
+        "settings": {row.name: row.values for row in differing_settings(runs)},
+    }
 
 
 def _same_mesh(one: Mesh, other: Mesh) -> bool:
@@ -104,6 +116,11 @@ class Row:
         return all(_alike(self.values[0], value) for value in self.values[1:])
 
     @property
+    def label(self) -> str:
+        """The name, with the unit in brackets."""
+        return f"{self.name} ({self.unit})" if self.unit else self.name
+
+    @property
     def texts(self) -> tuple[str, ...]:
         """The values as they are shown, from the second on with their change from the first one."""
         return tuple(_written(value, self.form) + _change(self.values[0], value) for value in self.values)
@@ -130,6 +147,12 @@ def tables(runs: Sequence[ComparedRun]) -> tuple[FigureTable, ...]:
     found += [FigureTable("Verdict", tuple(_verdict(runs))), FigureTable("Time", tuple(_time(runs)))]
     kept = [FigureTable(one.title, tuple(row for row in one.rows if set(row.values) != {None})) for one in found]
     return tuple(one for one in kept if one.rows)
+
+
+def printed(runs: Sequence[ComparedRun], whole: bool) -> dict[str, list[tuple[str, ...]]]:
+    """Return the rows of names and texts that differ between runs, by table; with `whole` also the same figures."""
+    found = (*tables(runs), FigureTable("Settings that differ", differing_settings(runs)))
+    return {one.title: [(row.label, *row.texts) for row in one.rows if whole or not row.same] for one in found}
 
 
 def differing_settings(runs: Sequence[ComparedRun]) -> tuple[Row, ...]:
@@ -183,7 +206,8 @@ def _mesh(blocks: Sequence[Json]) -> Iterator[Row]:
 
 def _verdict(runs: Sequence[ComparedRun]) -> Iterator[Row]:
     checks = [run.data.checks for run in runs]
-    yield Row("checks passed", tuple(f"{sum(c.passed for c in own)} of {len(own)}" for own in checks))
+    counted = [[check for check in own if check.verdict != "information"] for own in checks]
+    yield Row("checks passed", tuple(f"{sum(c.passed for c in own)} of {len(own)}" for own in counted))
     yield Row("failed", tuple(", ".join(c.name for c in own if not c.passed) or "none" for own in checks))
 
 
