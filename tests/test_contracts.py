@@ -159,12 +159,12 @@ def test_no_class_has_the_name_of_another():
 
 
 BUDGETS = {
-    "cases": (626, 6),
+    "cases": (923, 7),
     "cases/aircraft": (2131, 13),
-    "cases/cli": (1380, 7),
+    "cases/cli": (1372, 7),
     "cases/report": (2019, 10),
     "cases/run": (2105, 10),
-    "cases/settings": (982, 5),
+    "cases/settings": (983, 5),
     "cases/view": (681, 4),
     "deform": (686, 3),
     "deform/base": (812, 6),
@@ -179,7 +179,7 @@ BUDGETS = {
     "meshing/generate": (1566, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 8_541, 450
+MOST_COMPLEXITY, LONGEST = 8_501, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

@@ -161,7 +161,8 @@ def compare(folders: tuple[Path, ...], as_json: bool, quiet: bool, verbose: bool
 
     with options.watched(quiet or as_json, verbose) as watch, watch.stage("read") as progress:
         runs = read_runs(folders, progress)
-    options.print_either(as_json, comparison(runs), *comparison_tables([run.name for run in runs], printed(runs, verbose)))
+    names = [run.name for run in runs]
+    options.print_either(as_json, comparison(runs), *comparison_tables(names, printed(runs, verbose)))
 
 
 @click.command()
