@@ -165,21 +165,21 @@ BUDGETS = {
     "cases/report": (2019, 10),
     "cases/run": (2105, 10),
     "cases/settings": (983, 5),
-    "cases/view": (681, 4),
+    "cases/view": (682, 4),
     "deform": (686, 3),
     "deform/base": (812, 6),
     "deform/mesh": (4759, 18),
     "deform/rbf": (1621, 7),
     "deform/repair": (1570, 6),
-    "deform/surface": (1094, 7),
-    "deform/volume": (3688, 13),
+    "deform/surface": (1172, 7),
+    "deform/volume": (3662, 13),
     "geometry": (2120, 13),
     "meshing": (573, 5),
     "meshing/formats": (9004, 37),
     "meshing/generate": (1566, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 8_501, 450
+MOST_COMPLEXITY, LONGEST = 8_504, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

@@ -203,7 +203,8 @@ class InteractiveRun:
             points = self.points
         else:
             for box, factor, changed in zip(self.boxes, self.factors, self.changed, strict=True):
-                found = with_repair(BoxDeflection.at(box.plan, factor * frame.angle, frame.points))
+                amounts = box.plan.job.amounts_at(factor * frame.angle)
+                found = with_repair(BoxDeflection.at(box.plan, amounts, frame.points))
                 points[changed] = found.points[changed]
         moved = self.moved if points is self.points else points - frame.points
         quality, bad = self._judged(points)

@@ -1,6 +1,6 @@
 """A surface blended between nodes that stay and nodes that follow a motion (appendix A)."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from numbers import Real
 
 import numpy as np
@@ -11,7 +11,7 @@ from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.rbf.kernels import Multiquadric
 
 from .appendix_a import blend, blend_strip
-from .motions import Motion, MotionLaw
+from .motions import Functions, Motion, MotionLaw
 from .surface import NodeSet, OnPatches, Surface, TrailingEdge
 
 MOST = 800  # nodes of either kind that a direct solve takes in a moment
@@ -154,9 +154,14 @@ class BlendedLaw:
         """Return how far each node (K, 3) moves."""
         return self._spread(self.base.displacement(amount))
 
-    def rate(self, amount: float) -> FloatArray:
-        """Return the derivative (K, 3); blending is linear, so it is the blended derivative."""
-        return self._spread(self.base.rate(amount))
+    @property
+    def functions(self) -> Functions:
+        """The base's: blending is linear."""
+        return self.base.functions
+
+    def frozen_at(self, amount: float) -> "BlendedLaw":
+        """Return the law with its base frozen."""
+        return replace(self, base=self.base.frozen_at(amount))
 
     def _spread(self, full: FloatArray) -> FloatArray:
         """Blend between zero at the held nodes and `full` (K, 3) at the driven ones."""

@@ -1,4 +1,4 @@
-"""How a surface moves: values that give the displacement of its nodes, and its derivative, for any amount.
+"""How a surface moves: values that give the displacement of its nodes for any amount.
 
 A motion has one number, its amount: degrees of a rotation, or the share of a table of displacements. Put on a surface
 it becomes a law, which has done all that does not depend on the amount.
@@ -25,6 +25,57 @@ from .surface import Surface
 MOST = 3000  # points of a table that a direct solve takes
 
 
+class Functions(Protocol):
+    """Functions f_1 to f_k of one amount, all zero at 0."""
+
+    @property
+    def count(self) -> int:
+        """Their number k: at so many amounts the displacement is read to find the fields."""
+        ...
+
+    def values(self, amount: float) -> FloatArray:
+        """Return their values (k,)."""
+        ...
+
+    def rates(self, amount: float) -> FloatArray:
+        """Return their derivatives (k,), per unit of the amount."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """Of a rotation by an angle in degrees: its sine, and one less its cosine (Rodrigues' formula)."""
+
+    count: int = 2
+
+    def values(self, amount: float) -> FloatArray:
+        """Return sin a and 1 - cos a, the latter without cancellation."""
+        angle = np.radians(amount)
+        return np.array([np.sin(angle), 2.0 * np.sin(0.5 * angle) ** 2])
+
+    def rates(self, amount: float) -> FloatArray:
+        """Return cos a and sin a, per degree."""
+        angle = np.radians(amount)
+        return np.asarray(np.radians(1.0) * np.array([np.cos(angle), np.sin(angle)]))
+
+
+@dataclass(frozen=True, slots=True)
+class Powers:
+    """The powers 1 to `count` of the amount over `scale`."""
+
+    count: int
+    scale: float = 1.0
+
+    def values(self, amount: float) -> FloatArray:
+        """Return the powers."""
+        return np.asarray((amount / self.scale) ** np.arange(1, self.count + 1))
+
+    def rates(self, amount: float) -> FloatArray:
+        """Return k x^(k - 1) over the scale."""
+        power = np.arange(self.count)
+        return np.asarray((power + 1.0) * (amount / self.scale) ** power / self.scale)
+
+
 class MotionLaw(Protocol):
     """A motion on one surface of K nodes."""
 
@@ -37,8 +88,13 @@ class MotionLaw(Protocol):
         """Return how far each node (K, 3) moves."""
         ...
 
-    def rate(self, amount: float) -> FloatArray:
-        """Return the derivative (K, 3) of the displacement with respect to the amount."""
+    @property
+    def functions(self) -> Functions:
+        """Functions of the amount of which the displacement is a sum, with fixed fields."""
+        ...
+
+    def frozen_at(self, amount: float) -> "MotionLaw":
+        """Return the law with the choices that it makes at an amount, so that it is smooth around that."""
         ...
 
 
@@ -123,10 +179,15 @@ class RotationLaw:
         """Return (R - 1)(p - a) by Rodrigues' formula."""
         return self.axis.displacement(self.points, amount)
 
-    def rate(self, amount: float) -> FloatArray:
-        """Return direction x (rotated p - a) in length units per degree."""
-        arm = self.axis.rotated(self.points, amount) - self.axis.point
-        return np.asarray(np.radians(1.0) * np.cross(self.axis.direction, arm))
+    @property
+    def functions(self) -> Functions:
+        """The sine of the angle, and one less its cosine."""
+        return Turn()
+
+    def frozen_at(self, amount: float) -> "RotationLaw":
+        """Return the law itself: it makes no choice."""
+        del amount
+        return self
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -217,10 +278,15 @@ class TableLaw:
         """Return the share `amount` of the vectors."""
         return np.asarray(amount * self.vectors)
 
-    def rate(self, amount: float) -> FloatArray:
-        """Return the vectors."""
+    @property
+    def functions(self) -> Functions:
+        """The share."""
+        return Powers(1)
+
+    def frozen_at(self, amount: float) -> "TableLaw":
+        """Return the law itself: it makes no choice."""
         del amount
-        return self.vectors
+        return self
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,6 @@
 """An all-moving surface on a cylindrical body: its root stays on the body, whose panel follows (appendix A)."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,9 +12,11 @@ from sdm_deflect.deform.mesh.axis import Axis, Cylinder
 from sdm_deflect.deform.rbf.kernels import Multiquadric
 
 from .appendix_a import elongate, slide_panel
+from .motions import Functions, Powers
 from .surface import Surface
 
-DIFFERENCE = 0.05  # deg, of the fourth-order central difference: its error is below 1e-12 of the radius
+POWERS = 6  # of the angle, for its displacement within 15 degrees: they miss it by .014 of the usual tolerance
+SCALE = 15.0  # deg, at which these powers are 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,13 +72,18 @@ class RootOnCylinder:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RootLaw:
-    """The motion of points (K, 3): masks (K,) of the tail, of its panel, and of the panel's nodes that stay."""
+    """The motion of points (K, 3): masks (K,) of the tail, of its panel, and of the panel's nodes that stay.
+
+    Which nodes belong to the root region, and which further ones stay, is decided anew at each amount, unless it is
+    held at `chosen_at`.
+    """
 
     motion: RootOnCylinder
     points: FloatArray = field(repr=False)
     tail: BoolArray = field(repr=False)
     panel: BoolArray = field(repr=False)
     stays: BoolArray = field(repr=False)
+    chosen_at: float | None = None
 
     @property
     def exact(self) -> BoolArray:
@@ -95,18 +102,18 @@ class RootLaw:
 
         Raises InputError if the tail turns so far that its root misses the cylinder.
         """
-        region = self._region(amount)
-        return self._moved(amount, region, self._staying(amount, region))
+        chosen_at = amount if self.chosen_at is None else self.chosen_at
+        region = self._region(chosen_at)
+        return self._moved(amount, region, self._staying(chosen_at, region))
 
-    def rate(self, amount: float) -> FloatArray:
-        """Return the derivative (K, 3), by a central difference of fourth order; the same nodes follow and stay."""
-        region = self._region(amount)
-        stays = self._staying(amount, region)
-        near, far = (
-            self._moved(amount + k * DIFFERENCE, region, stays) - self._moved(amount - k * DIFFERENCE, region, stays)
-            for k in (1, 2)
-        )
-        return np.asarray((8.0 * near - far) / (12.0 * DIFFERENCE))
+    @property
+    def functions(self) -> Functions:
+        """Powers of the angle: no sum of sine and cosine, for the root slides."""
+        return Powers(POWERS, SCALE)
+
+    def frozen_at(self, amount: float) -> "RootLaw":
+        """Return the law with the same nodes in the root region and at rest as at an amount."""
+        return replace(self, chosen_at=amount)
 
     def _region(self, amount: float) -> "RootRegion":
         rotated = self.motion.hinge.rotated(self.points[self.tail], amount)

@@ -146,16 +146,10 @@ class PrescribedNodes:
         """Return the same with the displacements at some amounts computed in advance: each may take a fit."""
         return replace(self, known={amounts: self.displacement(amounts) for amounts in some})
 
-    def rate(self, amounts: Amounts, ratios: Sequence[float]) -> FloatArray:
-        """Return the derivative (K, 3) of the displacement when each amount changes at its ratio."""
-        parts = [ratio * law.rate(amount) for law, amount, ratio in zip(self.laws, amounts, ratios, strict=True)]
-        out, displacement = self._joined(parts, "move at different rates"), self.displacement(amounts)
-        out[self.shared_with_fixed] = 0.0
-        points = self.mesh.points[self.nodes]
-        for patch, rows in self._on_sliding():
-            out[rows] = patch.surface.rate(points[rows], displacement[rows], out[rows])
-        self._left_behind(out)
-        return self.images.among(self.nodes).projected(out)
+    def frozen_at(self, amounts: Amounts) -> "PrescribedNodes":
+        """Return the same with the choices that each law makes at its amount: displacements are smooth around it."""
+        laws = (law.frozen_at(amount) for law, amount in zip(self.laws, amounts, strict=True))
+        return replace(self, laws=tuple(laws), known={})
 
     @property
     def warnings(self) -> tuple[str, ...]:

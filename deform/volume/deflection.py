@@ -23,8 +23,10 @@ from sdm_deflect.deform.repair.repair import repaired
 
 from .boundary import Amounts, PrescribedNodes
 from .plan import BoxPlan, Plan
-from .step import Adapting, Step, Way, rate, solve
+from .step import Adapting, OnCenters, Step, Way, solve
 
+DEGREES, SHARE = 0.05, 1e-3
+"""Step of the fourth-order difference, in degrees or as a share of a table: it errs by 1e-11 of the derivative."""
 MOST_MIDPOINTS = 20_000
 """Largest number of sample points; larger sets are thinned evenly."""
 
@@ -85,30 +87,29 @@ def _means(values: FloatArray, corners: Polygons) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class BoxDeflection:
-    """The mesh at one angle of one box's first surface, and how it got there.
+    """The mesh at one amount of each surface of a box, and how it got there.
 
     Attributes
     ----------
     plan : what was decided before.
-    angle : the first surface's amount.
+    amounts : of the moving surfaces.
     steps : the solves, one unless a single step inverted further cells.
-    points : (N, 3) deflected coordinates, as the file that is to be written holds them (`BoxPlan.precision`); outside
-        the box they are those of `Plan.undeflected`.
-    inverted : number of touched cells that are inverted at the end and were not before.
+    exact : (N, 3) deflected coordinates; outside the box they are those of the mesh.
     seconds : time it took.
     repaired : the repair, where one was needed.
     """
 
     plan: BoxPlan = field(repr=False)
-    angle: float
+    amounts: Amounts
     steps: tuple[Step, ...] = field(repr=False)
-    points: FloatArray = field(repr=False)
-    inverted: int
+    exact: FloatArray = field(repr=False)
     seconds: float
     repaired: RepairResult | None = field(default=None, repr=False)
 
     @classmethod
-    def at(cls, plan: BoxPlan, angle: float, points: FloatArray, repair: FloatArray | None = None) -> "BoxDeflection":
+    def at(
+        cls, plan: BoxPlan, amounts: Amounts, points: FloatArray, repair: FloatArray | None = None
+    ) -> "BoxDeflection":
         """Build a deflection without steps from its final coordinates (N, 3).
 
         `repair` is how far a repair moved each node (N, 3), if there was one.
@@ -117,30 +118,31 @@ class BoxDeflection:
         if repair is not None and wanted.mode != "off" and repair[plan.changed].any():
             start = points - repair
             repaired = RepairResult.of(start, points, plan.touched, plan.freedom(start), wanted.wanted)
-        return cls(plan, angle, (), points, inverted_count(plan.touched, points), 0.0, repaired)
+        return cls(plan, amounts, (), points, 0.0, repaired)
 
     @property
-    def amounts(self) -> Amounts:
-        """Amount of each moving surface of the box."""
-        return self.plan.job.amounts_at(self.angle)
+    def angle(self) -> float:
+        """The first surface's amount."""
+        return self.amounts[0]
+
+    @cached_property
+    def points(self) -> FloatArray:
+        """Deflected coordinates (N, 3) as the file that is to be written holds them (`BoxPlan.precision`)."""
+        return self.plan.precision.rounded(self.exact, self.plan.mesh.points)
+
+    @cached_property
+    def inverted(self) -> int:
+        """Number of touched cells that are inverted at the end and were not before."""
+        return inverted_count(self.plan.touched, self.points)
 
     @cached_property
     def quality(self) -> tuple[Quality, ...]:
         """Quality of the touched cells by type."""
         return self.plan.touched.quality(self.points)
 
-    def with_points(self, points: FloatArray) -> "BoxDeflection":
-        """Return the deflection with other points (N, 3), rounded as the file rounds them."""
-        rounded = self.plan.precision.rounded(points, self.plan.mesh.points)
-        if rounded is self.points:
-            return self
-        return replace(self, points=rounded, inverted=inverted_count(self.plan.touched, rounded))
-
     def stored(self, precision: Precision) -> "BoxDeflection":
         """Return the same deflection rounded for another file, from its unrounded coordinates."""
-        exact = self.plan.moved(self.steps[-1].points) if self.steps else self.points
-        exact = self.repaired.points if self.repaired else exact
-        return replace(self, plan=replace(self.plan, precision=precision)).with_points(exact)
+        return replace(self, plan=replace(self.plan, precision=precision))
 
     @property
     def interpolated(self) -> FloatArray:
@@ -179,7 +181,7 @@ class Deflection:
 
         `repair` is how far repairs moved each node (N, 3), if there were any.
         """
-        boxes = (BoxDeflection.at(box, plan.angle_of(box, plan.angle), points, repair) for box in plan.boxes)
+        boxes = (BoxDeflection.at(box, plan.amounts_of(box, plan.angle), points, repair) for box in plan.boxes)
         return cls(plan, tuple(boxes))
 
     @property
@@ -263,51 +265,65 @@ class Deflection:
             )
         rates = np.zeros_like(self.points)
         for box in self.boxes:
-            job, changed = box.plan.job, box.plan.changed
-            speeds = tuple(ratio * self.plan.angle_of(box.plan, 1.0) for ratio in job.ratios)
-            found, thin = rate(box.steps[-1], box.plan.boundary.rate(box.amounts, speeds)), box.plan.boundary.thin
-            rates[changed] = (thin.displacement(found) if thin else found)[changed]
+            changed = box.plan.changed
+            rates[changed] = _rate(box, self.plan.amounts_of(box.plan, 1.0))[changed]
         return rates
+
+
+def _rate(one: BoxDeflection, speeds: Amounts) -> FloatArray:
+    """Return d(points)/d(angle) (N, 3) at the end of the last step, whose centres stay; the amounts go at `speeds`."""
+    plan, step, count = one.plan, one.steps[-1], len(one.steps)
+    boundary = plan.boundary.frozen_at(one.amounts)
+    h = DEGREES if plan.job.surfaces[0].motion.unit == "deg" else SHARE
+    before = step.move - boundary.displacement(one.amounts) if count > 1 else 0.0
+    ends = []
+    for k in (-2, -1, 1, 2):
+        amounts = tuple(amount + k * h * speed for amount, speed in zip(one.amounts, speeds, strict=True))
+        move = boundary.displacement(amounts)
+        points = solve(step.state, move + before, OnCenters(step), plan.runner).points
+        points[plan.sites.moving] = boundary.mesh.points[plan.sites.moving] + move
+        ends.append(plan.moved(points))
+    return np.asarray((8.0 * (ends[2] - ends[1]) - (ends[3] - ends[0])) / (12.0 * h))
 
 
 def deflect(plan: Plan, angle: float, progress: Progress = silent, earlier: Deflection | None = None) -> Deflection:
     """Deflect every box to an angle of the first surface; the centres of an earlier deflection come first."""
     known = earlier.boxes if earlier else [None] * len(plan.boxes)
     pairs = zip(plan.boxes, known, strict=True)
-    boxes = (deflect_box(box, plan.angle_of(box, angle), progress, reused) for box, reused in pairs)
+    boxes = (deflect_box(box, plan.amounts_of(box, angle), progress, reused) for box, reused in pairs)
     return Deflection(plan, tuple(boxes))
 
 
 def deflect_box(
-    plan: BoxPlan, angle: float, progress: Progress = silent, earlier: BoxDeflection | None = None
+    plan: BoxPlan, amounts: Amounts, progress: Progress = silent, earlier: BoxDeflection | None = None
 ) -> BoxDeflection:
-    """Deflect one box to an angle in one step, and repair the mesh.
+    """Deflect one box to the amounts of its surfaces in one step, and repair the mesh.
 
-    Where cells invert that did not before, the angle is taken in twice as many steps while that leaves at most half as
-    many such cells, and as long as the repair leaves any. If no number of steps leaves none, the one with the fewest
+    Where cells invert that did not before, the amounts are taken in twice as many steps while that leaves at most half
+    as many such cells, and as long as the repair leaves any. If no number of steps leaves none, the one with the fewest
     is the result. A number of steps is passed over if one of them has no solution, for example because a moving node
     meets a fixed one on the way. A single step uses the centres and factors of an earlier deflection of a single step.
     """
     reused = earlier.steps[0] if earlier is not None and len(earlier.steps) == 1 else None
-    attempts, count, most = [adapted_steps(plan, angle, 1, progress, reused)], 1, plan.job.fitting.max_steps
+    attempts, count, most = [adapted_steps(plan, amounts, 1, progress, reused)], 1, plan.job.fitting.max_steps
     allowed = attempts[0].inverted
     while 0 < attempts[-1].inverted <= allowed and 2 * count <= most:
         count *= 2
-        if attempt := _possible(plan, angle, count, progress):
+        if attempt := _possible(plan, amounts, count, progress):
             allowed = attempts[-1].inverted // 2
             attempts.append(attempt)
     best = with_repair(min(attempts, key=lambda attempt: attempt.inverted), progress)
     while best.inverted and 2 * count <= most:
         count *= 2
-        if attempt := _possible(plan, angle, count, progress):
+        if attempt := _possible(plan, amounts, count, progress):
             best = min(best, with_repair(attempt, progress), key=lambda attempt: attempt.inverted)
     return best
 
 
-def _possible(plan: BoxPlan, angle: float, count: int, progress: Progress) -> BoxDeflection | None:
+def _possible(plan: BoxPlan, amounts: Amounts, count: int, progress: Progress) -> BoxDeflection | None:
     """Deflect in several steps; None if one has no solution."""
     try:
-        return adapted_steps(plan, angle, count, progress)
+        return adapted_steps(plan, amounts, count, progress)
     except (InputError, CoincidentSitesError, SolveError):
         return None
 
@@ -323,9 +339,7 @@ def with_repair(deflection: BoxDeflection, progress: Progress = silent) -> BoxDe
         return deflection
     freedom, aim = plan.freedom(deflection.points), (wanted.wanted, wanted.min_quality)
     repair = repaired(deflection.points, plan.touched, freedom, *aim, progress)
-    seconds = deflection.seconds + repair.seconds
-    after = replace(deflection, points=repair.points, inverted=len(repair.inverted), seconds=seconds, repaired=repair)
-    return after.with_points(repair.points)
+    return replace(deflection, exact=repair.points, seconds=deflection.seconds + repair.seconds, repaired=repair)
 
 
 def least_of(touched: TouchedCells, points: FloatArray, quality: Sequence[Quality]) -> tuple[tuple[Least, Least], ...]:
@@ -334,25 +348,28 @@ def least_of(touched: TouchedCells, points: FloatArray, quality: Sequence[Qualit
     return tuple(zip(before, touched.least(points, quality), strict=True))
 
 
-def stepped(plan: BoxPlan, angle: float, ways: Sequence[Way]) -> BoxDeflection:
+def stepped(plan: BoxPlan, amounts: Amounts, ways: Sequence[Way]) -> BoxDeflection:
     """Deflect in equal steps, each from the end of the last one; `ways` holds a way to choose centres for each."""
     begin, nodes, start = perf_counter(), plan.sites.moving, plan.boundary.mesh.points
     points, steps, reached = start, [], np.zeros((len(nodes), 3))
     for k, way in enumerate(ways, 1):
-        target = plan.boundary.displacement(plan.share(angle, k, len(ways)))
+        target = plan.boundary.displacement(shared(amounts, k, len(ways)))
         steps.append(solve(way.start or plan.state(points), target - reached, way, plan.runner))
         points, reached = steps[-1].points, target
     points[nodes] = start[nodes] + reached  # the places asked for, without the rounding of the steps
-    points = plan.precision.rounded(plan.moved(points), plan.mesh.points)
-    inverted = inverted_count(plan.touched, points)
-    return BoxDeflection(plan, angle, tuple(steps), points, inverted, perf_counter() - begin)
+    return BoxDeflection(plan, amounts, tuple(steps), plan.moved(points), perf_counter() - begin)
+
+
+def shared(amounts: Amounts, k: int, count: int) -> Amounts:
+    """Return the amounts after k of so many equal steps."""
+    return tuple(amount * k / count for amount in amounts)
 
 
 def adapted_steps(
-    plan: BoxPlan, angle: float, count: int, progress: Progress, earlier: Step | None = None
+    plan: BoxPlan, amounts: Amounts, count: int, progress: Progress, earlier: Step | None = None
 ) -> BoxDeflection:
     """Deflect in `count` steps with adapted centres; a single step starts from those of an earlier one."""
-    return stepped(plan, angle, [Adapting(progress, earlier)] * count)
+    return stepped(plan, amounts, [Adapting(progress, earlier)] * count)
 
 
 def inverted_count(touched: TouchedCells, points: FloatArray) -> int:

@@ -261,29 +261,21 @@ class LocalRotation:
         turn[~self._sums(displacement).any(axis=(1, 2))] = 0.0  # no rounding where nothing turns
         return np.asarray(turn)
 
-    def rotation_rates(self, displacement: FloatArray, rate: FloatArray) -> FloatArray:
-        """Return the derivative (K, 3, 3) of the rotations, given that (K, 3) of the displacement.
+    def strain(self, displacement: FloatArray) -> FloatArray:
+        """Return by how much edges at each node (K,) change beyond its turn, over their length.
 
-        With H = R S and dR = R W, W the cross product with w: (tr S - S) w = the vector of R' dH - dH' R.
+        The displacements (K, 3) are small, so that the turn w is linear in them. With S the sum of the unit edges and H
+        that of the changes, (tr S - S) w is the vector of H - H'.
         """
         if not len(self.start):
-            return np.zeros((self.count, 3, 3))
-        rotation, stretch = self._polar(displacement)
-        skew = np.einsum("kji,kjl->kil", rotation, self._sums(rate))
+            return np.zeros(self.count)
+        stretch, skew = self._polar(np.zeros_like(displacement))[1], self._sums(displacement)
         skew -= np.swapaxes(skew, 1, 2)
         right = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
         matrix = np.trace(stretch, axis1=1, axis2=2)[:, None, None] * np.eye(3) - stretch
-        w = np.linalg.solve(matrix, right[:, :, None])[:, :, 0]
-        cross = np.zeros((self.count, 3, 3))
-        for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-            cross[:, k, j], cross[:, j, k] = w[:, i], -w[:, i]
-        return np.asarray(rotation @ cross)
-
-    def strain(self, rate: FloatArray) -> FloatArray:
-        """Return how fast edges at each node change (K,) beyond its own turn, over their length, given rates (K, 3)."""
-        turn = self.rotation_rates(np.zeros_like(rate), rate)
+        turn = np.linalg.solve(matrix, right[:, :, None])[:, :, 0]
         along = self.vectors / np.sum(self.vectors**2, axis=1, keepdims=True)
-        off = rate[self.end] - rate[self.start] - np.einsum("eij,ej->ei", turn[self.start], along)
+        off = displacement[self.end] - displacement[self.start] - np.cross(turn[self.start], along)
         out = np.zeros(self.count)
         np.maximum.at(out, self.start, np.linalg.norm(off, axis=1) * np.linalg.norm(self.vectors, axis=1))
         return out

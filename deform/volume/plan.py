@@ -155,10 +155,6 @@ class BoxPlan:
         freedom = FreeNodes.of(mesh, points, inside, np.flatnonzero(free), shapes, bound)
         return freedom.with_columns(Columns.of(self.touched, self.walls), points)
 
-    def share(self, angle: float, k: int, count: int) -> Amounts:
-        """Return the amounts after k of so many equal steps to an angle."""
-        return tuple(amount * k / count for amount in self.job.amounts_at(angle))
-
     def moved(self, places: FloatArray) -> FloatArray:
         """Return where the nodes (N, 3) come to be; `places` (N, 3) are those of the mesh that is interpolated."""
         return self.boundary.thin.moved(places) if self.boundary.thin else places

@@ -16,7 +16,7 @@ from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.kernels import kernel_matrix, kernel_sum
 from sdm_deflect.deform.rbf.problem import DataSites
 
-from .deflection import stepped
+from .deflection import shared, stepped
 from .plan import BoxPlan
 from .region import check_moving
 from .step import Fits, Step, StepStart
@@ -161,8 +161,8 @@ class PreparedDeflection:
 
         Raises InputError if they are no data sites of the plan.
         """
-        steps, count = stepped(plan, angle, centers).steps, len(centers)
-        reached = tuple(plan.boundary.displacement(plan.share(angle, k, count)) for k in range(count))
+        steps, count = stepped(plan, plan.job.amounts_at(angle), centers).steps, len(centers)
+        reached = tuple(plan.boundary.displacement(shared(plan.job.amounts_at(angle), k, count)) for k in range(count))
         return cls(plan, angle, tuple(PreparedStep.of(step) for step in steps), reached)
 
     def step(self, angle: float) -> int:

@@ -29,6 +29,7 @@ MOST_RADIUS = 1e4  # of a kernel: diagonals of the box; at least a median edge o
 HALVINGS = 6  # of the distance of sites on the box at most, while none is left
 SHEARED = 0.01  # strain of the moving surface, times its size over its largest displacement: above, it shears
 CLOSE = 0.5  # distance from one part over that from the next: above, a node hardly follows either
+SMALL = 0.01  # deg, or share of a table, at which the shear is measured: it changes by 1e-4 of itself up to there
 FINER = 0.1  # of that distance: sites on the box may not stand closer, even if they shall
 
 
@@ -46,6 +47,8 @@ class Sites:
     paired : nodes of periodic pairs inside that neither move nor stay.
     sampled_sliding : rows of `slid` that are data sites, at most `MOST_FIXED`.
     zero : sites of zero displacement on the box, and on sections of it for some directions.
+    edges : (E, 2) rows of `known` that an edge of the boundary joins, or that are near where there are no faces.
+    sheared : (K,) moving nodes that the motion shears: it is not rigid beside them, whatever its amount.
     spacing, edge, tolerance : lengths: between zero sites, of the surface's median edge, of a site's error.
     kernel, radius : what interpolates, and its radius, a length; 0 for a kernel without.
     """
@@ -58,6 +61,8 @@ class Sites:
     paired: IntArray = field(repr=False)
     sampled_sliding: IntArray = field(repr=False)
     zero: tuple[DataSites, ...] = field(repr=False)
+    edges: IntArray = field(repr=False)
+    sheared: BoolArray = field(repr=False)
     spacing: float
     edge: float
     tolerance: float
@@ -92,13 +97,16 @@ class Sites:
         if not job.near_wall:
             sampled = sampled[:0]
         edge = _surface_edge(boundary, distinct)
-        known = [boundary.nodes, region.fixed, *sliding, paired] if job.near_wall else [boundary.nodes]
-        spacing, zero = _placed(boundary, region, mesh.points[np.concatenate(known)], edge)
+        known = np.concatenate([boundary.nodes, region.fixed, union(*sliding, paired)])
+        around = known if job.near_wall else boundary.nodes
+        spacing, zero = _placed(boundary, region, mesh.points[around], edge)
         tolerance = job.fitting.tolerance or TOLERANCE * edge
         radius = _radius(job.fitting, region.hexahedron.corners, edge)
         kernel = OF_RADIUS[job.fitting.kernel](radius)
+        edges = _edges(boundary, known) if job.near_wall else np.empty((0, 2), dtype=np.intp)
+        sheared = _sheared(boundary, known, edges, len(boundary.nodes) + len(region.fixed))
         return cls(
-            boundary.nodes, distinct, region.fixed, sampled, sliding, paired, sampled_sliding, zero,
+            boundary.nodes, distinct, region.fixed, sampled, sliding, paired, sampled_sliding, zero, edges, sheared,
             spacing, edge, tolerance, kernel, radius,
         )  # fmt: skip
 
@@ -123,28 +131,29 @@ class Sites:
             owner[np.searchsorted(self.moving, surface.nodes)] = i
         return [np.flatnonzero(owner == i) for i in range(len(boundary.surfaces) + 1)]
 
-    def edges(self, boundary: PrescribedNodes) -> IntArray:
-        """Return the edges (E, 2) between nodes of `known`, as rows; of near neighbours where there are no faces."""
-        mesh, known = boundary.mesh, self.known
-        faces = mesh.faces_of(boundary.declared)
-        if not faces:
-            near = cKDTree(mesh.points[known]).query(mesh.points[known], min(NEIGHBOURS, len(known)))[1]
-            return np.column_stack([np.repeat(near[:, 0], near.shape[1] - 1), near[:, 1:].ravel()])
-        row = np.full(len(mesh.points), -1, dtype=np.int32)
-        row[known] = np.arange(len(known))
-        edges = row[edges_of(polygons_of(faces))[0]]
-        return np.unique(np.sort(edges[(edges >= 0).all(axis=1)], axis=1), axis=0).astype(np.intp)
 
-    def sheared(self, boundary: PrescribedNodes) -> BoolArray:
-        """Return which moving nodes (K,) the motion shears: it is not rigid beside them, whatever its amount."""
-        rate, points = np.zeros((len(self.known), 3)), boundary.mesh.points
-        for surface, law in zip(boundary.surfaces, boundary.laws, strict=True):
-            speeds = law.rate(0.0)
-            largest = float(np.linalg.norm(speeds, axis=1).max())
-            rate[np.searchsorted(self.moving, surface.nodes)] = speeds / largest if largest else speeds
-        certain = len(self.moving) + len(self.fixed)
-        turning = LocalRotation.of(points[self.known], self.edges(boundary), certain, boundary.mesh.normal)
-        return np.asarray(turning.strain(rate)[: len(self.moving)] * boundary.size > SHEARED)
+def _edges(boundary: PrescribedNodes, known: IntArray) -> IntArray:
+    """Return `Sites.edges` between the known nodes (B,)."""
+    mesh = boundary.mesh
+    faces = mesh.faces_of(boundary.declared)
+    if not faces:
+        near = cKDTree(mesh.points[known]).query(mesh.points[known], min(NEIGHBOURS, len(known)))[1]
+        return np.column_stack([np.repeat(near[:, 0], near.shape[1] - 1), near[:, 1:].ravel()])
+    row = np.full(len(mesh.points), -1, dtype=np.int32)
+    row[known] = np.arange(len(known))
+    edges = row[edges_of(polygons_of(faces))[0]]
+    return np.unique(np.sort(edges[(edges >= 0).all(axis=1)], axis=1), axis=0).astype(np.intp)
+
+
+def _sheared(boundary: PrescribedNodes, known: IntArray, edges: IntArray, certain: int) -> BoolArray:
+    """Return `Sites.sheared`, given the known nodes (B,), the first `certain` of which move or stay."""
+    move = np.zeros((len(known), 3))
+    for surface, law in zip(boundary.surfaces, boundary.laws, strict=True):
+        own = law.displacement(SMALL)
+        largest = float(np.linalg.norm(own, axis=1).max())
+        move[np.searchsorted(boundary.nodes, surface.nodes)] = own / largest if largest else own
+    turning = LocalRotation.of(boundary.mesh.points[known], edges, certain, boundary.mesh.normal)
+    return np.asarray(turning.strain(move)[: len(boundary.nodes)] * boundary.size > SHEARED)
 
 
 def _radius(fitting: Fitting, corners: FloatArray, edge: float) -> float:

@@ -1,4 +1,4 @@
-"""One step: from displacements of the moving nodes to those of every node inside the box, and their derivative."""
+"""One step: from displacements of the moving nodes to those of every node inside the box."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -95,12 +95,12 @@ class Following:
         nearby = Nearby.of(places, known, parts)
         size = min(float(np.linalg.norm(np.ptp(points[surface.nodes], axis=0))) for surface in boundary.surfaces)
         reach = Reach.of(first_height(nearby, certain), sites.edge, size, sites.tolerance)
-        rows = layer_sites(nearby, np.flatnonzero(sites.sheared(boundary)), reach.sites)
+        rows = layer_sites(nearby, np.flatnonzero(sites.sheared), reach.sites)
         layers = RigidFollow.of(places, known, rows, nearby)
         near_wall = NearWall.of(places, known, nearby, parts, reach.follow)
         places, parts = points[sites.slid], [part[part < certain] for part in parts]
         sliding = NearWall.of(places, known, Nearby.of(places, known, parts), parts, reach.follow)
-        turning = LocalRotation.of(known, sites.edges(boundary), certain, boundary.mesh.normal)
+        turning = LocalRotation.of(known, sites.edges, certain, boundary.mesh.normal)
         return cls(reach.follow, layers, near_wall, sliding, turning)
 
 
@@ -164,42 +164,27 @@ class StepStart:
 
     def values(self, move: FloatArray, slid: FloatArray | None = None) -> FloatArray:
         """Return the displacements (S, 3) of the known points, given those of moving (K, 3) and sliding nodes."""
-        boundary = self.boundary_values(move)
-        return self._at_sites(move, boundary, self.turns(boundary), slid)
-
-    def rates(self, move: FloatArray, speed: FloatArray, slid: FloatArray | None = None) -> FloatArray:
-        """Return the derivatives (S, 3) of `values`, given those of the moving and sliding nodes."""
-        boundary, rates = self.boundary_values(move), self.boundary_values(speed)
-        return self._at_sites(speed, rates, self.turn_rates(boundary, rates), slid)
+        parts = [move[self.sites.distinct], np.zeros((len(self.sites.sampled), 3))]
+        if self.following:
+            boundary = self.boundary_values(move)
+            parts.append(self.following.layers.displaced(boundary, self.following.turning.rotations(boundary)))
+        return np.vstack(parts if slid is None else [*parts, slid[self.sites.sampled_sliding]])
 
     def turns(self, boundary: FloatArray) -> FloatArray | None:
         """Return the rotations less the identity (B, 3, 3) of `sites.known`, displaced by (B, 3); None without use."""
         return self.following.turning.rotations(boundary) if self.following else None
-
-    def turn_rates(self, boundary: FloatArray, rates: FloatArray) -> FloatArray | None:
-        """Return the derivatives of `turns`."""
-        return self.following.turning.rotation_rates(boundary, rates) if self.following else None
 
     def boundary_values(self, move: FloatArray, slid: FloatArray | None = None) -> FloatArray:
         """Return the displacements of `sites.known`, given those of moving (K, 3) and sliding nodes; None: zero."""
         slid = np.zeros((len(self.sites.slid), 3)) if slid is None else slid
         return np.vstack([move, np.zeros((len(self.sites.fixed), 3)), slid])
 
-    def _at_sites(
-        self, move: FloatArray, boundary: FloatArray, turns: FloatArray | None, slid: FloatArray | None
-    ) -> FloatArray:
-        parts = [move[self.sites.distinct], np.zeros((len(self.sites.sampled), 3))]
-        if self.following and turns is not None:
-            parts.append(self.following.layers.displaced(boundary, turns))
-        return np.vstack(parts if slid is None else [*parts, slid[self.sites.sampled_sliding]])
-
     def free_displacement(self, values: FloatArray, turns: FloatArray | None, interpolated: FloatArray) -> FloatArray:
-        """Return the displacement (Q, 3) of the free nodes, or its derivative.
+        """Return the displacement (Q, 3) of the free nodes.
 
         Parameters
         ----------
-        values, turns : Displacements (B, 3) and rotations less the identity (B, 3, 3) of `sites.known`, or their
-            derivatives.
+        values, turns : Displacements (B, 3) and rotations less the identity (B, 3, 3) of `sites.known`.
         interpolated : (Q, 3) of the interpolant at the free nodes.
         """
         out = np.array(interpolated)
@@ -210,7 +195,7 @@ class StepStart:
         return self.tied.projected(out)
 
     def carried(self, displacement: FloatArray, boundary: FloatArray, turns: FloatArray | None) -> FloatArray:
-        """Let sliding nodes (L, 3) follow the moving and fixed ones nearby; or the same of derivatives."""
+        """Let sliding nodes (L, 3) follow the moving and fixed ones nearby."""
         if self.following is None or turns is None:
             return displacement
         return self.following.sliding.following(displacement, boundary, turns)
@@ -313,28 +298,6 @@ def solve(state: StepStart, move: FloatArray, way: Way, runner: Runner = HERE) -
     return Step(state, move, fitted.first, fitted.all, slid, correction, points, fitted.seconds)
 
 
-def rate(step: Step, speed: FloatArray) -> FloatArray:
-    """Return d(points)/d(angle) (N, 3) at the end of a step, given that (K, 3) of the moving nodes.
-
-    The displacement is linear in the known values as long as the centres stay: a second right-hand side for the
-    same factor gives its derivative exactly.
-    """
-    state, move, slid, sliding = step.state, step.move, np.empty((0, 3)), step.first is not None
-    if step.first is not None:
-        nodes = state.points[state.sites.slid]
-        speeds = _on_same_centers(step.first, state.groups(state.rates(move, speed), False))(nodes)
-        boundary, rates = state.boundary_values(move), state.boundary_values(speed)
-        carried = state.carried(step.first.interpolant(nodes), boundary, state.turns(boundary))
-        slid = _on_shapes_rate(state, carried, state.carried(speeds, rates, state.turn_rates(boundary, rates)))
-    values = state.rates(move, speed, slid if sliding else None)
-    interpolant = _on_same_centers(step.fits, state.groups(values, sliding))
-    boundary, rates = state.boundary_values(move, step.slid), state.boundary_values(speed, slid)
-    out, turning = np.zeros_like(state.points), state.turn_rates(boundary, rates)
-    out[state.free] = state.free_displacement(rates, turning, interpolant(state.points[state.free]))
-    out[state.sites.known] = rates
-    return out
-
-
 def initial_centers(group: DataSites, surface: int, count: tuple[int, int]) -> IntArray:
     """Return the rows of the initial centres: so many of the first `surface` sites and of the others."""
     moving, others = group.points[:surface], group.points[surface:]
@@ -362,6 +325,25 @@ class Adapting:
         known = (earlier.fits if sliding or not earlier.first else earlier.first).factors if earlier else None
         pairs = zip(groups, known or (None,) * len(groups), strict=True)
         return Fits(tuple(_adapted(state, *pair, self.progress) for pair in pairs))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OnCenters:
+    """Exactly the centres and factors of an earlier step serve for other displacements."""
+
+    earlier: Step
+
+    @property
+    def start(self) -> StepStart:
+        """The start of the earlier step."""
+        return self.earlier.state
+
+    def fits(self, state: StepStart, values: FloatArray, sliding: bool) -> Fits:
+        """See `Way`."""
+        earlier = self.earlier.fits if sliding or not self.earlier.first else self.earlier.first
+        with single_threaded_blas():
+            groups = zip(state.groups(values, sliding), earlier.factors, earlier.adaptations, strict=True)
+            return Fits(tuple(_solved(factor.with_values(one.values), fit.stop) for one, factor, fit in groups))
 
 
 def _adapted(state: StepStart, group: DataSites, known: CholeskyBasis | None, progress: Progress) -> Adaptation:
@@ -396,13 +378,6 @@ def _adapted(state: StepStart, group: DataSites, known: CholeskyBasis | None, pr
         raise InputError(f"{state.boundary.mesh.name}: {given}: {error} {remedy}") from None
 
 
-def _on_same_centers(earlier: Fits, groups: Sequence[DataSites]) -> Interpolant:
-    """Interpolate other values at the same points on exactly the centres of an earlier fit."""
-    with single_threaded_blas():
-        parts = zip(groups, earlier.factors, earlier.adaptations, strict=True)
-        return fused([_solved(factor.with_values(group.values), fit.stop) for group, factor, fit in parts])
-
-
 def _solved(basis: CholeskyBasis, stop: Stop) -> Adaptation:
     """Return the interpolant on the centres of a basis, without a history."""
     problem = basis.kernel.problem
@@ -416,15 +391,6 @@ def _on_shapes(state: StepStart, displacement: FloatArray) -> FloatArray:
         displacement[rows] = surface.projected(points, displacement[rows])
         displacement = state.tied_sliding.projected(displacement)
     return state.tied_sliding.projected(displacement)
-
-
-def _on_shapes_rate(state: StepStart, displacement: FloatArray, speed: FloatArray) -> FloatArray:
-    """Return the derivative (L, 3) of `_on_shapes`, given that of the displacement."""
-    for surface, rows, points in _rounds(state):
-        speed[rows] = surface.rate(points, displacement[rows], speed[rows])
-        displacement[rows] = surface.projected(points, displacement[rows])
-        speed, displacement = (state.tied_sliding.projected(vectors) for vectors in (speed, displacement))
-    return state.tied_sliding.projected(speed)
 
 
 def _rounds(state: StepStart) -> list[tuple[SlidingSurface, IntArray, FloatArray]]:

@@ -38,7 +38,7 @@ def turn(mesh, patches=("body",), hinge=Y_AXIS, angle=10.0, **more):
 
 def placed(one, points):
     """Return the deflection of one box with other points."""
-    return replace(one, boxes=(replace(one.boxes[0], points=points),))
+    return replace(one, boxes=(replace(one.boxes[0], exact=points),))
 
 
 def blended(w, **more):

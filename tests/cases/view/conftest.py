@@ -37,7 +37,7 @@ def bare_run(tmp_path_factory, make_mesh):
 
 def in_two_steps(plan, angle):
     """Deflect in two steps, which a run does only where one inverts cells."""
-    return Deflection(plan, tuple(adapted_steps(box, angle, 2, silent) for box in plan.boxes))
+    return Deflection(plan, tuple(adapted_steps(box, plan.amounts_of(box, angle), 2, silent) for box in plan.boxes))
 
 
 @pytest.fixture(scope="session")

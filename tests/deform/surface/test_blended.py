@@ -125,12 +125,10 @@ def test_a_strip_that_takes_all_is_refused(wedge):
 
 
 def test_a_blended_motion_is_linear_in_that_of_its_driven_nodes(wedge):
-    """Blending is linear: the rate is the blended rate, here of a table with twice the vectors."""
     rng = np.random.default_rng(2)
     places, vectors = rng.random((9, 3)), rng.random((9, 3))
     one, two = (Blended(Table(places, k * vectors, ABOUT_Y.axis), on("hinge"), on("edge")).law(wedge) for k in (1, 2))
     np.testing.assert_allclose(two.displacement(0.3), one.displacement(0.6), atol=1e-12)
-    np.testing.assert_allclose(one.rate(0.1), one.displacement(1.0), atol=1e-12)
 
 
 def test_many_nodes_are_thinned_and_still_take_their_places(wedge, monkeypatch):

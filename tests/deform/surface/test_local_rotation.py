@@ -1,7 +1,6 @@
 """Local rotations: a rigid motion gives its own, and the rates are derivatives."""
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -65,14 +64,6 @@ def test_a_strain_is_what_a_turn_leaves_of_the_edges_rates():
     assert np.array_equal(of().strain(one) > 1e-9, beside)
 
 
-@pytest.mark.parametrize("size", [0.0, 0.05, 0.3])
-def test_rates_are_derivatives(size):
-    local, h = of(), 1e-6
-    move, speed = size * rng.normal(size=(40, 3)), rng.normal(size=(40, 3))
-    difference = (local.rotations(move + h * speed) - local.rotations(move - h * speed)) / (2.0 * h)
-    np.testing.assert_allclose(local.rotation_rates(move, speed), difference, atol=1e-6)
-
-
 def test_a_plate_turns_with_its_nodes_and_a_line_by_none():
     """Edges in a plane determine a rotation, those along a line do not."""
     x, y = (g.ravel() for g in np.meshgrid(np.arange(4.0), np.arange(4.0), indexing="ij"))
@@ -84,7 +75,6 @@ def test_a_plate_turns_with_its_nodes_and_a_line_by_none():
     line = np.column_stack([np.arange(5.0), np.zeros(5), np.zeros(5)])
     along = of(line, np.column_stack([np.arange(4), np.arange(1, 5)]))
     assert not along.rotations(axis.displacement(line, 25.0)).any()
-    assert not along.rotation_rates(axis.displacement(line, 25.0), np.ones((5, 3))).any()
 
 
 def test_certain_nodes_turn_among_themselves():
@@ -106,4 +96,4 @@ def test_edges_without_length_are_left_out_and_without_edges_nothing_turns():
     assert not turns[40].any()
     none = of(edges=np.empty((0, 2), dtype=np.intp))
     assert not none.rotations(POINTS).any()
-    assert none.rotation_rates(POINTS, POINTS).shape == (40, 3, 3)
+    assert not none.strain(POINTS).any()

@@ -33,7 +33,7 @@ def finer_points(n):
 def test_it_is_the_error_at_the_nodes_of_a_finer_mesh(steps):
     mesh = block_with_body(8)
     plan = box_plan(mesh, job(("body",), angle=20.0, near_wall=False))
-    one = adapted_steps(plan, 20.0, steps, silent)
+    one = adapted_steps(plan, (20.0,), steps, silent)
     start = finer_points(8)
     places = start.copy()
     for step in one.steps:

@@ -24,7 +24,7 @@ def plan(inboard_wing):
 
 
 def two_steps(plan):
-    return Deflection(plan, (adapted_steps(plan.boxes[0], 12.0, 2, silent),))
+    return Deflection(plan, (adapted_steps(plan.boxes[0], (12.0,), 2, silent),))
 
 
 @pytest.mark.parametrize("how", [lambda plan: carried_out(plan, 12.0), two_steps])

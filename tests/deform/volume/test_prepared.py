@@ -29,7 +29,7 @@ def ready_for(one):
 
 
 def prepare(plan, steps=1):
-    one = adapted_steps(plan, plan.job.angle, steps, silent)
+    one = adapted_steps(plan, plan.job.amounts, steps, silent)
     return one, ready_for(one)
 
 
@@ -95,8 +95,8 @@ def test_centres_that_are_no_sites_are_refused(sliding):
 def test_it_is_deflecting_on_the_same_centres(angle, inboard_wing):
     """Where no centre has to be added, the two are one, also on centres that another angle has found."""
     plan = flapped(inboard_wing, -10.0, (-10.0, 10.0), box=BOX)
-    known = deflect_box(plan, 10.0, earlier=deflect_box(plan, -10.0))
-    free, found = deflect_box(plan, angle, earlier=known), ready_for(known).at(angle)
+    known = deflect_box(plan, (10.0,), earlier=deflect_box(plan, (-10.0,)))
+    free, found = deflect_box(plan, (angle,), earlier=known), ready_for(known).at(angle)
     for theirs, first in zip(free.steps[0].fits.adaptations, known.steps[0].fits.adaptations, strict=True):
         assert np.array_equal(theirs.chosen, first.chosen)
     assert np.abs(found.points - free.points).max() < SAME
@@ -104,8 +104,8 @@ def test_it_is_deflecting_on_the_same_centres(angle, inboard_wing):
 
 def test_centres_stay_where_a_deflection_would_add_some(inboard_wing):
     plan = flapped(inboard_wing, 2.0, (2.0, 12.0), box=BOX)
-    known = deflect_box(plan, 2.0)
-    found, free = ready_for(known).at(12.0), deflect_box(plan, 12.0, earlier=known)
+    known = deflect_box(plan, (2.0,))
+    found, free = ready_for(known).at(12.0), deflect_box(plan, (12.0,), earlier=known)
     assert found.error > plan.sites.tolerance >= free.steps[0].error
     assert np.array_equal(found.points[plan.sites.moving], free.points[plan.sites.moving])
 
@@ -123,6 +123,6 @@ def test_a_deflection_of_two_steps(inboard_wing):
 
 
 def test_an_angle_beyond_the_box_is_refused(inboard_wing):
-    ready = ready_for(deflect_box(flapped(inboard_wing, 10.0, box=[[0.2, -0.2, -0.12], [1.6, 0.95, 0.12]]), 10.0))
+    ready = ready_for(deflect_box(flapped(inboard_wing, 10.0, box=[[0.2, -0.2, -0.12], [1.6, 0.95, 0.12]]), (10.0,)))
     with pytest.raises(InputError, match=r"moving nodes of flap_.* leave the box at 40; enlarge it"):
         ready.at(40.0)

@@ -140,7 +140,7 @@ def test_a_surface_without_faces_has_the_edges_of_its_nearest_neighbours(block):
     arrays = Mesh(block.points, (), (Patch("body", (), block.on("body")),))
     plan = box_plan(arrays, job(("body",), box=TIGHT))
     assert plan.sites.edge == 0.5
-    edges = plan.sites.edges(plan.boundary)
+    edges = plan.sites.edges
     lengths = np.linalg.norm(np.diff(arrays.points[plan.sites.known[edges]], axis=1), axis=2)
     assert lengths.min() == 0.5
     assert lengths.max() < 1.1
@@ -161,10 +161,10 @@ def test_each_moving_surface_is_a_part_of_its_own_and_the_rest_is_one(plan, hybr
 def test_a_blended_flap_shears_in_its_strips_and_a_rigid_surface_nowhere(inboard_wing, hybrid_wing):
     one = box_plan(inboard_wing.mesh, job(FLAP, inboard_wing.hinge, **blended(inboard_wing)))
     (law,), (surface,) = one.boundary.laws, one.boundary.surfaces
-    sheared = np.flatnonzero(one.sites.sheared(one.boundary))
+    sheared = np.flatnonzero(one.sites.sheared)
     assert np.isin(surface.nodes[law.strip], one.sites.moving[sheared]).mean() > 0.8
     rigid = box_plan(hybrid_wing.mesh, job(WING, hybrid_wing.hinge, slide={"symmetry": "plane"}))
-    assert not rigid.sites.sheared(rigid.boundary).any()
+    assert not rigid.sites.sheared.any()
     assert not len(rigid.state(hybrid_wing.mesh.points).following.layers.rows)
 
 
