@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import warnings
 import webbrowser
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from html import escape
 from os import PathLike
 from pathlib import Path
 from tempfile import NamedTemporaryFile
-from typing import Any, TypeVar, Unpack
+from typing import TYPE_CHECKING, Any, TypeVar, Unpack
 
 from numpy.typing import ArrayLike
 
@@ -30,13 +30,15 @@ from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.excerpt import excerpt
-from sdm_deflect.deform.volume.field import Field
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.meshing.formats import adapters
 from sdm_deflect.meshing.formats.format import MeshFileError
 
 from .file_mesh import FileMesh, about_files, path_of, saved
+
+if TYPE_CHECKING:
+    from sdm_deflect.deform.held import HeldPlan
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -130,14 +132,6 @@ class Result:
     def sensitivity(self) -> FloatArray:
         """d(points)/d(angle) (N, 3), in length units per degree, or per whole table; from the same centres."""
         return self.deflection.sensitivity()
-
-    @property
-    def field(self) -> Field:
-        """The deflection as a function of coordinates: `field.apply(points)` moves any part of the mesh, to the bit.
-
-        `save` writes it to a small file, and `Field.load` reads it where the rest of a large mesh lies.
-        """
-        return Field.of(self.deflection, (check.name for check in self.checks if not check.passed))
 
     def figures(self) -> dict[str, Any]:
         """Return all figures, in dictionaries, under the names of metrics.json."""
@@ -352,40 +346,45 @@ def deflect(
 
 def plan(
     mesh: Any,
-    surfaces: str | Sequence[Any],
+    surfaces: str | Sequence[Any] | Mapping[str, Any],
     hinge: ArrayLike | None = None,
     angle: float | None = None,
     *,
     progress: Progress = silent,
     **options: Unpack[Options],
-) -> Field:
-    """Fit a deflection without moving a node, and return it as a function of coordinates.
+) -> HeldPlan:
+    """Hold everything that moves a mesh to any amounts within a range: sums of fixed fields.
 
-    A file that can be read in pieces takes memory for its boundary and its box alone: CGNS, and binary UGRID, Gmsh and
-    OpenFOAM. Cells are judged and repaired as by `deflect`.
+    With a `range`, `deflect` makes the meshes at its ends, and amounts between are judged. With an `angle` alone the
+    plan serves this one. Of a file that can be read in pieces only the boundary and the box are held.
 
     Parameters
     ----------
-    mesh, surfaces, hinge, angle, progress, **options : As for `deflect`.
+    mesh, hinge, angle, progress, **options : As for `deflect`.
+    surfaces : As for `deflect`; or tables by the surfaces' names, each with its own ``hinge`` and ``range``.
 
     Returns
     -------
-    The displacement field: `apply` moves any points of the mesh, to the bit as `deflect` would; `save` keeps it.
+    The plan: `at` gives coordinates, `jvp` and `vjp` derivatives, `check` all checks; `on` serves any part of the mesh.
 
     Raises
     ------
-    InputError : as for `deflect`; or if a check of the deflected mesh fails, which it names.
+    InputError : as for `deflect`; or if sums of fields would miss a deflection, as on a triangulated slide. For a plan
+        of one amount, if a check of the mesh fails, which it names.
     """
+    from sdm_deflect.deform.held import HeldPlan
     from sdm_deflect.meshing.formats.registry import in_pieces
 
-    jobs = jobs_of(settings_of(surfaces, hinge, angle, options))
+    jobs = jobs_of(settings_of(surfaces, hinge, angle, options), by_range=True)
     if isinstance(mesh, str | PathLike):
         with about_files(), in_pieces(path_of(mesh), progress) as large:
             mesh = excerpt(large, jobs, (), Threads(), progress) if large else mesh
+    if any(moving.range for job in jobs for moving in job.surfaces):
+        return HeldPlan.of(_planned(mesh, jobs, (jobs[0].angle,), progress)[0], progress).judged(progress)
     (found,) = _run(mesh, jobs, (jobs[0].angle,), progress)
     if not found.passed:
         raise InputError(found.title)
-    return found.field
+    return HeldPlan.of_one_amount(found.deflection, ())
 
 
 def sweep(
@@ -428,13 +427,19 @@ def _run(mesh: Any, jobs: Sequence[Job], angles: Sequence[float], progress: Prog
     if not callable(progress):
         raise InputError(f"progress = {shortened(progress)} must be a function of a text and a fraction")
     progress = of_notebook() if progress is silent else progress
-    given = adapters.accepted(read(mesh, progress) if isinstance(mesh, str | PathLike) else mesh)
-    plan = Plan.of(given.mesh, jobs, angles, progress)
-    for text in warnings_of(plan):
-        warnings.warn(text, stacklevel=3)
+    plan, given = _planned(mesh, jobs, angles, progress)
     judged = run(plan, angles, lambda _: nullcontext(progress))
     found = {one.angle: Result(one, given.with_points(one.points), checks) for one, checks in judged}
     return tuple(found[angle] for angle in angles)
+
+
+def _planned(mesh: Any, jobs: Sequence[Job], angles: Sequence[float], progress: Progress) -> tuple[Plan, Any]:
+    """Plan jobs for all angles, and warn of what is probably wrong; return the mesh as it was given, too."""
+    given = adapters.accepted(read(mesh, progress) if isinstance(mesh, str | PathLike) else mesh)
+    plan = Plan.of(given.mesh, jobs, angles, progress)
+    for text in warnings_of(plan):
+        warnings.warn(text, stacklevel=4)
+    return plan, given
 
 
 def _table(title: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -18,7 +18,7 @@ from sdm_deflect.deform.mesh.crossing import Crossings
 from sdm_deflect.deform.mesh.edges import edges_of, polygons_of
 from sdm_deflect.deform.mesh.faces import faces_of
 from sdm_deflect.deform.mesh.images import plane_of
-from sdm_deflect.deform.mesh.mesh import EVERY_BIT, Mesh
+from sdm_deflect.deform.mesh.mesh import EVERY_BIT, Mesh, Precision
 from sdm_deflect.deform.mesh.quality import inverted_of
 from sdm_deflect.deform.mesh.standard import type_of
 from sdm_deflect.deform.mesh.touched import Layers, first_layer
@@ -143,7 +143,7 @@ def checks_of(deflection: Deflection, unit: str = "") -> tuple[Check, ...]:
 
 def site_error(deflection: BoxDeflection, unit: str = "") -> Check:
     """Check that the error at every data site of a box is within the tolerance."""
-    error, steps = max(step.error for step in deflection.steps), len(deflection.steps)
+    error, steps = deflection.site_error, len(deflection.steps)
     where = f"all data sites, {steps} step{'s' if steps > 1 else ''}"
     return Check("site_error", error, deflection.plan.sites.tolerance, unit, where)
 
@@ -410,7 +410,16 @@ class Judged(NamedTuple):
         return all(check.passed for check in self.checks)
 
 
-def run(plan: Plan, angles: Sequence[float], stage: Stage = unseen, unit: str = "") -> Iterator[Judged]:
+class Turnable(Protocol):
+    """What brings a mesh to any angle of the first surface by itself."""
+
+    def turned(self, angle: float, precision: Precision) -> Deflection:
+        """Return the mesh at an angle of the first surface, for a file that keeps coordinates so."""
+
+
+def run(
+    plan: Plan, angles: Sequence[float], stage: Stage = unseen, unit: str = "", held: Turnable | None = None
+) -> Iterator[Judged]:
     """Bring the mesh to several angles, the largest first: its centres and factors serve for all of them.
 
     Each angle is checked at every data site; centres are added where one is off by more than the tolerance.
@@ -421,11 +430,12 @@ def run(plan: Plan, angles: Sequence[float], stage: Stage = unseen, unit: str = 
     angles : Amounts of the first surface.
     stage : Shows what is done.
     unit : Of lengths, where the mesh's is known.
+    held : Brings the mesh to the angles in place of fits.
     """
     largest, earlier = max(angles, key=abs), None
     for angle in dict.fromkeys((largest, *angles)):
         with stage("deflect") as progress:
-            deflection = deflect(plan, angle, progress, earlier)
+            deflection = held.turned(angle, plan.precision) if held else deflect(plan, angle, progress, earlier)
             progress(f"{angle:+g} {plan.unit}", 1.0)
         pairs = zip(deflection.boxes, (earlier or deflection).boxes, strict=True)
         earlier = replace(deflection, boxes=tuple(new if len(new.steps) == 1 else old for new, old in pairs))

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from sdm_deflect.cases.api import Result, deflect, plan, read, sweep
     from sdm_deflect.deform.base.errors import InputError
     from sdm_deflect.deform.checks import Check
+    from sdm_deflect.deform.held import HeldPlan
     from sdm_deflect.deform.hexahedron import Hexahedron
     from sdm_deflect.deform.mesh.cells import Cells, Patch
     from sdm_deflect.deform.mesh.mesh import Mesh
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from sdm_deflect.deform.surface.blended import Blended
     from sdm_deflect.deform.surface.motions import Rotation, Table
     from sdm_deflect.deform.surface.surface import Listed, OnPatches, TrailingEdge
-    from sdm_deflect.deform.volume.field import Field
 
     __version__: str
 
@@ -29,7 +29,7 @@ __all__ = [
     "Blended",
     "Cells",
     "Check",
-    "Field",
+    "HeldPlan",
     "Hexahedron",
     "InputError",
     "Listed",
@@ -58,7 +58,7 @@ _MODULES = {
     "deform.surface.motions": ("Rotation", "Table"),
     "deform.surface.surface": ("Listed", "OnPatches", "TrailingEdge"),
     "deform.hexahedron": ("Hexahedron",),
-    "deform.volume.field": ("Field",),
+    "deform.held": ("HeldPlan",),
 }
 
 

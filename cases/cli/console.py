@@ -98,8 +98,7 @@ def plan_table(plan: Plan) -> Group:
 def result_table(done: "Outcome", whole: bool) -> Group:
     """Return verdict, warnings, motion, quality and files; with `whole` all checks, the box and the fit, too."""
     ordered = sorted(done.angles, key=lambda summary: summary.angle)
-    by_angle = _of_one_angle(done, ordered[0], whole) if len(ordered) == 1 else _of_many_angles(done, ordered)
-    tables, texts = by_angle
+    tables, texts = _of_one_angle(done, ordered[0], whole) if len(ordered) == 1 else _of_many_angles(done, ordered)
     texts = [*_lines(done.plan, whole), *texts, *(f"note: {text}" for text in done.notes)]
     texts += [f"not held by this format: {text}" for text in done.lost]
     if whole:
@@ -131,7 +130,7 @@ def _of_many_angles(done: "Outcome", ordered: Sequence["AngleSummary"]) -> tuple
     named = [(f"{summary.angle:+g} {_unit(done)}", summary) for summary in ordered]
     failed = [check_table(summary.checks, name) for name, summary in named if not summary.passed]
     repairs = [f"{name}: {text}" for name, summary in named if (text := repair_text(summary.figures))]
-    return [sweep_table(ordered, _title(done)), *failed], repairs
+    return [sweep_table(ordered, _title(done)), *failed] if ordered else [], repairs
 
 
 def _title(done: "Outcome") -> str:

@@ -49,7 +49,9 @@ moved = partial(click.option, cls=options.Grouped, group="What moves")
     "--out", type=options.FILE, help="File to write (default: MESH-deflected); its suffix is the format."
 )
 @options.output_option("--sensitivity", is_flag=True, help="Also write d(points)/d(angle), as .npz and .vtu.")
-@options.output_option("--field", type=options.FILE, help="Also write the displacement field, for `sdm apply`.")
+@options.gone("--field")
+@options.output_option("--plan", type=options.FILE, help="Also save the plan, for `sdm apply`.")
+@options.output_option("--mesh/--no-mesh", "meshes", default=True, help="Whether to write meshes, beside a --plan.")
 @options.report_option
 @options.output_option("--dry-run", is_flag=True, help="Print what would be done, and write nothing.")
 @options.json_option
@@ -61,7 +63,16 @@ moved = partial(click.option, cls=options.Grouped, group="What moves")
 @options.cluster_option("--worker-memory", metavar="SIZE", help="Memory of each of the --workers, such as 2GB.")
 @click.option("--config", type=options.FILE, help="Settings in a TOML file; several surfaces as [[surface]].")
 @options.set_option
-def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, report: bool, **given: Any) -> int:
+def deflect(
+    mesh: Path,
+    out: Path | None,
+    sensitivity: bool,
+    dry_run: bool,
+    report: bool,
+    plan: Path | None,
+    meshes: bool,
+    **given: Any,
+) -> int:
     """Deflect surfaces of a mesh, and judge the new mesh.
 
     sdm deflect wing.su2 --surface flap --fixed wing --hinge 0.7,0,0 0.7,1,0 --angle 10 --motion blended
@@ -75,24 +86,25 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
     helpers = [given.pop(name) for name in HELPERS]
     if many:
         given["angle"] = max(many, key=abs)
-    field = given.pop("field")
     settings, inputs = _settings(given)
     from sdm_deflect.cases.settings.jobs import jobs_of
 
-    jobs = jobs_of(settings)
+    jobs = jobs_of(settings, by_range=not meshes)
+    if many and plan:
+        jobs = tuple(job.over(jobs[0], many) for job in jobs)
     angles, others = _amounts(jobs, many)
-    wanted = replace(Targets.of(mesh, out, angles, sensitivity, report), field=field, others=others)
+    wanted = replace(Targets.of(mesh, out, angles, sensitivity, report), plan=plan, others=others, meshes=meshes)
     wanted.check(inputs)
     with (
         options.watched(quiet or (as_json and not verbose), verbose) as watch,
         _runner(helpers, watch, mesh, wanted.out.absolute().parent) as runner,
     ):
         if dry_run:
-            plan = planned(wanted, jobs, watch, runner, angles)
+            decided = planned(wanted, jobs, watch, runner, angles)
         else:
             done = deflect_file(wanted, jobs, watch, runner)
     if dry_run:
-        return _show_plan(wanted, plan, as_json)
+        return _show_plan(wanted, decided, as_json)
     from .console import result_table
 
     options.print_either(as_json, figures(done, watch), result_table(done, verbose))
@@ -138,34 +150,53 @@ def limit(place: str, out: Path | None, as_json: bool, quiet: bool, verbose: boo
 
 
 @click.command()
-@click.argument("field", type=options.FILE)
+@click.argument("plan", type=options.FILE)
 @click.argument("meshes", metavar="MESH...", type=options.FILE, nargs=-1, required=True)
+@click.option("--angle", required=True, metavar="A", help="Amount, or several such as flap=12,tab=-3; others stay.")
 @click.option("--out", type=options.FILE, help="File or case (default: MESH-deflected).")
 @click.option("--zone", "zones", metavar="NAME", multiple=True, help="Further zones that deform; '*' for all; repeat.")
 @options.json_option
 @options.progress_options
 def apply(
-    field: Path, meshes: tuple[Path, ...], out: Path | None, zones: tuple[str, ...], as_json: bool, **show: bool
+    plan: Path,
+    meshes: tuple[Path, ...],
+    angle: str,
+    out: Path | None,
+    zones: tuple[str, ...],
+    as_json: bool,
+    **show: bool,
 ) -> int:
-    """Move further files of a mesh by a saved field.
+    """Move meshes by a saved plan.
 
-    `sdm deflect --field` saves it. The files may be the parts of a decomposed OpenFOAM case; every point gets the same
-    bits as in the whole: sdm apply flap.npz case/processor*
+    `sdm deflect --plan` saves it. The files may be the parts of a decomposed OpenFOAM case; every point gets the same
+    bits as in the whole: sdm apply flap.npz --angle 12 case/processor*
     """
-    from sdm_deflect.cases.run.apply import apply_field
+    from sdm_deflect.cases.run.apply import apply_plan
 
     quiet = show["quiet"] or (as_json and not show["verbose"])
     with options.watched(quiet, show["verbose"]) as watch, watch.stage("apply") as progress:
-        done = apply_field(field, meshes, out, zones, progress)
+        done = apply_plan(plan, _named_amounts(angle), meshes, out, zones, progress)
     files = [{"file": str(file), "points": points, "moved": moved} for file, points, moved in done.files]
     lines = [f"{file}: {moved} of {points} points moved" for file, points, moved in done.files]
     if done.missing:
-        lines.append(f"{done.missing} of {done.places} places of {field} are in none of these meshes")
-    if done.failed:
-        lines.append(f"FAILED: {', '.join(done.failed)}, when {field} was made; do not use the mesh as it is")
-    figures = {"files": files, "places": done.places, "missing": done.missing, "failed": done.failed}
+        lines.append(f"{done.missing} of {done.places} places of {plan} are in none of these meshes")
+    if not done.measured:
+        lines.append("not measured: the surfaces were measured one at a time; sdm quality judges the cells")
+    lines += [f"FAILED: {text}; do not use the mesh as it is" for text in done.faults]
+    figures = {**asdict(done), "files": files}
     options.print_either(as_json, figures, *lines)
-    return options.code_of(not done.failed)
+    return options.code_of(not done.faults)
+
+
+def _named_amounts(text: str) -> float | dict[str, float]:
+    """Return an amount, or those of ``NAME=AMOUNT`` with commas; InputError for another text."""
+    try:
+        if "=" not in text:
+            return float(text)
+        pairs = (part.rpartition("=") for part in text.split(","))
+        return {name.strip(): float(amount) for name, _, amount in pairs}
+    except ValueError:
+        raise InputError(f"--angle {text}: must be a number, or NAME=NUMBER with commas") from None
 
 
 @click.command()
@@ -264,7 +295,7 @@ def _show_plan(wanted: "Targets", plan: "Plan", as_json: bool) -> int:
 
     names = [
         str(path)
-        for path in (*map(wanted.mesh, wanted.angles), *wanted.extra, *filter(None, [wanted.field]), *wanted.reports)
+        for path in (*map(wanted.mesh, wanted.angles), *wanted.extra, *filter(None, [wanted.plan]), *wanted.reports)
     ]
     figured = {**plan_figures(plan), "files": names}
     options.print_either(as_json, figured, plan_table(plan), f"would write {short_list(names)}")

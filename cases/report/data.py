@@ -5,7 +5,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cached_property
-from itertools import groupby, takewhile
+from itertools import groupby
 from math import nan
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,6 +23,7 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import MEASURES, Quality, quality_of
 from sdm_deflect.deform.mesh.standard import parts_of
 from sdm_deflect.deform.mesh.touched import TouchedCells
+from sdm_deflect.deform.surface.surface import name_of
 from sdm_deflect.deform.volume.deflection import BoxDeflection
 from sdm_deflect.deform.volume.plan import BoxPlan
 from sdm_deflect.deform.volume.step import DIRECTIONS
@@ -295,13 +296,6 @@ def drawn_measure(boxes: Sequence[Box]) -> str:
     alone = len(shapes) == 1
     texts = [one if alone else f"{one} ({', '.join(sorted(own))})" for one, own in sorted(shapes.items())]
     return "; ".join(texts) or "quality"
-
-
-def name_of(patches: Sequence[str]) -> str:
-    """Return a name for patches together: their own, or what their names begin with."""
-    alike = takewhile(lambda letters: len(set(letters)) == 1, zip(*patches, strict=False))
-    start = "".join(letters[0] for letters in alike).rstrip("_-. /")
-    return patches[0] if len(patches) == 1 else start if len(start) > 2 else f"{patches[0]} and {len(patches) - 1} more"
 
 
 def read_json(folder: Path) -> Json:

@@ -39,14 +39,14 @@ from sdm_deflect.deform.mesh.quality import quality_of
 from sdm_deflect.deform.rbf.fitting import JobOptions
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
-from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, Surface, TrailingEdge
+from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, Surface, TrailingEdge, name_of
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.job import Sliding
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 from sdm_deflect.meshing.formats.registry import ending
 from sdm_deflect.meshing.formats.vtu import write_vtu
 
-from .data import MESH_UNITS, Box, FitRows, ReportData, in_view, name_of, rows_of, unrepaired
+from .data import MESH_UNITS, Box, FitRows, ReportData, in_view, rows_of, unrepaired
 from .near import some_cells
 
 PART = "deflected.vtu holds only the {cells:,} cells with a node that may move; its array node numbers their nodes"

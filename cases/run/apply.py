@@ -1,18 +1,20 @@
-"""`sdm apply`: a saved field moves the points of mesh files, or of the parts of a decomposed case of OpenFOAM."""
+"""`sdm apply`: a saved plan moves the points of mesh files, or of the parts of a decomposed case of OpenFOAM."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, short_list
 from sdm_deflect.deform.base.threads import Progress, silent
+from sdm_deflect.deform.held import HeldPlan
 from sdm_deflect.deform.mesh.cells import Zone
 from sdm_deflect.deform.mesh.mesh import DOUBLE, check_unchanged, states_of
-from sdm_deflect.deform.volume.field import Field, FieldBox
+from sdm_deflect.deform.volume.field import FieldBox
 from sdm_deflect.meshing.files import permitted_as
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam_case import is_part, parts_moved
@@ -27,29 +29,41 @@ Write = Callable[[Path, FloatArray], tuple[Path, Path]]
 
 @dataclass(frozen=True, slots=True)
 class Applied:
-    """What a field moved.
+    """What a plan moved.
 
     Attributes
     ----------
     files : each file with its points and how many of them moved.
-    places, missing : of the field, and those that are in none of the parts of a case.
-    failed : names of the checks that the deflection of the field failed.
+    places, missing : of the plan, and those that are in none of the parts of a case.
+    amounts, ranges, passed : of each surface by its name; the amounts that passed are None if none did.
+    faults : sentences on amounts that did not pass.
+    measured : whether only one surface is away from where it stood while the others were measured.
     """
 
     files: tuple[tuple[Path, int, int], ...]
     places: int
     missing: int
-    failed: tuple[str, ...]
+    amounts: dict[str, Any]
+    ranges: dict[str, Any]
+    passed: dict[str, tuple[float, float] | None]
+    faults: tuple[str, ...]
+    measured: bool
 
 
-def apply_field(
-    path: Path, meshes: Sequence[Path], out: Path | None = None, zones: Sequence[str] = (), progress: Progress = silent
+def apply_plan(
+    path: Path,
+    amounts: Mapping[str, float] | float,
+    meshes: Sequence[Path],
+    out: Path | None = None,
+    zones: Sequence[str] = (),
+    progress: Progress = silent,
 ) -> Applied:
-    """Move the points of meshes by the field in the file `path`, to the bits of the deflection; all appear, or none.
+    """Move the points of meshes by the plan in the file `path`, to the bits of the whole; all appear, or none.
 
     Parameters
     ----------
-    path : A file of `Field.save`.
+    path : A file of `HeldPlan.save`.
+    amounts : Of the only surface, or by the surfaces' names.
     meshes : Mesh files; or folders ``processor0`` and so on of one decomposed case of OpenFOAM.
     out : The file to write, or the folder of the case; NAME-deflected beside the mesh, or the case, if None.
     zones : Further zones that deform, as in a job.
@@ -58,44 +72,65 @@ def apply_field(
     Raises
     ------
     InputError
-        If a place of the field is no point of the meshes, but some parts of a case may be missing; or one is nearly a
-        point: coordinates were rounded. If a mesh has coordinates of 32 bits, or would be overwritten.
+        If an amount is outside its range. If a place of the plan is no point of the meshes, but some parts of a case
+        may be missing; or one is nearly a point: coordinates were rounded. If a mesh has coordinates of 32 bits, or
+        would be overwritten.
     MeshFileError
         If a mesh cannot be read or written.
     """
-    field = Field.load(path)
-    parts = (sorted((m / "constant" / "polyMesh").iterdir()) if is_part(m) else files_of(m) for m in meshes)
-    states = states_of(file for files in parts for file in files)
-    places, found = sum(len(box.places) for box in field.boxes), _found(field, path, meshes, zones, progress)
+    held = HeldPlan.load(path)
+    pose = held.named(amounts)
+    held.check_ranges(pose)
+    states = states_of(file for mesh in meshes for file in _files(mesh))
+    boxes = [box for own in held.by_place for one in own.fields[:1] for box in one.boxes]
+    places, found = sum(len(box.places) for box in boxes), _found(boxes, path, meshes, zones, progress)
     files = []
     with _writers(meshes, out) as writers:
         for mesh, write in zip(meshes, writers, strict=True):
-            points, own = _points(mesh)
-            moved = points.copy()
-            for box in field.boxes:
-                for rows in _deforming(mesh, own, box, zones):
-                    box.move(points[rows], moved[rows])
+            points, moved = _moved(held, pose, mesh, zones)
             progress(f"writing {mesh.name}", 0.5)
             beside, target = write(mesh, moved)
             if not np.array_equal(_points(beside)[0], moved):
                 raise MeshFileError(f"{target}: does not read back as it was written")
             files.append((target, len(points), int(np.count_nonzero((moved != points).any(axis=1)))))
         check_unchanged(states)
-    return Applied(tuple(files), places, places - found, field.failed)
+    ranges = {control.name: (control.low, control.high) for control in held.controls}
+    named = dict(zip(ranges, pose, strict=True))
+    passed = {name: held.passed(i) for i, name in enumerate(ranges)}
+    return Applied(
+        tuple(files), places, places - found, named, ranges, passed, held.faults(pose), held.is_measured(pose)
+    )
 
 
-def _found(field: Field, path: Path, meshes: Sequence[Path], zones: Sequence[str], progress: Progress) -> int:
-    """Return how many places of a field are points of meshes; InputError for none, and for points that were rounded."""
-    known = [np.zeros((2, len(box.places)), dtype=np.bool_) for box in field.boxes]
+def _moved(held: HeldPlan, pose: Sequence[float], mesh: Path, zones: Sequence[str]) -> tuple[FloatArray, FloatArray]:
+    """Return the points (N, 3) of a mesh, and where a plan moves them."""
+    points, own = _points(mesh)
+    moved = points.copy()
+    for placed, control, amount in zip(held.by_place, held.controls, pose, strict=True):
+        for rows in _deforming(mesh, own, placed.zones, zones) if amount and placed.fields else ():
+            placed.move(points[rows], control.functions.values(amount), moved[rows])
+    return points, moved
+
+
+def _files(mesh: Path) -> Sequence[Path]:
+    """Return the files of a mesh, or of a part of a case."""
+    return sorted((mesh / "constant" / "polyMesh").iterdir()) if is_part(mesh) else files_of(mesh)
+
+
+def _found(
+    boxes: Sequence[FieldBox], path: Path, meshes: Sequence[Path], zones: Sequence[str], progress: Progress
+) -> int:
+    """Return how many places of a plan are points of meshes; InputError for none, and for points that were rounded."""
+    known = [np.zeros((2, len(box.places)), dtype=np.bool_) for box in boxes]
     for mesh in meshes:
         progress(f"reading {mesh.name}", 0.0)
         points, own = _points(mesh)
-        for box, found in zip(field.boxes, known, strict=True):
-            for rows in _deforming(mesh, own, box, zones):
+        for box, found in zip(boxes, known, strict=True):
+            for rows in _deforming(mesh, own, box.zones, zones):
                 found |= box.matches(points[rows])
     if rounded := sum(int((near & ~exact).sum()) for exact, near in known):
         raise InputError(f"{path}: {rounded} of its places are nearly points of {_names(meshes)}: write all digits")
-    count, places = sum(int(exact.sum()) for exact, _ in known), sum(len(box.places) for box in field.boxes)
+    count, places = sum(int(exact.sum()) for exact, _ in known), sum(len(box.places) for box in boxes)
     if not count or (count < places and not all(map(is_part, meshes))):
         raise InputError(f"{path}: is of another mesh: {count} of its {places} places are points of {_names(meshes)}")
     return count
@@ -104,16 +139,16 @@ def _found(field: Field, path: Path, meshes: Sequence[Path], zones: Sequence[str
 def _points(mesh: Path) -> tuple[FloatArray, tuple[Zone, ...]]:
     form = format_of(mesh)
     if form.real(mesh, mesh) != DOUBLE:
-        raise InputError(f"{mesh}: has coordinates of 32 bits; a field moves a mesh in double precision")
+        raise InputError(f"{mesh}: has coordinates of 32 bits; a plan moves a mesh in double precision")
     return form.points(mesh)
 
 
-def _deforming(mesh: Path, zones: Sequence[Zone], box: FieldBox, further: Sequence[str]) -> Iterator[slice]:
+def _deforming(mesh: Path, zones: Sequence[Zone], deforming: Sequence[str], further: Sequence[str]) -> Iterator[slice]:
     """Yield the points of the zones that deform; InputError for several zones and none of these."""
     if len(zones) < 2:
         yield slice(None)
         return
-    wanted = {*box.zones, *further}
+    wanted = {*deforming, *further}
     own = [zone for zone in zones if "*" in wanted or wanted & {zone.name, *zone.blocks}]
     if not own:
         names = short_list(zone.name for zone in zones)
@@ -143,7 +178,7 @@ def _writer(mesh: Path, out: Path | None) -> Iterator[Write]:
     wanted, form = Targets.of(mesh, out, (0.0,)), format_of(mesh)
     wanted.check()
     if format_of(wanted.out) is not form:
-        raise InputError(f"{wanted.out}: a field is applied to a copy; name a file {form.suffixes[0]}")
+        raise InputError(f"{wanted.out}: a plan is applied to a copy; name a file {form.suffixes[0]}")
     with permitted_as(mesh), output_files(wanted.out.parent) as scratch:
 
         def write(mesh: Path, points: FloatArray) -> tuple[Path, Path]:

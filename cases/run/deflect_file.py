@@ -3,10 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sdm_deflect.deform.base import threads
 from sdm_deflect.deform.base.errors import InputError, short_list
-from sdm_deflect.deform.base.threads import Progress
+from sdm_deflect.deform.base.threads import Progress, Stage
 from sdm_deflect.deform.checks import Check, layers_of, run, verdict
 from sdm_deflect.deform.mesh.mesh import HERE, Mesh, Runner, check_unchanged, held
 from sdm_deflect.deform.mesh.quality import Quality
@@ -31,6 +32,9 @@ from .metrics import (
 )
 from .output import lacks, output_files
 from .progress import Stopwatch
+
+if TYPE_CHECKING:
+    from sdm_deflect.deform.held import HeldPlan
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +65,7 @@ class AngleSummary:
 class Outcome:
     """What was done, for the table at the end; the angles in the order in which they were computed.
 
-    `notes` are sentences on what is left to do.
+    `notes` are sentences on what is left to do; `held` is the plan by which the meshes were moved, if there is one.
     """
 
     plan: Plan
@@ -70,6 +74,7 @@ class Outcome:
     reports: tuple[Path, ...]
     lost: tuple[str, ...]
     notes: tuple[str, ...] = ()
+    held: "HeldPlan | None" = None
 
     @property
     def passed(self) -> bool:
@@ -139,37 +144,69 @@ def _deflected(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: R
     summaries: list[AngleSummary] = []
     names: list[Path] = []
     lost: tuple[str, ...] = ()
-    older = [path.name for path in map(wanted.mesh, wanted.angles) if path.exists()]
+    held = held_by(plan, watch.stage)
+    older = [path.name for path in wanted.written if path.exists()]
     with permitted_as(wanted.source), output_files(wanted.out.parent) as scratch:
-        for deflection, checks in run(plan, wanted.angles, watch.stage):
+        for deflection, checks in run(plan, wanted.angles, watch.stage, held=held) if wanted.written else ():
             summaries.append(AngleSummary.of(deflection, checks))
             mesh = wanted.mesh(deflection.angle)
             with watch.stage("write") as progress:
                 lost = write_angle(wanted, deflection, scratch / mesh.name, progress)
                 names.append(mesh)
-            if wanted.reported:
-                from sdm_deflect.cases.report.folder import write_run_folder
-
-                with watch.stage("report") as progress:
-                    place, seconds = scratch / wanted.report(deflection.angle).name, {**watch.seconds}
-                    write_run_folder(place, deflection, checks, mesh, seconds)
-            if wanted.sensitive:
-                with watch.stage("sensitivity"):
-                    arrays, picture = (scratch / path.name for path in wanted.sensitivity(deflection.angle))
-                    rates, unit = deflection.sensitivity(), f"mesh length per {plan.unit}"
-                    write_sensitivity(plan.mesh, deflection.points, rates, (arrays, picture), unit)
-        if wanted.field:
-            from sdm_deflect.deform.volume.field import Field
-
-            failed = (check.name for check in checks if not check.passed)
-            Field.of(deflection, failed).save(scratch / wanted.field.name)
-            names.append(wanted.field)
+            _write_beside(wanted, deflection, checks, scratch, watch, held)
+        if wanted.plan:
+            saved = held or _of_one_amount(deflection, checks)
+            saved.save(scratch / wanted.plan.name)
+            names.append(wanted.plan)
         check_unchanged(plan.mesh.files)
         wanted.keep_tables(scratch)
-    lacking = lacks("report") if wanted.reported else ""
+    return Outcome(plan, tuple(summaries), tuple(names), wanted.reports, lost, tuple(_notes(wanted, held, older)), held)
+
+
+def _of_one_amount(deflection: Deflection, checks: Sequence[Check]) -> "HeldPlan":
+    from sdm_deflect.deform.held import HeldPlan
+
+    return HeldPlan.of_one_amount(deflection, [one.name for one in checks if not one.passed])
+
+
+def _notes(wanted: Targets, held: "HeldPlan | None", older: Sequence[str]) -> list[str]:
+    """Return what else a user should know: what of a plan passed, no report, or files that were replaced."""
+    plan = [f"plan: {text}" for text in held.lines] if held else []
+    lacking = lacks("report") if wanted.reports else ""
     notes = [f"there is no report.html: {lacking}"] * bool(lacking)
-    notes += [f"an older {short_list(older)} was replaced"] * bool(older)
-    return Outcome(plan, tuple(summaries), tuple(names), wanted.reports, lost, tuple(notes))
+    return plan + notes + [f"an older {short_list(older)} was replaced"] * bool(older)
+
+
+def _write_beside(
+    wanted: Targets, deflection: Deflection, checks: tuple[Check, ...], scratch: Path, watch: Stopwatch,
+    held: "HeldPlan | None",
+) -> None:  # fmt: skip
+    """Write report and sensitivity of one angle, if they are wanted."""
+    plan, mesh = deflection.plan, wanted.mesh(deflection.angle)
+    if wanted.reported:
+        from sdm_deflect.cases.report.folder import write_run_folder
+
+        with watch.stage("report"):
+            place, seconds = scratch / wanted.report(deflection.angle).name, {**watch.seconds}
+            write_run_folder(place, deflection, checks, mesh, seconds)
+    if wanted.sensitive:
+        with watch.stage("sensitivity"):
+            arrays, picture = (scratch / path.name for path in wanted.sensitivity(deflection.angle))
+            rates = held.rate(deflection.angle) if held else deflection.sensitivity()
+            unit = f"mesh length per {plan.unit}"
+            write_sensitivity(plan.mesh, deflection.points, rates, (arrays, picture), unit)
+
+
+def held_by(plan: Plan, stage: Stage) -> "HeldPlan | None":
+    """Return what moves the mesh within the ranges that surfaces are given, judged at some amounts; None without any."""
+    if not any(one.range for one, _ in plan.moving):
+        return None
+    from sdm_deflect.deform.held import HeldPlan
+
+    with stage("plan") as progress:
+        held = HeldPlan.of(plan, progress)
+    with stage("judge") as progress:
+        return held.judged(progress)
 
 
 def write_angle(wanted: Targets, deflection: Deflection, out: Path, progress: Progress) -> tuple[str, ...]:
@@ -226,6 +263,7 @@ def figures(done: Outcome, watch: Stopwatch) -> Json:
             }
             for summary in sorted(done.angles, key=lambda summary: summary.angle)
         ],
+        **({"plan": {"surfaces": done.held.figures()}} if done.held else {}),
         "files": [str(path) for path in done.files],
         "reports": [str(path) for path in done.reports],
         "lost": list(done.lost),

@@ -35,7 +35,8 @@ class Targets:
     angles : distinct, in the order asked for.
     sensitive : whether d(points)/d(angle) is written beside each mesh.
     reported : whether a folder with a report is written beside each mesh.
-    field : the file of the displacement field, which is of one angle; None: none is written.
+    plan : the file of the plan; None: none is written.
+    meshes : whether meshes are written, and reports beside them.
     others : amounts of further surfaces per unit of the angle, for the names of files.
     """
 
@@ -44,7 +45,8 @@ class Targets:
     angles: tuple[float, ...]
     sensitive: bool = False
     reported: bool = False
-    field: Path | None = None
+    plan: Path | None = None
+    meshes: bool = True
     others: tuple[float, ...] = ()
 
     @classmethod
@@ -85,6 +87,11 @@ class Targets:
         return replace(self, out=self.mesh(angle))._named("-report", "")
 
     @property
+    def written(self) -> tuple[Path, ...]:
+        """All meshes that are written."""
+        return tuple(map(self.mesh, self.angles)) if self.meshes else ()
+
+    @property
     def limits(self) -> Path:
         """The folder of `sdm limit`, such as ``wing-limit``."""
         return self.out.with_name(f"{self._named('', '').name.removesuffix('-deflected')}-limit")
@@ -92,7 +99,7 @@ class Targets:
     @property
     def reports(self) -> tuple[Path, ...]:
         """All folders of reports."""
-        return tuple(self.report(angle) for angle in self.angles) if self.reported else ()
+        return tuple(self.report(angle) for angle in self.angles) if self.reported and self.meshes else ()
 
     def precision(self, mesh: Mesh) -> Precision:
         """Return how the files keep the coordinates of a mesh."""
@@ -129,12 +136,12 @@ class Targets:
     def check(self, inputs: Sequence[Path] = ()) -> None:
         """Refuse targets that would overwrite an input, one another, or a file that is not of an earlier job.
 
-        Raises InputError naming the first such target; for a field of several angles, too.
+        Raises InputError naming the first such target.
         """
-        self._check_field()
+        self._check_plan()
         meshes = tuple(self.mesh(angle) for angle in self.angles)
         seen: set[Path] = set()
-        for target in (*meshes, *self.extra, *filter(None, [self.field]), *self._other_tables()):
+        for target in (*meshes, *self.extra, *filter(None, [self.plan]), *self._other_tables()):
             self._check_target(target, (self.source, *inputs))
             if target.resolve() in seen:
                 raise InputError(f"{target} would be written twice; choose another name in out")
@@ -149,12 +156,12 @@ class Targets:
         if self._is_folder and self.out.resolve().is_relative_to(format_of(self.source).place(self.source).resolve()):
             raise InputError(f"{self.out} lies in the case that is read; name a folder outside it in out")
 
-    def _check_field(self) -> None:
-        if self.field and len(self.angles) > 1:
-            raise InputError(f"--field {self.field} is of one angle; there are {len(self.angles)}")
+    def _check_plan(self) -> None:
+        if not self.meshes and not self.plan:
+            raise InputError("--no-mesh: nothing would be written; name a file in --plan")
         home = self.out.parent.resolve()
-        if self.field and (self.field.parent.resolve() != home or self.field.suffix != ".npz"):
-            raise InputError(f"--field {self.field}: must be an .npz in {home}, with the mesh, beside which it appears")
+        if self.plan and (self.plan.parent.resolve() != home or self.plan.suffix != ".npz"):
+            raise InputError(f"--plan {self.plan}: must be an .npz in {home}, with the mesh, beside which it appears")
 
     def _check_target(self, target: Path, read: Sequence[Path]) -> None:
         if target.exists() and any(given.exists() and target.samefile(given) for given in read):
@@ -174,7 +181,7 @@ class Targets:
         """Whether what is there may be replaced."""
         if target.is_dir():
             return self._is_folder and not target.suffix[1:2].isalpha() and not any(target.iterdir())
-        return target.is_file() and (target in (self.out, self.field) or (target in self.extra and _is_ours(target)))
+        return target.is_file() and (target in (self.out, self.plan) or (target in self.extra and _is_ours(target)))
 
     def _named(self, tail: str, suffix: str | None = None) -> Path:
         end = "" if self._is_folder else ending(self.out)

@@ -68,6 +68,17 @@ def _point(text: str) -> tuple[float, ...]:
     return point
 
 
+def range_of(value: Any) -> Any:
+    """Return ``A:B`` as two numbers; anything else as it is."""
+    if not isinstance(value, str):
+        return value
+    try:
+        low, high = (float(number) for number in value.split(":"))
+    except ValueError:
+        raise InputError(f"{shortened(value)}: must be two numbers, such as -25:25") from None
+    return low, high
+
+
 def shapes_of(value: Any) -> Any:
     """Return ``NAME:SHAPE``, or several of them, as a table; tables as they are."""
     if isinstance(value, Mapping) or not isinstance(value, str | list | tuple):
@@ -124,6 +135,9 @@ class SurfaceSettings:
     angle: Annotated[float | None, Doc(
         "What moves", "Degrees, right-handed from the first hinge point to the second.",
         "Counter-clockwise about one point: trailing edge up. At most 90 either way.")] = None
+    range: Annotated[tuple[float, float] | None, Option(metavar="A:B"), Spelling(read=range_of), Doc(
+        "What moves", "Amounts that the box, and a plan, must hold, such as -25:25 (default: 0 to the angle).",
+        "In a file or in Python two numbers.")] = None
     motion: Annotated[Literal["rigid", "blended"] | Motion, Doc(
         "What moves", "rigid: the surface turns as a whole; blended: its border stays and its trailing edge turns.",
         "In Python also a motion such as `Rotation`, `Blended` or `Table`, which has its own hinge.")] = "rigid"
@@ -245,6 +259,7 @@ class _Angles:
 
 GONE = {
     "history": "motions in time are not written; deflect to each angle by --angles, a mesh for each",
+    "field": "--plan FILE replaces it: with --angle alone the plan is that of one amount; sdm apply FILE --angle A",
     "page": "there is no page any more; the tables are printed, and --json has their numbers",
     "to_solver": "in a clone, `python -m studies case MESH OUT` writes the deflected mesh as a case for a flow solver",
     **dict.fromkeys(("cpacs", "device"), "`python docs/examples/cpacs_hinge.py FILE UID` prints the hinge line"),
@@ -299,7 +314,9 @@ def settings_of(surfaces: Any, hinge: Any, angle: Any, options: Mapping[str, Any
 
 
 def tables_of(surfaces: Any) -> list[Nested]:
-    """Return the tables if surfaces are given as tables, else none."""
+    """Return the tables if surfaces are given as tables, or as tables by their patches; else none."""
+    if isinstance(surfaces, Mapping) and surfaces and all(isinstance(own, Mapping) for own in surfaces.values()):
+        return [{"patches": name, **own} for name, own in surfaces.items()]
     rows = surfaces if isinstance(surfaces, list | tuple) else [surfaces]
     return [dict(row) for row in rows] if all(isinstance(row, Mapping) for row in rows) else []
 

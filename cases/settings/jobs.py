@@ -94,9 +94,12 @@ class _BoxFile:
     corners: tuple[Corner, ...]
 
 
-def jobs_of(settings: JobSettings) -> tuple[Job, ...]:
-    """Return one job for all surfaces, or one for each if each is to have a box; InputError as `job_of`."""
-    given, job = [surface.corners for surface in settings.surface], job_of(settings)
+def jobs_of(settings: JobSettings, *, by_range: bool = False) -> tuple[Job, ...]:
+    """Return one job for all surfaces, or one for each if each is to have a box; InputError as `job_of`.
+
+    `by_range` says that a surface with a range needs no angle.
+    """
+    given, job = [surface.corners for surface in settings.surface], job_of(settings, by_range=by_range)
     if not settings.box_each:
         if any(given):
             raise InputError("corners = of a surface: it has a box of its own only if box_each = true")
@@ -109,12 +112,12 @@ def jobs_of(settings: JobSettings) -> tuple[Job, ...]:
     return tuple(replace(job, surfaces=(moving,), box=box) for moving, box in zip(job.surfaces, boxes, strict=True))
 
 
-def job_of(settings: JobSettings) -> Job:
+def job_of(settings: JobSettings, *, by_range: bool = False) -> Job:
     """Build the job and read its files; InputError if a file cannot be read, or a value is wrong or missing."""
     if not settings.surface:
         raise InputError("no surface to move: name its patches (--surface); sdm quality MESH lists them")
     return Job(
-        surfaces=tuple(_moving(surface, _stays_beside(surface, settings)) for surface in settings.surface),
+        surfaces=tuple(_moving(one, _stays_beside(one, settings), by_range) for one in settings.surface),
         slides=tuple(Sliding(patch, shape) for patch, shape in settings.slide.items()),
         box=_box(settings),
         sections=tuple(_section(section) for section in settings.section),
@@ -131,13 +134,13 @@ def _stays_beside(surface: SurfaceSettings, settings: JobSettings) -> tuple[str,
     return (*settings.fixed, *(name for other in others for name in other.patches)) if settings.fixed else ()
 
 
-def _moving(surface: SurfaceSettings, fixed: tuple[str, ...]) -> Moving:
+def _moving(surface: SurfaceSettings, fixed: tuple[str, ...], by_range: bool) -> Moving:
     """Return the patches with their motion; nodes on `fixed` ones are held if no others are named."""
     motion = _motion(surface, fixed)
     amount = surface.angle if motion.unit == "deg" else surface.amount
-    if amount is None:
+    if amount is None and not (by_range and surface.range):
         raise InputError(f"the angle of {', '.join(surface.patches)} is missing: give it in degrees")
-    return Moving(surface.patches, motion, amount)
+    return Moving(surface.patches, motion, amount or 0.0, surface.range)
 
 
 def _motion(surface: SurfaceSettings, fixed: tuple[str, ...]) -> Motion:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 class Options(TypedDict, total=False):
     """What `deflect`, `sweep` and `plan` take beside the mesh, the surfaces, the hinge and the angle."""
 
+    range: ArrayLike
     motion: Literal["rigid", "blended"] | Motion
     held: ArrayLike | NodeSet
     driven: ArrayLike | NodeSet

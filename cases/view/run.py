@@ -6,14 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.cases.report.data import name_of
 from sdm_deflect.cases.report.finished import Display, FinishedRun
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError, read_arrays
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE
-from sdm_deflect.deform.surface.surface import TrailingEdge
+from sdm_deflect.deform.surface.surface import TrailingEdge, name_of
 from sdm_deflect.deform.volume.deflection import BoxDeflection, with_repair
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 from sdm_deflect.deform.volume.prepared import Centers, PreparedDeflection

@@ -76,6 +76,28 @@ class Powers:
         return np.asarray((power + 1.0) * (amount / self.scale) ** power / self.scale)
 
 
+@dataclass(frozen=True, slots=True)
+class Fixed:
+    """Of a plan for one amount: 1 there, twice, for a displacement and what its rounding leaves."""
+
+    amount: float
+
+    @property
+    def count(self) -> int:
+        """Two."""
+        return 2
+
+    def values(self, amount: float) -> FloatArray:
+        """Return ones; InputError at another amount."""
+        if amount != self.amount:
+            raise InputError(f"{amount:g}: the plan is of {self.amount:g} alone; make one with a range")
+        return np.ones(2)
+
+    def rates(self, amount: float) -> FloatArray:
+        """Raise InputError: there is no derivative."""
+        raise InputError(f"{amount:g}: a plan of one amount has no derivative; make one with a range")
+
+
 class MotionLaw(Protocol):
     """A motion on one surface of K nodes."""
 
@@ -298,11 +320,13 @@ class Moving:
     patches : names or wildcards.
     motion : how.
     amount : degrees, or the share of a table.
+    range : amounts that a box, and a plan, must hold; None: from 0 to the amount.
     """
 
     patches: tuple[str, ...]
     motion: Motion
     amount: float
+    range: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         if not self.patches:
@@ -314,3 +338,15 @@ class Moving:
                 f"angle = {self.amount:g} deg of {', '.join(self.patches)} is out of range: "
                 f"at most {LARGEST_ANGLE:g} deg either way"
             )
+        low, high = self.ends
+        most = LARGEST_ANGLE if self.motion.unit == "deg" else np.inf
+        if not -most <= low <= 0.0 <= high <= most or not low <= self.amount <= high or (self.range and low == high):
+            raise InputError(
+                f"range = {low:g}:{high:g} of {', '.join(self.patches)} must hold 0 and {self.amount:g}; of a hinge it "
+                f"is at most {LARGEST_ANGLE:g} deg either way"
+            )
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The range: from 0 to the amount, unless another is given."""
+        return self.range or (min(0.0, self.amount), max(0.0, self.amount))

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import takewhile
 from numbers import Real
 from pathlib import Path
 from typing import Protocol
@@ -155,3 +156,10 @@ class Listed:
         """Return a mask (K,) over the surface's nodes."""
         del hinge
         return np.isin(surface.mesh.numbers(surface.nodes), self.nodes)
+
+
+def name_of(patches: Sequence[str]) -> str:
+    """Return a name for patches together: their own, or what their names begin with."""
+    alike = takewhile(lambda letters: len(set(letters)) == 1, zip(*patches, strict=False))
+    start = "".join(letters[0] for letters in alike).rstrip("_-. /")
+    return patches[0] if len(patches) == 1 else start if len(start) > 2 else f"{patches[0]} and {len(patches) - 1} more"

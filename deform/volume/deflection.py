@@ -97,6 +97,8 @@ class BoxDeflection:
     exact : (N, 3) deflected coordinates; outside the box they are those of the mesh.
     seconds : time it took.
     repaired : the repair, where one was needed.
+    fitted_at : amounts to which the steps belong; None: these.
+    residual : largest error at a data site; None: that of the steps.
     """
 
     plan: BoxPlan = field(repr=False)
@@ -105,6 +107,8 @@ class BoxDeflection:
     exact: FloatArray = field(repr=False)
     seconds: float
     repaired: RepairResult | None = field(default=None, repr=False)
+    fitted_at: Amounts | None = None
+    residual: float | None = None
 
     @classmethod
     def at(
@@ -152,7 +156,13 @@ class BoxDeflection:
     @cached_property
     def error_between(self) -> ErrorBetween | None:
         """Error of the interpolants on the moving surfaces between their nodes; None for surfaces without faces."""
-        return ErrorBetween.of(self.plan.boundary, self.steps, self.plan.boundary.displacement(self.amounts))
+        amounts = self.fitted_at or self.amounts
+        return ErrorBetween.of(self.plan.boundary, self.steps, self.plan.boundary.displacement(amounts))
+
+    @property
+    def site_error(self) -> float:
+        """Largest error at a data site."""
+        return max(step.error for step in self.steps) if self.residual is None else self.residual
 
     @cached_property
     def conditions(self) -> tuple[float, ...]:

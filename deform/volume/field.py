@@ -4,28 +4,23 @@ What moves a node is its undeflected place: by the box, the interpolants, nearby
 with prescribed final positions. So any part of a mesh can be moved anywhere, in any order, and twice.
 """
 
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from os import PathLike
-from pathlib import Path
-from shutil import copymode
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.base.errors import InputError, damaged, read_arrays
+from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.cells import bounded
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.rbf.kernels import arrays_of, stored_kernel
 
-from .deflection import BoxDeflection, Deflection
+from .deflection import BoxDeflection
 from .near_wall import Nearby, NearWall
 from .region import ON_FACE
 from .step import Step
@@ -37,7 +32,6 @@ POINTS_AT_A_TIME = 1 << 18
 """Nodes moved at a time."""
 NEAR = 1e-6
 """Share of the distance between places within which a point is no other one, but one that was rounded."""
-FILE = "displacement field of sdm-deflect, 3"
 ARRAYS = ("boundary", "values", "turns", "part")
 """Arrays of a step by their names in a file."""
 
@@ -123,7 +117,7 @@ class FieldBox:
         rows = np.flatnonzero(prescribed)
         rows = rows[np.lexsort(plan.mesh.points[rows].T)]
         again = (np.diff(plan.mesh.points[rows], axis=0) == 0.0).all(axis=1)
-        if (one.points[rows[1:][again]] != one.points[rows[:-1][again]]).any():
+        if (one.exact[rows[1:][again]] != one.exact[rows[:-1][again]]).any():
             raise InputError(f"{plan.mesh.name}: nodes at one place move apart: the motion is no function")
         rows = np.sort(rows[np.append(True, ~again)]) if len(rows) else rows
         near = ON_FACE * plan.boundary.size
@@ -133,7 +127,7 @@ class FieldBox:
             plan.region.zones,
             tuple(FieldStep.of(step) for step in one.steps),
             plan.mesh.points[rows],
-            one.points[rows],
+            one.exact[rows],
             np.array(planes, dtype=np.float64).reshape(-1, 3),
             thin.halfway if thin else None,
         )
@@ -188,27 +182,14 @@ class Field:
     Attributes
     ----------
     boxes : the deflection in one box, or in several that do not overlap.
-    failed : names of the checks that the deflected mesh failed.
     """
 
     boxes: tuple[FieldBox, ...]
-    failed: tuple[str, ...] = ()
-
-    def __repr__(self) -> str:
-        known = sum(len(box.places) for box in self.boxes)
-        return f"Field({len(self.boxes)} boxes, {known} nodes with known ends, failed checks: {self.failed or 'none'})"
 
     @classmethod
-    def of(cls, deflected: Deflection, failed: Iterable[str] = ()) -> "Field":
-        """Take what a deflection has found, and the names of the checks that it failed.
-
-        Raises InputError if its points are rounded, or nodes at one place move apart.
-        """
-        if not deflected.plan.precision.is_double:
-            raise InputError(
-                f"{deflected.plan.mesh.name}: a field is of double precision; take the field of the result itself"
-            )
-        return cls(tuple(FieldBox.of(one) for one in deflected.boxes), tuple(dict.fromkeys(failed)))
+    def of(cls, deflected: Sequence[BoxDeflection]) -> "Field":
+        """Take what deflections in boxes have found, unrounded; InputError if nodes at one place move apart."""
+        return cls(tuple(FieldBox.of(one) for one in deflected))
 
     def apply(self, points: FloatArray, progress: Progress = silent) -> FloatArray:
         """Return the deflected coordinates (N, 3) of undeflected points (N, 3); points that stay keep their bits.
@@ -229,53 +210,44 @@ class Field:
             progress("moving", min(1.0, (start + POINTS_AT_A_TIME) / len(out)))
         return out
 
-    def save(self, path: str | PathLike[str]) -> None:
-        """Write it to a file, whole or not at all; Field.load reads it."""
-        arrays: dict[str, Any] = {"kind": np.array(FILE), "boxes": np.array(len(self.boxes))}
-        arrays["failed"] = np.array(self.failed, dtype=np.str_)
+    def arrays(self, tag: str = "") -> dict[str, Any]:
+        """Return it as arrays whose names end with a tag; `stored` makes it of them."""
+        arrays: dict[str, Any] = {f"boxes{tag}": np.array(len(self.boxes))}
         for b, box in enumerate(self.boxes):
+            own = f"_{b}{tag}"
             arrays |= {
-                f"corners_{b}": box.box.corners, f"zones_{b}": np.array(box.zones, dtype=np.str_),
-                f"places_{b}": box.places, f"ends_{b}": box.ends, f"planes_{b}": box.planes,
-                f"steps_{b}": np.array(len(box.steps)),
+                f"corners{own}": box.box.corners, f"zones{own}": np.array(box.zones, dtype=np.str_),
+                f"places{own}": box.places, f"ends{own}": box.ends, f"planes{own}": box.planes,
+                f"steps{own}": np.array(len(box.steps)),
             }  # fmt: skip
             if box.halfway:
-                arrays[f"halfway_{b}"] = box.halfway.numbers
+                arrays[f"halfway{own}"] = box.halfway.numbers
             for i, step in enumerate(box.steps):
-                own = {name: getattr(step, name) for name in ARRAYS} | {"reach": np.array(step.reach)}
-                own |= {name: getattr(step.interpolant, name) for name in ("centers", "beta", "alpha")}
-                arrays |= {f"{name}_{b}_{i}": values for name, values in own.items()}
-                arrays |= arrays_of(step.interpolant.kernel, f"_{b}_{i}")
-        with TemporaryDirectory(prefix=".sdm-", dir=Path(path).parent) as folder:
-            beside = Path(folder, "field.npz")
-            np.savez_compressed(beside, **arrays)
-            with suppress(FileNotFoundError):
-                copymode(path, beside)
-            beside.replace(path)
+                numbers = {name: getattr(step, name) for name in ARRAYS} | {"reach": np.array(step.reach)}
+                numbers |= {name: getattr(step.interpolant, name) for name in ("centers", "beta", "alpha")}
+                arrays |= {f"{name}_{i}{own}": values for name, values in numbers.items()}
+                arrays |= arrays_of(step.interpolant.kernel, f"_{i}{own}")
+        return arrays
 
     @classmethod
-    def load(cls, path: str | PathLike[str]) -> "Field":
-        """Read what `save` has written; InputError if the file is missing, damaged or another one."""
-        stored = read_arrays(Path(path))
-        with damaged(Path(path), FILE):
-            if str(stored["kind"]) != FILE:
-                raise ValueError("it holds something else")
-            return cls(tuple(_box(stored, b) for b in _counted(stored, "boxes")), tuple(stored["failed"].tolist()))
+    def stored(cls, arrays: Mapping[str, Any], tag: str = "") -> "Field":
+        """Make a field of arrays; ValueError or KeyError if they do not fit together."""
+        return cls(tuple(_box(arrays, f"_{b}{tag}") for b in _counted(arrays, f"boxes{tag}")))
 
 
-def _box(stored: Mapping[str, Any], b: int) -> FieldBox:
+def _box(stored: Mapping[str, Any], tag: str) -> FieldBox:
     """Return one box of a file; ValueError if its arrays do not fit together."""
-    places, ends, planes = (bounded(stored[f"{name}_{b}"], name) for name in ("places", "ends", "planes"))
+    places, ends, planes = (bounded(stored[f"{name}{tag}"], name) for name in ("places", "ends", "planes"))
     if places.shape != ends.shape or places.ndim != 2 or places.shape[1] != 3:
         raise ValueError(f"places {places.shape} and ends {ends.shape} must be (K, 3) both")
-    steps = tuple(_step(stored, f"_{b}_{i}") for i in _counted(stored, f"steps_{b}"))
-    zones = tuple(stored[f"zones_{b}"].tolist())
+    steps = tuple(_step(stored, f"_{i}{tag}") for i in _counted(stored, f"steps{tag}"))
+    zones = tuple(stored[f"zones{tag}"].tolist())
     halfway = None
-    if f"halfway_{b}" in stored:
+    if f"halfway{tag}" in stored:
         from sdm_deflect.deform.mesh.thin import Halfway
 
-        halfway = Halfway.stored(bounded(stored[f"halfway_{b}"], "halfway"))
-    return FieldBox(Hexahedron(stored[f"corners_{b}"]), zones, steps, places, ends, planes.reshape(-1, 3), halfway)
+        halfway = Halfway.stored(bounded(stored[f"halfway{tag}"], "halfway"))
+    return FieldBox(Hexahedron(stored[f"corners{tag}"]), zones, steps, places, ends, planes.reshape(-1, 3), halfway)
 
 
 def _counted(stored: Mapping[str, Any], name: str) -> range:

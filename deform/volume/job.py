@@ -130,8 +130,23 @@ class Job(JobOptions):
         return replace(self, surfaces=(first.surfaces[0], *self.surfaces)).amounts_at(angle)[1]
 
     def ends(self, angles: Sequence[float]) -> tuple[tuple[float, ...], ...]:
-        """Return the amounts at the smallest and the largest angle of the first surface."""
-        return tuple(dict.fromkeys(self.amounts_at(angle) for angle in (min(angles), max(angles))))
+        """Return the amounts at the smallest and the largest angle of the first surface.
+
+        For each surface with a range also its ends, with the others at rest.
+        """
+        ends = [self.amounts_at(angle) for angle in dict.fromkeys((min(angles), max(angles)))]
+        for i, surface in enumerate(self.surfaces):
+            alone = (tuple(end if i == j else 0.0 for j in range(len(self.surfaces))) for end in surface.range or ())
+            ends += [amounts for amounts in alone if any(amounts)]
+        return tuple(dict.fromkeys(ends))
+
+    def over(self, first: "Job", angles: Sequence[float]) -> "Job":
+        """Return the job with a range of each surface that holds its amounts at some angles of the first job's."""
+        poses = [self.amounts_at(self.beside(first, angle)) for angle in angles]
+        ranges = [(min(0.0, *own), max(0.0, *own)) for own in zip(*poses, strict=True)]
+        pairs = zip(self.surfaces, ranges, strict=True)
+        surfaces = (replace(one, range=one.range or own) if any(own) else one for one, own in pairs)
+        return replace(self, surfaces=tuple(surfaces))
 
     def at(self, angle: float) -> "Job":
         """Return the job with the first surface at `angle`, the others in their proportion to it."""

@@ -232,7 +232,7 @@ class Step:
     first : the fit by which sliding nodes are carried, where there are any; they are then put on their shapes.
     fits : the fit with all boundary nodes.
     slid : (L, 3) displacement of the sliding nodes.
-    correction : largest distance of a boundary node from its place before it was put there.
+    off : (B, 3) from where the interpolant puts `sites.known` to where they are put.
     points : (N, 3) coordinates at the end of the step.
     evaluation_seconds : time to evaluate the interpolant at the free nodes.
     """
@@ -242,9 +242,14 @@ class Step:
     first: Fits | None
     fits: Fits
     slid: FloatArray = field(repr=False)
-    correction: float
+    off: FloatArray = field(repr=False)
     points: FloatArray = field(repr=False)
     evaluation_seconds: float
+
+    @property
+    def correction(self) -> float:
+        """Largest distance of a boundary node from its place before it was put there."""
+        return float(np.linalg.norm(self.off, axis=1).max())
 
     @property
     def error(self) -> float:
@@ -294,8 +299,7 @@ def solve(state: StepStart, move: FloatArray, way: Way, runner: Runner = HERE) -
     fitted = FittedStep(state, way, runner)
     slid, points = state.carried_out(move, fitted)
     off = state.boundary_values(move, slid) - fitted.all.interpolant(state.points[state.sites.known])
-    correction = float(np.linalg.norm(off, axis=1).max())
-    return Step(state, move, fitted.first, fitted.all, slid, correction, points, fitted.seconds)
+    return Step(state, move, fitted.first, fitted.all, slid, off, points, fitted.seconds)
 
 
 def initial_centers(group: DataSites, surface: int, count: tuple[int, int]) -> IntArray:

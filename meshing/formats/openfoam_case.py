@@ -243,8 +243,8 @@ BETWEEN = ("processor", "processorCyclic")
 STALE = ("processor*",)
 """Parts of a decomposed case: their meshes would be the old ones, so they are not copied."""
 OF_PARTS = (
-    "is decomposed: join it by `reconstructParMesh -constant`, deflect the whole with --field FILE, and move the parts "
-    "by `sdm apply FILE {}/processor* --out CASE`"
+    "is decomposed: join it by `reconstructParMesh -constant`, deflect the whole with --plan FILE, and move the parts "
+    "by `sdm apply FILE --angle A {}/processor* --out CASE`"
 )
 OF_COLLATED = "is collated: decompose it with `-fileHandler uncollated`"
 OF_TIMES = (
@@ -256,7 +256,7 @@ OF_HOLDERS = (
     "beside points there is {}, which is not deflected: what takes it for points, such as a mesh motion or a script, "
     "undoes the deflection; copy the deflected points over it"
 )
-BESIDE = "the parts of the case are neither read nor copied; `sdm apply` moves them by the field of --field FILE"
+BESIDE = "the parts of the case are neither read nor copied; `sdm apply` moves them by a plan of --plan FILE"
 
 
 @contextmanager

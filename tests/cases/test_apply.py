@@ -1,4 +1,4 @@
-"""`sdm apply`: a saved field moves mesh files, and the parts of a decomposed case, to the bits of the deflection."""
+"""`sdm apply`: a saved plan moves mesh files, and the parts of a decomposed case, to the bits of the deflection."""
 
 import json
 import re
@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from sdm_deflect import Field, InputError, deflect, read
+from sdm_deflect import InputError, deflect, read
+from sdm_deflect.deform.volume.field import Field
 from sdm_deflect.meshing.formats.openfoam import MESH, OpenFoam
 from sdm_deflect.meshing.formats.openfoam_files import open_foam, vectors
 from sdm_deflect.meshing.formats.registry import FORMATS
@@ -18,6 +19,7 @@ from tests.deform.jobs import placed
 
 TURN = ["--surface", "flap_*", "--fixed", "wing_*", "--slide", "symmetry:plane", "--motion", "blended", "--quiet"]
 TURN += ["--hinge", "0.7,0.3,0", "0.7,0.7,0", "--angle", "8", "--no-report"]
+AT_8 = ["--angle", "8"]
 BODY = ["--surface", "body", "--hinge", "0,0,0", "0,1,0", "--angle", "5", "--no-report", "--quiet"]
 DECOMPOSE = """FoamFile { version 2.0; format ascii; class dictionary; object decomposeParDict; }
 numberOfSubdomains %d; method random;
@@ -39,7 +41,7 @@ def field(folder, sdm):
     """The field of the case, and the deflected case."""
     out, field = folder / "whole", folder / "flap.npz"
     if not field.exists():
-        assert sdm("deflect", folder / "wing", *TURN, "--out", out, "--field", field)[0] == 0
+        assert sdm("deflect", folder / "wing", *TURN, "--out", out, "--plan", field)[0] == 0
     return field
 
 
@@ -65,7 +67,7 @@ def test_the_parts_of_the_deflected_whole_are_the_moved_parts(count, form, folde
     parts = sorted(case.glob("processor*"))
     for path in (*case.glob(f"processor*/{MESH}/faces"), *case.glob(f"processor*/{MESH}/owner")):
         path.rename(path.with_suffix(".away"))  # nothing but points is read
-    code, said, _ = sdm("apply", field, *parts, "--out", tmp_path / "moved", "--json", "--quiet")
+    code, said, _ = sdm("apply", field, *AT_8, *parts, "--out", tmp_path / "moved", "--json", "--quiet")
     for path in case.glob(f"processor*/{MESH}/*.away"):
         path.rename(path.with_suffix(""))
     assert code == 0
@@ -78,7 +80,7 @@ def test_the_parts_of_the_deflected_whole_are_the_moved_parts(count, form, folde
         if form == "binary":
             assert (moved / MESH / "points").read_bytes() == (expected / MESH / "points").read_bytes()
     shutil.rmtree(tmp_path / "moved")
-    assert sdm("apply", field, *parts, "--quiet")[0] == 0
+    assert sdm("apply", field, *AT_8, *parts, "--quiet")[0] == 0
     moved = tmp_path / "case-deflected"
     assert not (moved / MESH / "points").exists()
     assert all((moved / part.name / MESH / "faces").is_symlink() for part in parts)
@@ -96,7 +98,7 @@ def test_a_part_alone_says_what_is_elsewhere_and_keeps_the_rest(folder, field, s
     shutil.copytree(folder / "wing", case)
     decompose(case, 3)
     before = {path: path.read_bytes() for path in case.rglob("*") if path.is_file()}
-    code, said, _ = sdm("apply", field, case / "processor1")
+    code, said, _ = sdm("apply", field, *AT_8, case / "processor1")
     assert code == 0
     assert re.search(r"case-deflected/processor1: \d+ of \d+ points moved", said)
     assert re.search(rf"\d+ of \d+ places of {field} are in none of these meshes", said)
@@ -107,7 +109,7 @@ def test_a_part_alone_says_what_is_elsewhere_and_keeps_the_rest(folder, field, s
 
 @pytest.mark.parametrize("name", ["wing.su2", "wing.cgns", "wing.vtu", "wing"])
 def test_a_mesh_of_any_format_is_moved_as_deflect_moves_it(name, folder, field, sdm, tmp_path):
-    code, said, _ = sdm("apply", field, folder / name, "--out", tmp_path / f"moved{name[4:]}", "--quiet")
+    code, said, _ = sdm("apply", field, *AT_8, folder / name, "--out", tmp_path / f"moved{name[4:]}", "--quiet")
     assert (code, "points moved" in said) == (0, True)
     assert np.array_equal(read(tmp_path / f"moved{name[4:]}").points, OpenFoam().read(folder / "whole").points)
 
@@ -115,14 +117,14 @@ def test_a_mesh_of_any_format_is_moved_as_deflect_moves_it(name, folder, field, 
 def test_several_meshes_are_written_together_beside_themselves(folder, field, sdm, tmp_path):
     for name in ("wing.su2", "wing.cgns"):
         shutil.copy(folder / name, tmp_path)
-    code, said, _ = sdm("apply", field, tmp_path / "wing.su2", tmp_path / "wing.cgns", "--json", "--quiet")
+    code, said, _ = sdm("apply", field, *AT_8, tmp_path / "wing.su2", tmp_path / "wing.cgns", "--json", "--quiet")
     assert code == 0
     assert [one["file"] for one in json.loads(said)["files"]] == [
         str(tmp_path / name) for name in ("wing-deflected.su2", "wing-deflected.cgns")
     ]
     (tmp_path / "wing.cgns").write_bytes((tmp_path / "wing.cgns").read_bytes()[:3000])
     (tmp_path / "wing-deflected.su2").unlink()
-    assert sdm("apply", field, tmp_path / "wing.su2", tmp_path / "wing.cgns", "--quiet")[0] == 2
+    assert sdm("apply", field, *AT_8, tmp_path / "wing.su2", tmp_path / "wing.cgns", "--quiet")[0] == 2
     assert not (tmp_path / "wing-deflected.su2").exists()
 
 
@@ -137,35 +139,35 @@ def pair(tmp_path):
 def test_other_zones_stay_unless_they_deform(pair, sdm):
     names = (pair / name for name in ("pair.cgns", "field.npz", "turned.cgns", "both.cgns"))
     source, field, turned, both = names
-    assert sdm("deflect", source, *BODY, "--field", field, "--out", turned)[0] == 1  # nodes of the other body stay
-    code, said, _ = sdm("apply", field, source, "--quiet")
-    assert (code, "FAILED: left_behind, when " in said) == (1, True)  # the field knows
+    assert sdm("deflect", source, *BODY, "--plan", field, "--out", turned)[0] == 1  # nodes of the other body stay
+    code, said, _ = sdm("apply", field, "--angle", "5", source, "--quiet")
+    assert (code, "FAILED: body = 5 deg: no amount passed; failed: left_behind" in said) == (1, True)  # the plan knows
     found, start = read(pair / "pair-deflected.cgns").points, read(source).zones[1].start
     assert np.array_equal(found, read(turned).points)
     assert np.array_equal(found[start:], read(source).points[start:])
-    assert sdm("apply", field, source, "--zone", "far", "--quiet", "--out", both)[0] == 1
+    assert sdm("apply", field, "--angle", "5", source, "--zone", "far", "--quiet", "--out", both)[0] == 1
     moved = read(both).points
     assert np.array_equal(moved[start:], moved[:start])
 
 
-def test_a_field_and_a_mesh_that_do_not_belong_together(folder, field, sdm, tmp_path):
+def test_a_plan_and_a_mesh_that_do_not_belong_together(folder, field, sdm, tmp_path):
     FORMATS["su2"].write(block_with_body(8), tmp_path / "block.su2")
-    code, _, said = sdm("apply", field, tmp_path / "block.su2", "--quiet")
+    code, _, said = sdm("apply", field, *AT_8, tmp_path / "block.su2", "--quiet")
     assert code == 2
     assert re.search(r"is of another mesh: 0 of its \d+ places are points of block\.su2", said)
     mesh = read(folder / "wing.su2")
     points = mesh.points.copy()
     points[mesh.on("flap_upper")[::2]] += 1e-3
     FORMATS["su2"].write(mesh.with_points(points), tmp_path / "other.su2")
-    code, _, said = sdm("apply", field, tmp_path / "other.su2", "--quiet")
+    code, _, said = sdm("apply", field, *AT_8, tmp_path / "other.su2", "--quiet")
     assert code == 2
     assert re.search(r"is of another mesh: \d+ of its \d+ places are points of other\.su2", said)
     FORMATS["su2"].write(mesh.with_points(np.round(mesh.points, 9)), tmp_path / "rounded.su2")
-    code, _, said = sdm("apply", field, tmp_path / "rounded.su2", "--quiet")
+    code, _, said = sdm("apply", field, *AT_8, tmp_path / "rounded.su2", "--quiet")
     assert code == 2
     assert re.search(r"\d+ of its places are nearly points of rounded\.su2: write all digits", said)
     FORMATS["ugrid"].write(mesh, tmp_path / "wing.lb4.ugrid")
-    code, _, said = sdm("apply", field, tmp_path / "wing.lb4.ugrid", "--quiet")
+    code, _, said = sdm("apply", field, *AT_8, tmp_path / "wing.lb4.ugrid", "--quiet")
     assert (code, "wing.lb4.ugrid: has coordinates of 32 bits" in said) == (2, True)
     assert not list(tmp_path.glob("*-deflected*"))
 
@@ -173,32 +175,36 @@ def test_a_field_and_a_mesh_that_do_not_belong_together(folder, field, sdm, tmp_
 @pytest.mark.parametrize(
     ("name", "change"),
     [
-        ("places_0", lambda array: 1e300 * array),
-        ("ends_0", lambda array: 1e300 * array),
-        ("boundary_0_0", lambda array: np.nan * array),
-        ("beta_0_0", lambda array: array + np.inf),
-        ("part_0_0", lambda array: array - 1),
-        ("steps_0", lambda array: array - 2),
-        ("boxes", lambda array: 0 * array),
-        ("failed", lambda array: None),
+        ("places_0_0_0", lambda array: 1e300 * array),
+        ("ends_0_0_0", lambda array: 1e300 * array),
+        ("boundary_0_0_0_0", lambda array: np.nan * array),
+        ("beta_0_0_0_0", lambda array: array + np.inf),
+        ("part_0_0_0_0", lambda array: array - 1),
+        ("steps_0_0_0", lambda array: array - 2),
+        ("boxes_0_0", lambda array: 0 * array),
+        ("plan", lambda array: None),
+        ("plan", lambda array: np.array("{}")),
+        ("plan", lambda array: np.array(str(array).replace("fixed", "mixed"))),
     ],
 )
-def test_a_damaged_field_is_one_sentence(name, change, folder, field, sdm, tmp_path):
+def test_a_damaged_plan_is_one_sentence(name, change, folder, field, sdm, tmp_path):
     with np.load(field) as stored:
         arrays = dict(stored)
     arrays[name] = change(arrays[name])
     np.savez(tmp_path / "bad.npz", **{key: array for key, array in arrays.items() if array is not None})
-    code, _, said = sdm("apply", tmp_path / "bad.npz", folder / "wing.su2", "--out", tmp_path / "out.su2", "--quiet")
+    code, _, said = sdm(
+        "apply", tmp_path / "bad.npz", *AT_8, folder / "wing.su2", "--out", tmp_path / "out.su2", "--quiet"
+    )
     assert code == 2
     assert said.startswith(f"sdm: {tmp_path / 'bad.npz'}: ")
     assert said.count("\n") == 1
     assert not (tmp_path / "out.su2").exists()
 
 
-def test_a_field_appears_with_its_mesh_or_not_at_all(folder, sdm, tmp_path, monkeypatch):
+def test_a_plan_appears_with_its_mesh_or_not_at_all(folder, sdm, tmp_path, monkeypatch):
     shutil.copy(folder / "wing.su2", tmp_path)
     out, field = tmp_path / "out.su2", tmp_path / "f.npz"
-    words = ["deflect", tmp_path / "wing.su2", *TURN, "--out", out, "--field", field]
+    words = ["deflect", tmp_path / "wing.su2", *TURN, "--out", out, "--plan", field]
     assert sdm(*words)[0] == 0
     before = {path: path.read_bytes() for path in (out, field)}
 
@@ -218,32 +224,44 @@ def test_what_cannot_be_is_one_sentence(folder, field, sdm, tmp_path):
     (case / "processor0" / MESH).mkdir(parents=True)
     shutil.copy(folder / "wing" / MESH / "points", case / "processor0" / MESH)
     (case / "processors4" / MESH).mkdir(parents=True)
-    way = "join it by `reconstructParMesh -constant`, deflect the whole with --field FILE, and move the parts by "
-    way += f"`sdm apply FILE {case}/processor* --out CASE`"
+    way = "join it by `reconstructParMesh -constant`, deflect the whole with --plan FILE, and move the parts by "
+    way += f"`sdm apply FILE --angle A {case}/processor* --out CASE`"
     both = [folder / "wing.su2", folder / "wing.cgns"]
     for words, want in (
         (["deflect", case / "processor0", *TURN], f"{case}: is decomposed: {way}"),
         (["quality", case], f"{case}: is decomposed: {way}"),
-        (["apply", field, case], f"{case}: is decomposed: {way}"),
-        (["apply", field, case / "processors4"], "is collated: decompose it with `-fileHandler uncollated`"),
-        (["apply", field, case / "processor0", folder / "wing.su2"], "name mesh files, or parts of one case, in one"),
-        (["apply", field, *both, "--out", "x.su2"], "is one place, and there are 2"),
-        (["apply", field, folder / "wing.su2", "--out", tmp_path / "x.cgns"], "is applied to a copy; name a file .su2"),
-        (["apply", field, folder / "wing.su2", "--out", folder / "wing.su2"], "this is a file that is read"),
-        (["apply", folder / "wing.su2", folder / "wing.su2"], "wing.su2: no archive of arrays"),
-        (["deflect", folder / "wing.su2", *TURN, "--angles", "2,4", "--field", tmp_path / "f.npz"], "is of one angle"),
+        (["apply", field, *AT_8, case], f"{case}: is decomposed: {way}"),
+        (["apply", field, *AT_8, case / "processors4"], "is collated: decompose it with `-fileHandler uncollated`"),
+        (
+            ["apply", field, *AT_8, case / "processor0", folder / "wing.su2"],
+            "name mesh files, or parts of one case, in one",
+        ),
+        (["apply", field, *AT_8, *both, "--out", "x.su2"], "is one place, and there are 2"),
+        (
+            ["apply", field, *AT_8, folder / "wing.su2", "--out", tmp_path / "x.cgns"],
+            "is applied to a copy; name a file .su2",
+        ),
+        (["apply", field, *AT_8, folder / "wing.su2", "--out", folder / "wing.su2"], "this is a file that is read"),
+        (["apply", folder / "wing.su2", *AT_8, folder / "wing.su2"], "wing.su2: no archive of arrays"),
+        (["deflect", folder / "wing.su2", *TURN, "--field", "f.npz"], "--field: --plan FILE replaces it"),
+        (["deflect", folder / "wing.su2", *TURN, "--no-mesh"], "nothing would be written; name a file in --plan"),
+        (["deflect", folder / "wing.su2", *TURN, "--range", "9:20"], "range = 9:20 of flap_* must hold 0 and 8"),
+        (["apply", field, "--angle", "7", folder / "wing.su2"], "7: the plan is of 8 alone; make one with a range"),
+        (["apply", field, "--angle", "9", folder / "wing.su2"], "flap = 9 deg is outside its range 0:8"),
+        (["apply", field, "--angle", "tab=9", folder / "wing.su2"], "'tab' is no surface of the plan"),
+        (["apply", field, "--angle", "a b", folder / "wing.su2"], "must be a number, or NAME=NUMBER with commas"),
     ):
         code, _, said = sdm(*words)
         assert (code, said.count("\n")) == (2, 1), words
         assert want in said
 
 
-def test_nodes_at_one_place_that_move_apart_have_no_field():
+def test_nodes_at_one_place_that_move_apart_have_no_plan_by_place():
     mesh = block_with_body(8)
     both = joined(mesh, mesh)
     one = deflect(both, ["body", "body'"], [[0, 0, 0], [0, 1, 0]], 5.0).deflection
-    assert np.array_equal(Field.of(one).apply(both.points), one.points)
+    assert np.array_equal(Field.of(one.boxes).apply(both.points), one.points)
     moved = one.points.copy()
     moved[one.plan.boxes[0].sites.moving[-1], 0] += 0.01
     with pytest.raises(InputError, match="nodes at one place move apart"):
-        Field.of(placed(one, moved))
+        Field.of(placed(one, moved).boxes)

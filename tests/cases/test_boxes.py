@@ -128,9 +128,9 @@ def test_settings_that_do_not_go_together_are_refused(options, said):
         sdm_deflect.deflect(two_bodies(), given[:1], box_each=True)
 
 
-def test_the_field_has_all_boxes(tmp_path):
+def test_a_plan_of_one_amount_has_all_boxes(tmp_path):
     result = sdm_deflect.deflect(two_bodies(), SURFACES, box_each=True, margin=0.4)
-    result.field.save(tmp_path / "two.npz")
-    found = sdm_deflect.Field.load(tmp_path / "two.npz")
-    assert len(found.boxes) == 2
-    assert np.array_equal(found.apply(two_bodies().points), result.points)
+    held = sdm_deflect.plan(two_bodies(), SURFACES, box_each=True, margin=0.4)
+    held.save(tmp_path / "two.npz")
+    found = sdm_deflect.HeldPlan.load(tmp_path / "two.npz")
+    assert np.array_equal(found.on(two_bodies().points).at(result.deflection.amounts), result.points)

@@ -48,8 +48,8 @@ def answers(aileron_run, tmp_path_factory):
     commands = {
         "list": [], "run": ["aileron"], "geometry": ["--out", "a.step"], "validate": ["aileron"],
         "validate --json": ["aileron"], "report": ["aileron"], "export": ["aileron", "--format", "su2"],
-        "example": [], "quality": ["naca.su2"], "limit": ["aileron"], "apply": ["f.npz", "naca.su2"],
-        "deflect": ["naca.su2", *FLAP, "--angle", "5", "--field", "f.npz"], "view": ["aileron"],
+        "example": [], "quality": ["naca.su2"], "limit": ["aileron"], "apply": ["f.npz", "--angle", "5", "naca.su2"],
+        "deflect": ["naca.su2", *FLAP, "--angle", "5", "--plan", "f.npz"], "view": ["aileron"],
         "compare": ["aileron", "naca-deflected-report"], "doctor": [], "cache": [], "completion": ["bash"],
     }  # fmt: skip
     late = ("apply", "compare")

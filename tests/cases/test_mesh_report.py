@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases.report import folder as folders
-from sdm_deflect.cases.report.data import MESH_UNITS, METRES, in_view, name_of
+from sdm_deflect.cases.report.data import MESH_UNITS, METRES, in_view
 from sdm_deflect.cases.report.finished import FinishedRun
 from sdm_deflect.cases.report.folder import PART, part_of, write_arrays, write_run_folder
 from sdm_deflect.cases.report.page import page
@@ -26,6 +26,7 @@ from sdm_deflect.deform.mesh.cells import Cells, Patch
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import quality_of
 from sdm_deflect.deform.surface.motions import Moving, Rotation
+from sdm_deflect.deform.surface.surface import name_of
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.plan import Plan

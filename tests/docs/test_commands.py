@@ -43,7 +43,7 @@ ELSEWHERE = (
     (
         r"(reconstructParMesh|sdm (deflect|apply|quality)) .*case",
         "tests/cases/test_apply.py",
-        'sdm("apply", field, *parts',
+        'sdm("apply", field, *AT_8, *parts',
     ),
     (r"pip install '\.\[cluster\]'", "pyproject.toml", "cluster = ["),
     (r"pip install '\.\[notebook\]'", "pyproject.toml", "notebook = ["),

@@ -151,7 +151,7 @@ def test_a_field_has_the_nodes_of_pairs_to_the_bit(name, turned):
     result = turned(name)
     mesh = result.plan.mesh
     nodes = np.unique(np.concatenate([pair.nodes for pair in mesh.periodic]))
-    found = Field.of(result).apply(mesh.points)
+    found = Field.of(result.boxes).apply(mesh.points)
     assert np.array_equal(found[nodes], result.points[nodes])
     np.testing.assert_allclose(found, result.points, atol=1e-12)
 

@@ -1,0 +1,397 @@
+"""A plan, held: the mesh at any amounts of its surfaces, and its derivatives, as sums of fixed fields."""
+
+import json
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
+from math import inf, isfinite, nan
+from os import PathLike
+from pathlib import Path
+from shutil import copymode
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.errors import InputError, damaged, nearest, read_arrays, shortened
+from sdm_deflect.deform.base.threads import Progress, silent
+from sdm_deflect.deform.mesh.mesh import EVERY_BIT, Precision
+from sdm_deflect.deform.surface.motions import Fixed, Moving, Powers, Turn
+from sdm_deflect.deform.surface.surface import Surface, name_of
+from sdm_deflect.deform.surface.tail_root import RootOnCylinder
+from sdm_deflect.deform.volume.boundary import Amounts
+from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection
+from sdm_deflect.deform.volume.field import Field
+from sdm_deflect.deform.volume.modes import Control, Modes, Readings, fields_of, residuals
+from sdm_deflect.deform.volume.plan import Plan
+
+from .checks import Check, checks_of
+
+FILE = "plan of sdm-deflect, 1"
+MEASURED = 9
+"""Number of amounts of each surface at which the mesh is judged."""
+KINDS: dict[str, Any] = {"turn": Turn, "powers": Powers, "fixed": Fixed}
+"""Functions by their names in a file."""
+Wanted = float | Mapping[str, float] | Sequence[float]
+"""Amounts: of the only surface, by name (0 of those that are left out), or of all in their order."""
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """The mesh with one surface at an amount, and the others where they are.
+
+    Attributes
+    ----------
+    amount : of the surface.
+    least : least quality of the cells that may change; nan without cells.
+    inverted : number of cells that are inverted and were not before.
+    site_error : largest error at a data site, a length.
+    failed : names of the checks that fail.
+    """
+
+    amount: float
+    least: float
+    inverted: int
+    site_error: float
+    failed: tuple[str, ...]
+
+
+class PlacedFields(NamedTuple):
+    """The deflections that were read of one surface as functions of place, and the weights (k, r) of each.
+
+    A plan of one amount has one, and no weights.
+    """
+
+    fields: tuple[Field, ...]
+    weights: FloatArray | None
+
+    def on(self, points: FloatArray) -> FloatArray:
+        """Return the fields (k, N, 3) at undeflected points (N, 3)."""
+        return combined(self.weights, points, [one.apply(points) for one in self.fields])
+
+    def move(self, points: FloatArray, values: FloatArray, out: FloatArray) -> None:
+        """Add the displacement of undeflected points (N, 3), at values (k,) of the functions, to `out` (N, 3)."""
+        for value, one in zip(values, self.on(points), strict=True):
+            out += value * one
+
+    @property
+    def zones(self) -> tuple[str, ...]:
+        """Names of the zones that deform."""
+        return tuple(dict.fromkeys(name for one in self.fields for box in one.boxes for name in box.zones))
+
+
+@dataclass(frozen=True, eq=False)
+class HeldPlan:
+    """Everything that moves a mesh to any amounts of its surfaces within their ranges.
+
+    Attributes
+    ----------
+    controls : the surfaces and their ranges.
+    amounts : of the surfaces: where the others stand while one is measured.
+    measured : of each surface what was found at some amounts; empty until `judged`.
+    placed : of each surface what moves points by their place; None until it is asked for.
+    mesh : the plan at the nodes of its mesh; None if it was loaded from a file.
+    """
+
+    controls: tuple[Control, ...]
+    amounts: Amounts
+    measured: tuple[tuple[Measured, ...], ...] = field(default=(), repr=False)
+    placed: tuple[PlacedFields, ...] | None = field(default=None, repr=False)
+    mesh: "OnMesh | None" = field(default=None, repr=False)
+
+    @classmethod
+    def of(cls, plan: Plan, progress: Progress = silent) -> "HeldPlan":
+        """Deflect each surface of a plan to the amounts that are read; those without a range stay.
+
+        Raises InputError if no surface has a range, one cannot move so far, or sums of fields miss a deflection by more
+        than a tenth of the tolerance, as on a triangulated slide.
+        """
+        plan = plan.keeping(EVERY_BIT)
+        readings, places = [], []
+        for box in plan.boxes:
+            for row, (moving, surface) in enumerate(box.moving):
+                low, high = moving.ends
+                if low < high:
+                    functions = box.boundary.laws[row].functions
+                    control = Control(_name(moving, surface), surface.patches, moving.motion.unit, low, high, functions)
+                    readings.append(Readings.of(box, row, control, progress))
+                    places.append(moving.amount)
+        if not readings:
+            raise InputError(f"{plan.mesh.name}: no surface has a range: give one, such as range = (-10, 25)")
+        return cls(tuple(one.control for one in readings), tuple(places), mesh=OnMesh(plan, tuple(readings)))
+
+    @classmethod
+    def of_one_amount(cls, found: Deflection, failed: Sequence[str]) -> "HeldPlan":
+        """Hold a deflection, unrounded, and the names of the checks that it failed; it serves its own amounts alone."""
+        plan, controls, placed = found.plan, [], []
+        first = next((i for i, amount in enumerate(found.amounts) if amount), 0)
+        for i, ((moving, surface), amount) in enumerate(zip(plan.moving, found.amounts, strict=True)):
+            ends = min(0.0, amount), max(0.0, amount)
+            controls.append(Control(_name(moving, surface), surface.patches, moving.motion.unit, *ends, Fixed(amount)))
+            placed.append(PlacedFields((Field.of(found.boxes),) if i == first else (), None))
+        least = min((one.min for one in found.quality), default=nan)
+        error = max(box.site_error for box in found.boxes)
+        one = Measured(found.amounts[first], least, found.inverted, error, tuple(failed))
+        measured = tuple((one,) if i == first else () for i in range(len(controls)))
+        return cls(tuple(controls), found.amounts, measured, tuple(placed))
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> "HeldPlan":
+        """Read what `save` has written; InputError if the file is missing, damaged or another one."""
+        stored = read_arrays(Path(path))
+        with damaged(Path(path), FILE):
+            if str(stored["kind"]) != FILE:
+                raise ValueError("it holds something else")
+            known = json.loads(str(stored["plan"]))
+            controls, measured, placed = [], [], []
+            for i, one in enumerate(known["controls"]):
+                kind, *numbers = one.pop("functions")
+                functions, patches = KINDS[kind](*numbers), tuple(map(str, one.pop("patches")))
+                controls.append(Control(functions=functions, patches=patches, **one))
+                rows = (row | {"failed": tuple(row["failed"])} for row in known["measured"][i])
+                measured.append(tuple(Measured(**row) for row in rows))
+                fields = (Field.stored(stored, f"_{i}_{j}") for j in range(known["readings"][i]))
+                weights = stored.get(f"weights_{i}")
+                placed.append(PlacedFields(tuple(fields), weights))
+            return cls(tuple(controls), tuple(known["amounts"]), tuple(measured), tuple(placed))
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write it to a file, whole or not at all; `load` reads it, to the bit."""
+        arrays: dict[str, Any] = {"kind": np.array(FILE)}
+        names = {kind: name for name, kind in KINDS.items()}
+        controls = [asdict(one) for one in self.controls]
+        for table, one in zip(controls, self.controls, strict=True):
+            table["functions"] = [names[type(one.functions)], *table["functions"].values()]
+        for i, own in enumerate(self.by_place):
+            if own.weights is not None:
+                arrays[f"weights_{i}"] = own.weights
+            for j, reading in enumerate(own.fields):
+                arrays |= reading.arrays(f"_{i}_{j}")
+        known = {
+            "controls": controls,
+            "amounts": self.amounts,
+            "measured": [[asdict(row) for row in rows] for rows in self.measured or [()] * len(controls)],
+            "readings": [len(own.fields) for own in self.by_place],
+        }
+        arrays["plan"] = np.array(json.dumps(known))
+        with TemporaryDirectory(prefix=".sdm-", dir=Path(path).parent) as folder:
+            beside = Path(folder, "plan.npz")
+            np.savez_compressed(beside, **arrays)
+            with suppress(FileNotFoundError):
+                copymode(path, beside)
+            beside.replace(path)
+
+    @cached_property
+    def by_place(self) -> tuple[PlacedFields, ...]:
+        """Of each surface what moves points by their place; InputError if nodes at one place move apart."""
+        if self.placed is not None:
+            return self.placed
+        readings = self._on_mesh.readings
+        return tuple(PlacedFields(tuple(Field.of([one]) for one in own.deflections), own.weights) for own in readings)
+
+    def on(self, points: FloatArray) -> Modes:
+        """Return the fields at undeflected points (N, 3), any part of the mesh; they have `at`, `jvp` and `vjp`.
+
+        Points are known by their places, to the last bit. InputError if they are no finite numbers (N, 3).
+        """
+        rows, fields = [], []
+        for own in self.by_place:
+            found = own.on(points)
+            rows.append(np.flatnonzero(found.any(axis=(0, 2))))
+            fields.append(found[:, rows[-1]])
+        return Modes(self.controls, points, tuple(rows), tuple(fields))
+
+    def at(self, amounts: Wanted) -> FloatArray:
+        """Return the coordinates (N, 3) of the mesh at amounts; at 0 they are its own to the bit.
+
+        Parameters
+        ----------
+        amounts : A number for a single surface; or numbers by the surfaces' names, 0 for those that are left out; or of
+            all surfaces in their order. Degrees, or shares of a table.
+
+        Raises InputError for an amount outside its range, or a plan from a file, which has no mesh: see `on`.
+        """
+        return self._on_mesh.modes.at(self.named(amounts))
+
+    def jvp(self, amounts: Wanted, speeds: Wanted) -> FloatArray:
+        """Return the derivative (N, 3) of the coordinates where the amounts change at `speeds`, given like them."""
+        return self._on_mesh.modes.jvp(self.named(amounts), self.named(speeds))
+
+    def vjp(self, amounts: Wanted, gradient: ArrayLike) -> FloatArray:
+        """Return the derivative (n,) by the amounts of a function with the `gradient` (N, 3) by the coordinates."""
+        return self._on_mesh.modes.vjp(self.named(amounts), np.asarray(gradient, dtype=np.float64))
+
+    def deflection(self, amounts: Wanted, precision: Precision = EVERY_BIT) -> Deflection:
+        """Return the mesh at amounts as a deflection; its steps are those of a reading."""
+        return self._on_mesh.deflection(self.named(amounts), precision)
+
+    def turned(self, angle: float, precision: Precision = EVERY_BIT) -> Deflection:
+        """Return the mesh at an angle of the first surface, the others in proportion, as a file would keep it."""
+        return self._on_mesh.deflection(self._on_mesh.pose(angle), precision)
+
+    def rate(self, angle: float) -> FloatArray:
+        """Return the derivative (N, 3) of the coordinates by the angle of the first surface."""
+        return self._on_mesh.modes.jvp(self._on_mesh.pose(angle), self._on_mesh.pose(1.0))
+
+    def check(self, amounts: Wanted) -> tuple[Check, ...]:
+        """Return all checks of the mesh at amounts."""
+        return checks_of(self.deflection(amounts))
+
+    def judged(self, progress: Progress = silent, count: int = MEASURED) -> "HeldPlan":
+        """Return the same, its mesh judged at so many amounts of each surface, the others where they stand."""
+        measured = []
+        for i, control in enumerate(self.controls):
+            rows = []
+            for k, amount in enumerate(control.samples(count)):
+                progress(f"judging {control.name}", (i + k / count) / len(self.controls))
+                pose = [amount if i == j else other for j, other in enumerate(self.amounts)]
+                found = self.deflection(pose)
+                least = min((one.min for one in found.quality), default=nan)
+                failed = tuple(check.name for check in checks_of(found) if not check.passed)
+                rows.append(Measured(amount, least, found.inverted, max(b.site_error for b in found.boxes), failed))
+            measured.append(tuple(rows))
+        return replace(self, measured=tuple(measured))
+
+    def passed(self, row: int) -> tuple[float, float] | None:
+        """Return the ends of the amounts of a surface that passed around where it stands; None if none did."""
+        good, bad = ([one.amount for one in self.measured[row] if bool(one.failed) is fails] for fails in (False, True))
+        here = min(good, key=lambda amount: abs(amount - self.amounts[row]), default=None)
+        if here is None:
+            return None
+        low, high = (max((x for x in bad if x < here), default=-inf), min((x for x in bad if x > here), default=inf))
+        around = [amount for amount in good if low < amount < high]
+        return min(around), max(around)
+
+    def faults(self, amounts: Amounts) -> tuple[str, ...]:
+        """Return a sentence for each surface whose amount is not among those that passed."""
+        out = []
+        for i, (control, amount) in enumerate(zip(self.controls, amounts, strict=True)):
+            rows = self.measured[i] if self.measured else ()
+            passed = self.passed(i) if rows else (-inf, inf)
+            if amount and not (passed and passed[0] <= amount <= passed[1]):
+                failed = ", ".join(dict.fromkeys(name for one in rows for name in one.failed))
+                among = f"outside {passed[0]:g}:{passed[1]:g}, which passed" if passed else "no amount passed"
+                out.append(f"{control.name} = {amount:g} {control.unit}: {among}; failed: {failed}")
+        return tuple(out)
+
+    def check_ranges(self, amounts: Amounts) -> None:
+        """Raise InputError for an amount outside its range."""
+        for control, amount in zip(self.controls, amounts, strict=True):
+            control.check(amount)
+
+    def is_measured(self, amounts: Amounts) -> bool:
+        """Return whether at most one surface is away from where it stood while the others were measured."""
+        return sum(one != other for one, other in zip(amounts, self.amounts, strict=True)) <= 1
+
+    def named(self, amounts: Wanted) -> Amounts:
+        """Return amounts in the order of the surfaces; InputError for a name or a number of them that is wrong."""
+        if isinstance(amounts, Mapping):
+            out = [0.0] * len(self.controls)
+            for name, amount in amounts.items():
+                out[self._row(name)] = float(amount)
+            return tuple(out)
+        found = np.atleast_1d(np.asarray(amounts, dtype=np.float64))
+        if found.shape != (len(self.controls),):
+            names = ", ".join(one.name for one in self.controls)
+            raise InputError(f"amounts = {shortened(amounts)}: the plan has {len(self.controls)} surfaces: {names}")
+        return tuple(found.tolist())
+
+    def _row(self, name: str) -> int:
+        for i, control in enumerate(self.controls):
+            if name == control.name or name in control.patches:
+                return i
+        raise InputError(f"{name!r} is no surface of the plan; {nearest(name, [one.name for one in self.controls])}")
+
+    @property
+    def _on_mesh(self) -> "OnMesh":
+        if self.mesh is None:
+            raise InputError("a plan from a file has no mesh: take plan.on(points), the undeflected coordinates (N, 3)")
+        return self.mesh
+
+    def figures(self) -> list[dict[str, Any]]:
+        """Return range, what passed, and what was measured of each surface, as JSON has it."""
+        out = []
+        for i, one in enumerate(self.controls):
+            rows = [asdict(row) | {"least": row.least if isfinite(row.least) else None} for row in self.measured[i]]
+            own = {"name": one.name, "unit": one.unit, "range": [one.low, one.high]}
+            out.append(own | {"passed": self.passed(i), "measured": rows})
+        return out
+
+    @property
+    def lines(self) -> list[str]:
+        """Range, what passed, and the least quality of each surface, as a text."""
+        lines = []
+        for i, one in enumerate(self.controls):
+            passed = self.passed(i) if self.measured else None
+            least = min((row.least for row in self.measured[i]), default=nan) if self.measured else nan
+            said = f", passed {passed[0]:g}:{passed[1]:g}, least quality {least:.3f}" if passed else ""
+            said = said or ", none passed" * bool(self.measured)
+            lines.append(f"{one.name} {one.low:g}:{one.high:g} {one.unit}{said}")
+        return lines
+
+    def __repr__(self) -> str:
+        return f"<HeldPlan: {'; '.join(self.lines)}>"
+
+
+@dataclass(frozen=True, eq=False)
+class OnMesh:
+    """A held plan at the nodes of its mesh: what was decided before, and the deflections that were read."""
+
+    plan: Plan
+    readings: tuple[Readings, ...]
+
+    @cached_property
+    def modes(self) -> Modes:
+        """The fields at all nodes."""
+        start, rows, fields = self.plan.mesh.points, [], []
+        for own in self.readings:
+            rows.append(own.box.changed)
+            ends = [one.exact[rows[-1]] for one in own.deflections]
+            fields.append(combined(own.weights, start[rows[-1]], ends))
+        return Modes(tuple(own.control for own in self.readings), start, tuple(rows), tuple(fields))
+
+    @cached_property
+    def residuals(self) -> tuple[FloatArray, ...]:
+        """Of each surface by how much its fields miss the sites of its box in each step (k, steps, S, 3)."""
+        most = max(len(one.steps) for own in self.readings for one in own.deflections)
+        missed = ([residuals(one, most) for one in own.deflections] for own in self.readings)
+        return tuple(fields_of(own.weights, some) for own, some in zip(self.readings, missed, strict=True))
+
+    def pose(self, angle: float) -> Amounts:
+        """Return the amount of each surface when that of the first of all is `angle`."""
+        return tuple(self.plan.amounts_of(own.box, angle)[own.row] for own in self.readings)
+
+    def deflection(self, amounts: Amounts, precision: Precision) -> Deflection:
+        """See `HeldPlan.deflection`."""
+        points, boxes = self.modes.at(amounts), []
+        plan = self.plan.keeping(precision)
+        for box, of in zip(plan.boxes, self.plan.boxes, strict=True):
+            pose, read, missed = [0.0] * len(box.job.surfaces), None, np.zeros(1)
+            for own, amount, off in zip(self.readings, amounts, self.residuals, strict=True):
+                if own.box is of:
+                    pose[own.row] = amount
+                    read = read or own.nearest(amount)
+                    missed = missed + np.tensordot(own.control.functions.values(amount), off, 1)
+            steps, at = (read.steps, read.amounts) if read else ((), None)
+            boxes.append(BoxDeflection(box, tuple(pose), steps, points, 0.0, None, at, float(np.abs(missed).max())))
+        return Deflection(plan, tuple(boxes))
+
+
+def _name(moving: Moving, surface: Surface) -> str:
+    """Return a name for a surface, without the panel that follows its root."""
+    following = moving.motion.panel if isinstance(moving.motion, RootOnCylinder) else ()
+    return name_of([name for name in surface.patches if name not in following])
+
+
+def combined(weights: FloatArray | None, points: FloatArray, ends: Sequence[FloatArray]) -> FloatArray:
+    """Return the fields (k, M, 3) at points (M, 3), given where each reading brings these.
+
+    Of a plan of one amount they are two, whose sum with the points is the end to the bit.
+    """
+    if weights is not None:
+        return fields_of(weights, [end - points for end in ends])
+    move = ends[0] - points if ends else np.zeros_like(points)
+    return np.stack([move, ends[0] - (points + move) if ends else move])

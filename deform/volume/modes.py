@@ -1,0 +1,243 @@
+"""A deflected mesh as a sum of fixed fields, its modes: each surface has a few, times functions of its amount.
+
+For a hinge x(a) = X0 + sin a S + (1 - cos a) V, for a table x(s) = X0 + s T; several surfaces add up. X0 is the mesh.
+The fields are read off from deflections at the ends of the range, each with its own steps and its own repair.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.threads import Progress, silent
+from sdm_deflect.deform.surface.motions import Functions
+
+from .boundary import Amounts
+from .deflection import BoxDeflection, adapted_steps, deflect_box
+from .plan import BoxPlan
+from .step import OnCenters, Step, solve
+
+MISSED = 0.1
+"""Share of the tolerance by which the modes may miss a deflection on the same centres between the amounts read."""
+
+
+@dataclass(frozen=True, slots=True)
+class Control:
+    """A moving surface, and the amounts that it can have.
+
+    Attributes
+    ----------
+    name, patches, unit : of the surface, and of its amount.
+    low, high : ends of the range, which holds 0.
+    functions : of the amount.
+    """
+
+    name: str
+    patches: tuple[str, ...]
+    unit: str
+    low: float
+    high: float
+    functions: Functions
+
+    @property
+    def reads(self) -> tuple[float, ...]:
+        """Amounts at which the fields are read, as many as there are functions; the ends of the range among them."""
+        amounts = np.linspace(self.low, self.high, self.functions.count + 1)
+        inner = 0.0 not in (self.low, self.high) and len(amounts) > 2
+        dropped = 1 + np.argmin(np.abs(amounts[1:-1])) if inner else np.argmin(np.abs(amounts))
+        return tuple(np.delete(amounts, dropped).tolist())
+
+    def samples(self, count: int) -> tuple[float, ...]:
+        """Return so many amounts at equal distances, the one nearest to 0 replaced by that."""
+        amounts = np.linspace(self.low, self.high, count)
+        amounts[np.argmin(np.abs(amounts))] = 0.0
+        return tuple(amounts.tolist())
+
+    def check(self, amount: float) -> None:
+        """Raise InputError for an amount outside the range."""
+        if not self.low <= amount <= self.high:
+            raise InputError(f"{self.name} = {amount:g} {self.unit} is outside its range {self.low:g}:{self.high:g}")
+
+
+class Readings(NamedTuple):
+    """Deflections of one surface alone, and how the fields are made of them.
+
+    Attributes
+    ----------
+    control : the surface.
+    box, row : the plan of its box, and the surface's place in it.
+    deflections : r of them.
+    weights : (k, r) of their displacements, by function.
+    """
+
+    control: Control
+    box: BoxPlan
+    row: int
+    deflections: tuple[BoxDeflection, ...]
+    weights: FloatArray
+
+    @classmethod
+    def of(cls, box: BoxPlan, row: int, control: Control, progress: Progress = silent) -> "Readings":
+        """Deflect a surface of a box, the one at `row`, to each amount that is read; the others stay.
+
+        With 0 at an end of the range, half of the other end is read without a repair. The repair there then has the
+        share 1, and none at 0 and at the other sign of that end.
+
+        Raises InputError if a surface cannot move so far, or the modes miss a deflection between by more than `MISSED`.
+        """
+        own, reads = _with_free_nodes_repaired(box), control.reads
+        poses = [tuple(amount if i == row else 0.0 for i in range(len(box.job.surfaces))) for amount in reads]
+        last = int(np.argmax(np.abs(reads)))
+        weights = np.asarray(np.linalg.inv([control.functions.values(amount) for amount in reads]), dtype=np.float64)
+        if len(reads) > 2:
+            end = adapted_steps(own, poses[last], 1, progress)
+            deflections = [adapted_steps(own, pose, 1, progress, end.steps[0]) for pose in poses]
+        elif len(reads) == 2 and 0.0 in (control.low, control.high):
+            weights, deflections = _from_one_end(own, control, poses, last, weights, progress)
+        else:
+            deflections = [deflect_box(own, pose, progress) for pose in poses]
+        found = cls(control, box, row, tuple(deflections), weights)
+        found.check_between(poses, last)
+        return found
+
+    def nearest(self, amount: float) -> BoxDeflection:
+        """Return the deflection that was read nearest to an amount."""
+        return min(self.deflections, key=lambda one: abs(one.amounts[self.row] - amount))
+
+    def check_between(self, poses: Sequence[Amounts], last: int) -> None:
+        """Raise InputError if the displacement is no sum of the functions on the centres of one reading."""
+        amounts = [sum(pose) for pose in poses]
+        others = [amount for amount in (0.0, *amounts) if amount != amounts[last]]
+        middle = 0.5 * (amounts[last] + min(others, key=lambda amount: abs(amount - amounts[last])))
+        step = self.deflections[last].steps[0]
+        between = tuple(middle / amounts[last] * amount for amount in poses[last])
+        known = [_on_centers(self.box, step, pose) for pose in (*poses, between)]
+        values = [self.control.functions.values(amount) for amount in amounts]
+        shares = self.control.functions.values(middle) @ np.linalg.inv(values)
+        off = known[-1] - sum(share * one for share, one in zip(shares, known, strict=False))
+        error, tolerance = float(np.abs(off).max(initial=0.0)), self.box.sites.tolerance
+        if error > MISSED * tolerance:
+            raise InputError(
+                f"{self.box.mesh.name}: no plan for a range: at {middle:g} {self.control.unit} of {self.control.name} "
+                f"a sum of {len(amounts)} fields misses the deflection by {error / tolerance:.2g} of the tolerance, as "
+                "on a curved slide; make a plan of one amount"
+            )
+
+
+def _from_one_end(
+    box: BoxPlan, control: Control, poses: Sequence[Amounts], last: int, weights: FloatArray, progress: Progress
+) -> tuple[FloatArray, list[BoxDeflection]]:
+    """Return weights and deflections where the range ends at 0: the `last` pose, and half of it without a repair."""
+    end = deflect_box(box, poses[last], progress)
+    first = end.steps[0] if len(end.steps) == 1 else None
+    half = adapted_steps(box, poses[1 - last], len(end.steps), progress, first)
+    plain = replace(end, exact=end.interpolated, repaired=None)
+    deflections = [plain, half] if last == 0 else [half, plain]
+    if not end.repaired:
+        return weights, deflections
+    amount = sum(poses[last])
+    share = np.linalg.inv([control.functions.values(sign * amount) for sign in (1.0, -1.0)])[:, :1]
+    weights[:, last] -= share[:, 0]
+    return np.hstack([weights, share]), [*deflections, end]
+
+
+def _on_centers(box: BoxPlan, step: Step, amounts: Amounts) -> FloatArray:
+    """Return the displacement (M, 3) of the nodes that a first step moves, on its centres, at other amounts."""
+    move = box.boundary.displacement(amounts)
+    return (solve(step.state, move, OnCenters(step), box.runner).points - step.state.points)[box.region.inside]
+
+
+def _with_free_nodes_repaired(box: BoxPlan) -> BoxPlan:
+    """Return a plan whose repair moves no node of a wall: no fixed field would keep it on a plane that turns.
+
+    Without any repair if the functions are more than two, for between many amounts it would not be smooth.
+    """
+    job = replace(box.job, repair_slides=())
+    if any(law.functions.count > 2 for law in box.boundary.laws):
+        job = replace(job, repair=replace(job.repair, mode="off"))
+    return replace(box, boundary=replace(box.boundary, job=job))
+
+
+def residuals(one: BoxDeflection, steps: int) -> FloatArray:
+    """Return by how much the interpolants of a deflection miss the data sites in each step (steps, S, 3).
+
+    They are those of the boundary, then those of the box; of steps that it does not have they are 0. Sites in layers
+    beside the surface, which each step chooses anew, are not among them.
+    """
+    sites, out = one.plan.sites, []
+    counts = np.cumsum([0, len(sites.moving), len(sites.fixed)])
+    chosen = zip(counts, (sites.distinct, sites.sampled, sites.sampled_sliding), strict=True)
+    rows = np.concatenate([start + some for start, some in chosen])
+    for step in one.steps:
+        parts = [step.off[rows]]
+        for zero in sites.zero:
+            parts.append(np.zeros((len(zero.points), 3)))
+            columns = list(zero.components)
+            parts[-1][:, columns] = step.fits.interpolant(zero.points)[:, columns]
+        out.append(np.vstack(parts))
+    return np.stack(out + [np.zeros_like(out[0])] * (steps - len(out)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Modes:
+    """Coordinates of nodes as functions of the amounts of surfaces.
+
+    Attributes
+    ----------
+    controls : the surfaces.
+    start : (N, 3) undeflected coordinates.
+    rows : of each surface the nodes (M,) that it moves.
+    fields : of each surface (k, M, 3), one for each function.
+    """
+
+    controls: tuple[Control, ...]
+    start: FloatArray = field(repr=False)
+    rows: tuple[IntArray, ...] = field(repr=False)
+    fields: tuple[FloatArray, ...] = field(repr=False)
+
+    def at(self, amounts: Amounts) -> FloatArray:
+        """Return the coordinates (N, 3) at amounts, one for each surface; at zero they are the mesh's to the bit.
+
+        Terms are added in a fixed order: a part of the nodes has the bits of the whole.
+        """
+        out = self.start.copy()
+        for (rows, fields), control, amount in zip(self._own, self.controls, amounts, strict=True):
+            control.check(amount)
+            if amount:
+                for value, one in zip(control.functions.values(amount), fields, strict=True):
+                    out[rows] += value * one
+        return out
+
+    def jvp(self, amounts: Amounts, speeds: Amounts) -> FloatArray:
+        """Return the derivative (N, 3) of the coordinates in the direction of `speeds`, one for each surface."""
+        out = np.zeros_like(self.start)
+        for (rows, fields), rates, speed in zip(self._own, self._rates(amounts), speeds, strict=True):
+            for rate, one in zip(rates, fields, strict=True):
+                out[rows] += speed * rate * one
+        return out
+
+    def vjp(self, amounts: Amounts, gradient: FloatArray) -> FloatArray:
+        """Return the derivative (n,) by each amount of a function with the `gradient` (N, 3) by the coordinates."""
+        pairs = zip(self._own, self._rates(amounts), strict=True)
+        return np.array([rates @ np.einsum("kmi,mi->k", fields, gradient[rows]) for (rows, fields), rates in pairs])
+
+    @property
+    def _own(self) -> list[tuple[IntArray, FloatArray]]:
+        return list(zip(self.rows, self.fields, strict=True))
+
+    def _rates(self, amounts: Amounts) -> Iterator[FloatArray]:
+        for control, amount in zip(self.controls, amounts, strict=True):
+            control.check(amount)
+            yield control.functions.rates(amount)
+
+
+def fields_of(weights: FloatArray, displacements: Sequence[FloatArray]) -> FloatArray:
+    """Return the fields (k, M, 3) of displacements (r, M, 3) by weights (k, r), summed in a fixed order."""
+    out = np.zeros((len(weights), *displacements[0].shape))
+    for j, one in enumerate(displacements):
+        for k, row in enumerate(weights):
+            out[k] += row[j] * one
+    return out
