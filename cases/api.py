@@ -197,7 +197,7 @@ class Result:
         Raises InputError if the folder cannot be written, or holds other files than those of a report; if libraries are
         not installed that the extra ``report`` brings.
         """
-        from sdm_deflect.cases.report.folder import write_run_folder
+        from sdm_deflect.cases.report.folder import plan_around, write_run_folder
         from sdm_deflect.cases.run.output import OutputError, check_installed, output_folder
         from sdm_deflect.meshing.files import permitted_as
 
@@ -207,7 +207,8 @@ class Result:
             if place.exists() and any(place.iterdir()) and not (place / "report.html").exists():
                 raise InputError(f"{place} holds other files already: name a new folder")
             with permitted_as(self.plan.mesh.source), output_folder(place) as scratch:
-                write_run_folder(scratch, self.deflection, self.checks, None, {}, place)
+                held = plan_around(self.deflection)
+                write_run_folder(scratch, self.deflection, self.checks, None, {}, place, held)
         except (OSError, OutputError, MeshFileError) as error:
             raise InputError(str(error)) from None
         return place / "report.html"

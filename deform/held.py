@@ -46,10 +46,10 @@ class Measured:
     Attributes
     ----------
     amount : of the surface.
-    least : least quality of the cells that may change; nan without cells.
-    inverted : number of cells that are inverted and were not before.
-    site_error : largest error at a data site, a length.
-    failed : names of the checks that fail.
+    least : least quality of the cells that the box of the surface may change; nan without cells.
+    inverted : number of these that are inverted and were not before.
+    site_error : largest error at a data site of the box, a length.
+    failed : names of the checks that fail, of the whole mesh.
     """
 
     amount: float
@@ -103,21 +103,24 @@ class HeldPlan:
     mesh: "OnMesh | None" = field(default=None, repr=False)
 
     @classmethod
-    def of(cls, plan: Plan, progress: Progress = silent) -> "HeldPlan":
+    def of(cls, plan: Plan, progress: Progress = silent, known: Deflection | None = None) -> "HeldPlan":
         """Deflect each surface of a plan to the amounts that are read; those without a range stay.
+
+        A deflection that is `known` is not made again.
 
         Raises InputError if no surface has a range, one cannot move so far, or sums of fields miss a deflection by more
         than a tenth of the tolerance, as on a triangulated slide.
         """
         plan = plan.keeping(EVERY_BIT)
         readings, places = [], []
-        for box in plan.boxes:
+        for b, box in enumerate(plan.boxes):
             for row, (moving, surface) in enumerate(box.moving):
                 low, high = moving.ends
                 if low < high:
                     functions = box.boundary.laws[row].functions
                     control = Control(_name(moving, surface), surface.patches, moving.motion.unit, low, high, functions)
-                    readings.append(Readings.of(box, row, control, progress))
+                    there = known.boxes[b] if known else None
+                    readings.append(Readings.of(box, row, control, progress, there))
                     places.append(moving.amount)
         if not readings:
             raise InputError(f"{plan.mesh.name}: no surface has a range: give one, such as range = (-10, 25)")
@@ -249,9 +252,10 @@ class HeldPlan:
                 progress(f"judging {control.name}", (i + k / count) / len(self.controls))
                 pose = [amount if i == j else other for j, other in enumerate(self.amounts)]
                 found = self.deflection(pose)
-                least = min((one.min for one in found.quality), default=nan)
+                box = found.boxes[self._on_mesh.box_of(i)]
+                least = min((one.min for one in box.quality), default=nan)
                 failed = tuple(check.name for check in checks_of(found) if not check.passed)
-                rows.append(Measured(amount, least, found.inverted, max(b.site_error for b in found.boxes), failed))
+                rows.append(Measured(amount, least, box.inverted, box.site_error, failed))
             measured.append(tuple(rows))
         return replace(self, measured=tuple(measured))
 
@@ -359,6 +363,10 @@ class OnMesh:
         most = max(len(one.steps) for own in self.readings for one in own.deflections)
         missed = ([residuals(one, most) for one in own.deflections] for own in self.readings)
         return tuple(fields_of(own.weights, some) for own, some in zip(self.readings, missed, strict=True))
+
+    def box_of(self, row: int) -> int:
+        """Return the number of the box of a surface."""
+        return next(b for b, box in enumerate(self.plan.boxes) if box is self.readings[row].box)
 
     def pose(self, angle: float) -> Amounts:
         """Return the amount of each surface when that of the first of all is `angle`."""

@@ -159,27 +159,27 @@ def test_no_class_has_the_name_of_another():
 
 
 BUDGETS = {
-    "cases": (928, 7),
-    "cases/aircraft": (2131, 13),
+    "cases": (929, 7),
+    "cases/aircraft": (2140, 13),
     "cases/cli": (1402, 7),
-    "cases/report": (2013, 10),
-    "cases/run": (2185, 10),
+    "cases/report": (2039, 10),
+    "cases/run": (2186, 10),
     "cases/settings": (1004, 5),
     "cases/view": (681, 4),
-    "deform": (1093, 4),
+    "deform": (1101, 4),
     "deform/base": (812, 6),
     "deform/mesh": (4759, 18),
     "deform/rbf": (1621, 7),
     "deform/repair": (1570, 6),
     "deform/surface": (1216, 7),
-    "deform/volume": (3906, 14),
+    "deform/volume": (3926, 14),
     "geometry": (2120, 13),
     "meshing": (573, 5),
     "meshing/formats": (9004, 37),
     "meshing/generate": (1566, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 8_759, 450
+MOST_COMPLEXITY, LONGEST = 8_779, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

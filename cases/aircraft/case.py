@@ -94,6 +94,8 @@ class Case:
     deflections: tuple[SurfaceTurn, ...]
     domain: Domain = "aircraft"
     angle: float = quantity(-12.0, "deg", -LARGEST_TURN, LARGEST_TURN, "deflection, positive is trailing edge down")
+    range: tuple[float, float] | None = None
+    """Angles (deg) between which the mesh can be turned by the run's plan; none: from 0 to `angle`."""
     scale: str = "small"
     fighter: Annotated[Fighter, INLINE] = field(default_factory=Fighter)
     notch: float = quantity(0.0, "m", 0.0, 1.0, "chordwise gap ahead of the ailerons, which then turn rigidly; 0: none")
@@ -117,6 +119,9 @@ class Case:
         check_notch(self.fighter, self.notch)
         if self.notch and self.domain == "block":
             raise ValueError(f"notch = {self.notch:g} m in a Chimera block; the whole aircraft alone can have one")
+        low, high = self.range or (min(0.0, self.angle), max(0.0, self.angle))
+        if not low <= min(0.0, self.angle) <= max(0.0, self.angle) <= high:
+            raise ValueError(f"range = {low:g}:{high:g} must hold 0 and {self.angle:g} deg")
         for one in self.deflections:
             if abs(one.factor * self.angle) > LARGEST_TURN:
                 raise ValueError(

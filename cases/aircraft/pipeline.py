@@ -9,6 +9,8 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
+from sdm_deflect.cases.report.folder import plan_around, written_plan
+from sdm_deflect.cases.run.deflect_file import held_by
 from sdm_deflect.cases.run.limit import Search
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.compiled import default_folder
@@ -47,11 +49,14 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, rep
         background = background_mesh(case, watch, cache) if case.domain == "block" else None
         with watch.stage("deformation") as progress:
             plan = plan_of(case, mesh, progress=progress)
-            ((deflection, mesh_checks),) = carried_out(plan, (plan.angle,), lambda _: nullcontext(progress), "m")
+            held = held_by(plan, lambda _: nullcontext(progress))
+            ((deflection, mesh_checks),) = carried_out(plan, (plan.angle,), lambda _: nullcontext(progress), "m", held)
             moved = mesh.with_points(deflection.points)
             whole = whole_mesh_seconds(deflection)
             stiff = pinned_quality(case, mesh, progress) if case.domain == "block" else None
             progress(adapted(deflection), 1.0)
+        with watch.stage("plan") as progress:
+            around = held or plan_around(deflection, progress)
         if report:
             shown, gallery = drawn_report(case, deflection, folder, watch)
         with watch.stage("files") as progress:
@@ -62,16 +67,17 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, rep
             checks = validate(case, deflection, mesh_checks, deflected_cad(), background)
             progress(f"{sum(check.passed for check in checks)} of {len(checks)} checks passed", 1.0)
     run = Run(case, mesh, origin, moved, deflection, whole, checks, watch, background, stiff)
+    planned = written_plan(folder, around)
     if report:
         from sdm_deflect.cases.report.page import write_report
 
         from .report import compared
 
         with watch.stage("report") as progress:
-            data = shown.with_verdict(checks, metrics(run))
+            data = shown.with_verdict(checks, metrics(run) | planned)
             write_report(data, gallery.with_more(compared(data, folder / "figures")), folder)
             progress(f"{(folder / 'report.html').stat().st_size / 1e6:.1f} MB", 1.0)
-    (folder / "metrics.json").write_text(json.dumps(metrics(run), indent=2) + "\n", encoding="utf-8")
+    (folder / "metrics.json").write_text(json.dumps(metrics(run) | planned, indent=2) + "\n", encoding="utf-8")
     return run
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from sdm_deflect.cases.settings.conversion import Nested, assigned, changed, merged, read_toml
 from sdm_deflect.deform.base.errors import InputError, nearest
@@ -89,24 +90,20 @@ def case_named(name: str, scale: str = "small") -> Case:
 
 
 def resolve(
-    name: str,
-    scale: str | None = None,
-    angle: float | None = None,
-    strategy: str | None = None,
-    repair: str | None = None,
-    assignments: Sequence[str] = (),
-    config: Path | None = None,
+    name: str, scale: str | None = None, assignments: Sequence[str] = (), config: Path | None = None, **chosen: Any
 ) -> Case:
     """Return the case: registered defaults, then the configuration file, then options, then assignments.
+
+    `chosen` are the options angle, range, repair and strategy; None if one is not given.
 
     Raises InputError: one sentence: what is wrong, which value, what would be right.
     """
     tables, changes = read_toml(config) if config else {}, _placed(assigned(assignments))
-    options: Nested = {"angle": angle} if angle is not None else {}
-    if repair is not None:
-        options["repair"] = repair
-    if strategy is not None:
-        options["adaptation"] = {"strategy": strategy}
+    options: Nested = {name: value for name, value in chosen.items() if value is not None}
+    if "strategy" in options:
+        options["adaptation"] = {"strategy": options.pop("strategy")}
+    if "range" in options:
+        options["range"] = list(options["range"])
     changes = merged(options, changes)
     name = name or str(tables.get("name", ""))
     if not name:

@@ -23,7 +23,7 @@ def list_cases(as_json: bool) -> None:
         click.echo(f"{one.name:<18}{one.angle:+6.1f} deg  {one.title}")
 
 
-@click.command(params=options.settings_options([BY_NAME["strategy"], BY_NAME["repair"]]))
+@click.command(params=options.settings_options([BY_NAME["range"], BY_NAME["strategy"], BY_NAME["repair"]]))
 @click.argument("case", default="", type=options.CaseName())
 @click.option("--scale", type=options.SCALES, help="Size of the mesh (default: small).")
 @options.angle_option

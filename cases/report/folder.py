@@ -3,6 +3,7 @@
 import json
 import shlex
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from importlib.metadata import version
 from os.path import normpath, relpath
@@ -31,7 +32,10 @@ from sdm_deflect.cases.run.output import lacks, write_convergence, write_interpo
 from sdm_deflect.cases.settings.conversion import table_of
 from sdm_deflect.deform.base import threads
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray, union
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.checks import Check
+from sdm_deflect.deform.held import HeldPlan
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.cells import Cells, Faces, Patch, Polyhedra, taken
 from sdm_deflect.deform.mesh.mesh import Mesh
@@ -49,6 +53,7 @@ from sdm_deflect.meshing.formats.vtu import write_vtu
 from .data import MESH_UNITS, Box, FitRows, ReportData, in_view, rows_of, unrepaired
 from .near import some_cells
 
+PLAN = "plan.npz"
 PART = "deflected.vtu holds only the {cells:,} cells with a node that may move; its array node numbers their nodes"
 
 
@@ -64,8 +69,11 @@ def write_run_folder(
     out: Path | None,
     timings: Mapping[str, float],
     home: Path | None = None,
+    held: HeldPlan | None = None,
 ) -> ReportData:
     """Write settings.toml, metrics.json, deflected.vtu, convergence.csv, interpolant.npz, figures and report.html.
+
+    With a plan that holds other amounts also plan.npz.
 
     Figures and page are left out where their libraries are not installed (`lacks`).
 
@@ -77,6 +85,7 @@ def write_run_folder(
     out : The file of the deflected mesh, beside which `folder` will be, as `folder_of` says. None if there is no file.
     timings : Seconds by stage.
     home : Where `folder` will be; it follows from `out` if that is given, else it is `folder` if None.
+    held : The plan that moves the mesh to other amounts; None without one.
     """
     folder.mkdir(parents=True, exist_ok=True)
     place = folder_of(out) if out else home or folder
@@ -84,7 +93,7 @@ def write_run_folder(
     (folder / SETTINGS).write_text(settings, encoding="utf-8")
     whole = is_small(deflection.plan.mesh)
     write_arrays(folder, deflection, whole)
-    figures = metrics_of(deflection, checks, out, timings)
+    figures = metrics_of(deflection, checks, out, timings) | written_plan(folder, held)
     figures["notes"] += [] if whole else [PART.format(cells=deflection.plan.touched.count)]
     (folder / "metrics.json").write_text(json.dumps(figures, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     data = data_of(deflection, settings, place.name).with_verdict(checks, figures)
@@ -94,6 +103,23 @@ def write_run_folder(
 
         write_report(data, drawn(data, folder / "figures"), folder)
     return data
+
+
+def plan_around(deflection: Deflection, progress: Progress = silent) -> HeldPlan | None:
+    """Return the plan from 0 to the amounts of a deflection, judged; None where sums of fields miss it."""
+    try:
+        return HeldPlan.of(deflection.plan, progress, deflection).judged(progress)
+    except InputError:
+        return None
+
+
+def written_plan(folder: Path, held: HeldPlan | None) -> Json:
+    """Write plan.npz into a folder, and return its figures; nothing where nodes at one place move apart."""
+    if held is None:
+        return {"plan": None}
+    with suppress(InputError):
+        held.save(folder / PLAN)
+    return {"plan": {"surfaces": held.figures()}}
 
 
 def data_of(deflection: Deflection, settings: str = "", name: str = "") -> ReportData:
@@ -214,7 +240,7 @@ def _numbers(plan: BoxPlan) -> dict[str, Any]:
 
 def _surface(number: int, moving: Moving, surface: Surface, amount: float, folder: Path) -> dict[str, Any]:
     motion, table = moving.motion, folder / f"table_{number}.npz"
-    out: dict[str, Any] = {"patches": list(surface.patches)}
+    out: dict[str, Any] = {"patches": list(surface.patches)} | ({"range": list(moving.range)} if moving.range else {})
     if not isinstance(motion, Blended):
         return out | _base(motion, surface, amount, table)
     out |= {"held": _nodes(motion.held, surface), "driven": _nodes(motion.driven, surface)}

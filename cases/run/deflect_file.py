@@ -184,11 +184,12 @@ def _write_beside(
     """Write report and sensitivity of one angle, if they are wanted."""
     plan, mesh = deflection.plan, wanted.mesh(deflection.angle)
     if wanted.reported:
-        from sdm_deflect.cases.report.folder import write_run_folder
+        from sdm_deflect.cases.report.folder import plan_around, write_run_folder
 
-        with watch.stage("report"):
+        with watch.stage("report") as progress:
             place, seconds = scratch / wanted.report(deflection.angle).name, {**watch.seconds}
-            write_run_folder(place, deflection, checks, mesh, seconds)
+            around = held or (plan_around(deflection, progress) if len(wanted.angles) == 1 else None)
+            write_run_folder(place, deflection, checks, mesh, seconds, held=around)
     if wanted.sensitive:
         with watch.stage("sensitivity"):
             arrays, picture = (scratch / path.name for path in wanted.sensitivity(deflection.angle))
@@ -198,7 +199,7 @@ def _write_beside(
 
 
 def held_by(plan: Plan, stage: Stage) -> "HeldPlan | None":
-    """Return what moves the mesh within the ranges that surfaces are given, judged at some amounts; None without any."""
+    """Return what moves the mesh within the ranges of surfaces, judged at some amounts; None without a range."""
     if not any(one.range for one, _ in plan.moving):
         return None
     from sdm_deflect.deform.held import HeldPlan

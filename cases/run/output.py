@@ -32,7 +32,7 @@ PARTS = ("convergence", "quality", "slices", "cad_map", "rigid_cad_map")
 PAGE = ("report.html", *(f"figures/{part}*.{form}" for part in PARTS for form in ("png", "pdf", "svg")))
 """A page and its pictures, as patterns."""
 RUN = (
-    "case.toml", "settings.toml", "metrics.json", "convergence.csv", "interpolant.npz", "table_[0-9]*.npz",
+    "case.toml", "settings.toml", "metrics.json", "convergence.csv", "interpolant.npz", "plan.npz", "table_[0-9]*.npz",
     "undeflected.vtu", "deflected.vtu", "background.vtu", *PAGE,
 )  # fmt: skip
 """Everything that a run folder may hold of ours."""

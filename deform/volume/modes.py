@@ -50,6 +50,10 @@ class Control:
         dropped = 1 + np.argmin(np.abs(amounts[1:-1])) if inner else np.argmin(np.abs(amounts))
         return tuple(np.delete(amounts, dropped).tolist())
 
+    def is_end(self, amount: float) -> bool:
+        """Return whether an amount is an end of the range."""
+        return amount in (self.low, self.high)
+
     def samples(self, count: int) -> tuple[float, ...]:
         """Return so many amounts at equal distances, the one nearest to 0 replaced by that."""
         amounts = np.linspace(self.low, self.high, count)
@@ -80,11 +84,13 @@ class Readings(NamedTuple):
     weights: FloatArray
 
     @classmethod
-    def of(cls, box: BoxPlan, row: int, control: Control, progress: Progress = silent) -> "Readings":
+    def of(
+        cls, box: BoxPlan, row: int, control: Control, progress: Progress = silent, known: BoxDeflection | None = None
+    ) -> "Readings":
         """Deflect a surface of a box, the one at `row`, to each amount that is read; the others stay.
 
         With 0 at an end of the range, half of the other end is read without a repair. The repair there then has the
-        share 1, and none at 0 and at the other sign of that end.
+        share 1, and none at 0 and at the other sign of that end. A deflection that is `known` is not made again.
 
         Raises InputError if a surface cannot move so far, or the modes miss a deflection between by more than `MISSED`.
         """
@@ -95,10 +101,11 @@ class Readings(NamedTuple):
         if len(reads) > 2:
             end = adapted_steps(own, poses[last], 1, progress)
             deflections = [adapted_steps(own, pose, 1, progress, end.steps[0]) for pose in poses]
-        elif len(reads) == 2 and 0.0 in (control.low, control.high):
-            weights, deflections = _from_one_end(own, control, poses, last, weights, progress)
         else:
-            deflections = [deflect_box(own, pose, progress) for pose in poses]
+            ends = [_deflected(own, pose, progress, known) for pose in poses if control.is_end(sum(pose))]
+            deflections = ends
+            if len(ends) < len(reads):
+                weights, deflections = _with_half(own, control, poses, weights, ends[0], progress)
         found = cls(control, box, row, tuple(deflections), weights)
         found.check_between(poses, last)
         return found
@@ -127,18 +134,31 @@ class Readings(NamedTuple):
             )
 
 
-def _from_one_end(
-    box: BoxPlan, control: Control, poses: Sequence[Amounts], last: int, weights: FloatArray, progress: Progress
+def _deflected(box: BoxPlan, pose: Amounts, progress: Progress, known: BoxDeflection | None) -> BoxDeflection:
+    """Deflect a box, unless that is known: in double precision, with the same repair or without any."""
+    if not known or known.amounts != pose or not known.plan.precision.is_double:
+        return deflect_box(box, pose, progress)
+    alike = not known.repaired or known.plan.job.repair_slides == box.job.repair_slides
+    return known if alike else deflect_box(box, pose, progress)
+
+
+def _with_half(
+    box: BoxPlan,
+    control: Control,
+    poses: Sequence[Amounts],
+    weights: FloatArray,
+    end: BoxDeflection,
+    progress: Progress,
 ) -> tuple[FloatArray, list[BoxDeflection]]:
-    """Return weights and deflections where the range ends at 0: the `last` pose, and half of it without a repair."""
-    end = deflect_box(box, poses[last], progress)
+    """Return weights and deflections where the range ends at 0: the other end, and half of it without a repair."""
+    last = poses.index(end.amounts)
     first = end.steps[0] if len(end.steps) == 1 else None
     half = adapted_steps(box, poses[1 - last], len(end.steps), progress, first)
     plain = replace(end, exact=end.interpolated, repaired=None)
     deflections = [plain, half] if last == 0 else [half, plain]
     if not end.repaired:
         return weights, deflections
-    amount = sum(poses[last])
+    amount = sum(end.amounts)
     share = np.linalg.inv([control.functions.values(sign * amount) for sign in (1.0, -1.0)])[:, :1]
     weights[:, last] -= share[:, 0]
     return np.hstack([weights, share]), [*deflections, end]
