@@ -22,6 +22,7 @@ from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 
 from .surface import Surface
 
+MOST_FUNCTIONS = 6  # of an amount, whose fields are read
 MOST = 3000  # points of a table that a direct solve takes
 
 
@@ -31,6 +32,11 @@ class Functions(Protocol):
     @property
     def count(self) -> int:
         """Their number k: at so many amounts the displacement is read to find the fields."""
+        ...
+
+    @property
+    def finer(self) -> "Functions | None":
+        """More functions, for displacements of which these are no sum; None if there are none."""
         ...
 
     def values(self, amount: float) -> FloatArray:
@@ -44,19 +50,28 @@ class Functions(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """Of a rotation by an angle in degrees: its sine, and one less its cosine (Rodrigues' formula)."""
+    """Of an angle a in degrees: sin a and 1 - cos a, a rotation's (Rodrigues); of more than two also those of 2 a, 3 a.
+
+    Cells that follow a blended surface nearby, or slide on a cylinder, need more than two.
+    """
 
     count: int = 2
 
+    @property
+    def finer(self) -> "Turn | None":
+        """Two functions more, up to six."""
+        return Turn(self.count + 2) if self.count < MOST_FUNCTIONS else None
+
     def values(self, amount: float) -> FloatArray:
-        """Return sin a and 1 - cos a, the latter without cancellation."""
-        angle = np.radians(amount)
-        return np.array([np.sin(angle), 2.0 * np.sin(0.5 * angle) ** 2])
+        """Return sines, and one less cosines without cancellation."""
+        angles = np.radians(amount) * np.arange(1, self.count // 2 + 1)
+        return np.column_stack([np.sin(angles), 2.0 * np.sin(0.5 * angles) ** 2]).ravel()
 
     def rates(self, amount: float) -> FloatArray:
-        """Return cos a and sin a, per degree."""
-        angle = np.radians(amount)
-        return np.asarray(np.radians(1.0) * np.array([np.cos(angle), np.sin(angle)]))
+        """Return k cos k a and k sin k a, per degree."""
+        factors = np.arange(1, self.count // 2 + 1)
+        angles, speeds = np.radians(amount) * factors, np.radians(1.0) * factors
+        return np.column_stack([speeds * np.cos(angles), speeds * np.sin(angles)]).ravel()
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +80,11 @@ class Powers:
 
     count: int
     scale: float = 1.0
+
+    @property
+    def finer(self) -> "Powers | None":
+        """Two functions more, up to six."""
+        return Powers(self.count + 2, self.scale) if self.count + 2 <= MOST_FUNCTIONS else None
 
     def values(self, amount: float) -> FloatArray:
         """Return the powers."""
@@ -81,11 +101,8 @@ class Fixed:
     """Of a plan for one amount: 1 there, twice, for a displacement and what its rounding leaves."""
 
     amount: float
-
-    @property
-    def count(self) -> int:
-        """Two."""
-        return 2
+    count: int = 2
+    finer: None = None
 
     def values(self, amount: float) -> FloatArray:
         """Return ones; InputError at another amount."""

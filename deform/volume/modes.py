@@ -6,6 +6,7 @@ The fields are read off from deflections at the ends of the range, each with its
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from sdm_deflect.deform.surface.motions import Functions
 from .boundary import Amounts
 from .deflection import BoxDeflection, adapted_steps, deflect_box
 from .plan import BoxPlan
-from .step import OnCenters, Step, solve
+from .step import OnCenters, solve
 
 MISSED = 0.1
 """Share of the tolerance by which the modes may miss a deflection on the same centres between the amounts read."""
@@ -50,9 +51,13 @@ class Control:
         dropped = 1 + np.argmin(np.abs(amounts[1:-1])) if inner else np.argmin(np.abs(amounts))
         return tuple(np.delete(amounts, dropped).tolist())
 
-    def is_end(self, amount: float) -> bool:
-        """Return whether an amount is an end of the range."""
-        return amount in (self.low, self.high)
+    def share(self, end: float) -> FloatArray:
+        """Return the weights (k,) by which a repair at an end of the range fades: none but the first two."""
+        count, other = min(2, self.functions.count), self.low + self.high - end
+        ends = [self.functions.values(amount)[:count] for amount in (end, other or -end)[:count]]
+        out = np.zeros(self.functions.count)
+        out[:count] = np.linalg.inv(ends)[:, 0]
+        return out
 
     def samples(self, count: int) -> tuple[float, ...]:
         """Return so many amounts at equal distances, the one nearest to 0 replaced by that."""
@@ -89,49 +94,77 @@ class Readings(NamedTuple):
     ) -> "Readings":
         """Deflect a surface of a box, the one at `row`, to each amount that is read; the others stay.
 
-        With 0 at an end of the range, half of the other end is read without a repair. The repair there then has the
-        share 1, and none at 0 and at the other sign of that end. A deflection that is `known` is not made again.
+        Where the functions miss a deflection between, more are taken. A deflection that is `known` is not made again.
 
         Raises InputError if a surface cannot move so far, or the modes miss a deflection between by more than `MISSED`.
         """
+        while True:
+            found = cls._read(box, row, control, progress, known)
+            error = found.missed() / box.sites.tolerance
+            if error <= MISSED:
+                return found
+            if control.functions.finer is None:
+                raise InputError(
+                    f"{box.mesh.name}: no plan for {control.name} from {control.low:g} to {control.high:g}: sums of "
+                    f"{control.functions.count} fields miss deflections by {error:.2g} of the tolerance, as on a "
+                    "curved slide; make a plan of one amount"
+                )
+            control = replace(control, functions=control.functions.finer)
+
+    @classmethod
+    def _read(
+        cls, box: BoxPlan, row: int, control: Control, progress: Progress, known: BoxDeflection | None
+    ) -> "Readings":
+        """Deflect to the amounts that are read: to the ends as `deflect_box` does, between them on their centres.
+
+        What is read is without repairs. The repair at an end has the share 1 there, and none at 0 and at the other end,
+        or at the other sign of the end if that is 0.
+        """
         own, reads = _with_free_nodes_repaired(box), control.reads
         poses = [tuple(amount if i == row else 0.0 for i in range(len(box.job.surfaces))) for amount in reads]
-        last = int(np.argmax(np.abs(reads)))
+        last, shared = int(np.argmax(np.abs(reads))), box.boundary.laws[row].functions.count > 2
+        ends = {last: _deflected(own, poses[last], progress, known)}
+        others = (i for i, amount in enumerate(reads) if amount in (control.low, control.high) and i != last)
+        ends |= {i: _deflected(own, poses[i], progress, known) for i in others if not shared}
+        steps = ends[last].steps
+        first = steps[0] if len(steps) == 1 else None
+        plain = {i: replace(end, exact=end.interpolated, repaired=None) for i, end in ends.items()}
+        found = [plain.get(i) or adapted_steps(own, poses[i], len(steps), progress, first) for i in range(len(reads))]
         weights = np.asarray(np.linalg.inv([control.functions.values(amount) for amount in reads]), dtype=np.float64)
-        if len(reads) > 2:
-            end = adapted_steps(own, poses[last], 1, progress)
-            deflections = [adapted_steps(own, pose, 1, progress, end.steps[0]) for pose in poses]
-        else:
-            ends = [_deflected(own, pose, progress, known) for pose in poses if control.is_end(sum(pose))]
-            deflections = ends
-            if len(ends) < len(reads):
-                weights, deflections = _with_half(own, control, poses, weights, ends[0], progress)
-        found = cls(control, box, row, tuple(deflections), weights)
-        found.check_between(poses, last)
-        return found
+        for i in [i for i, end in ends.items() if end.repaired]:
+            share = control.share(reads[i])
+            weights[:, i] -= share
+            weights = np.column_stack([weights, share])
+            found.append(ends[i])
+        return cls(control, box, row, tuple(found), weights)
 
     def nearest(self, amount: float) -> BoxDeflection:
         """Return the deflection that was read nearest to an amount."""
         return min(self.deflections, key=lambda one: abs(one.amounts[self.row] - amount))
 
-    def check_between(self, poses: Sequence[Amounts], last: int) -> None:
-        """Raise InputError if the displacement is no sum of the functions on the centres of one reading."""
-        amounts = [sum(pose) for pose in poses]
-        others = [amount for amount in (0.0, *amounts) if amount != amounts[last]]
-        middle = 0.5 * (amounts[last] + min(others, key=lambda amount: abs(amount - amounts[last])))
-        step = self.deflections[last].steps[0]
-        between = tuple(middle / amounts[last] * amount for amount in poses[last])
-        known = [_on_centers(self.box, step, pose) for pose in (*poses, between)]
-        values = [self.control.functions.values(amount) for amount in amounts]
-        shares = self.control.functions.values(middle) @ np.linalg.inv(values)
-        off = known[-1] - sum(share * one for share, one in zip(shares, known, strict=False))
-        error, tolerance = float(np.abs(off).max(initial=0.0)), self.box.sites.tolerance
-        if error > MISSED * tolerance:
-            raise InputError(
-                f"{self.box.mesh.name}: no plan for a range: at {middle:g} {self.control.unit} of {self.control.name} "
-                f"a sum of {len(amounts)} fields misses the deflection by {error / tolerance:.2g} of the tolerance, as "
-                "on a curved slide; make a plan of one amount"
-            )
+    def missed(self) -> float:
+        """Return by how much sums of the fields miss the displacement on the centres of one reading, a length.
+
+        It is measured in the middle between amounts that are read, and 0.
+        """
+        reads = self.control.reads
+        end = self.deflections[int(np.argmax(np.abs(reads)))]
+
+        def on_centers(amount: float) -> FloatArray:
+            """Return the displacement (M, 3) of the nodes inside, on the centres of the end's first step."""
+            pose = tuple(amount if i == self.row else 0.0 for i in range(len(end.amounts)))
+            move, step = self.box.boundary.displacement(pose), end.steps[0]
+            points = solve(step.state, move, OnCenters(step), self.box.runner).points
+            return (points - step.state.points)[self.box.region.inside]
+
+        functions, known = self.control.functions, [on_centers(amount) for amount in reads]
+        weights, error = np.linalg.inv([functions.values(amount) for amount in reads]), 0.0
+        for low, high in pairwise(sorted({0.0, *reads})):
+            middle = 0.5 * (low + high)
+            shares = functions.values(middle) @ weights
+            off = on_centers(middle) - sum(share * one for share, one in zip(shares, known, strict=True))
+            error = max(error, float(np.abs(off).max(initial=0.0)))
+        return error
 
 
 def _deflected(box: BoxPlan, pose: Amounts, progress: Progress, known: BoxDeflection | None) -> BoxDeflection:
@@ -142,38 +175,10 @@ def _deflected(box: BoxPlan, pose: Amounts, progress: Progress, known: BoxDeflec
     return known if alike else deflect_box(box, pose, progress)
 
 
-def _with_half(
-    box: BoxPlan,
-    control: Control,
-    poses: Sequence[Amounts],
-    weights: FloatArray,
-    end: BoxDeflection,
-    progress: Progress,
-) -> tuple[FloatArray, list[BoxDeflection]]:
-    """Return weights and deflections where the range ends at 0: the other end, and half of it without a repair."""
-    last = poses.index(end.amounts)
-    first = end.steps[0] if len(end.steps) == 1 else None
-    half = adapted_steps(box, poses[1 - last], len(end.steps), progress, first)
-    plain = replace(end, exact=end.interpolated, repaired=None)
-    deflections = [plain, half] if last == 0 else [half, plain]
-    if not end.repaired:
-        return weights, deflections
-    amount = sum(end.amounts)
-    share = np.linalg.inv([control.functions.values(sign * amount) for sign in (1.0, -1.0)])[:, :1]
-    weights[:, last] -= share[:, 0]
-    return np.hstack([weights, share]), [*deflections, end]
-
-
-def _on_centers(box: BoxPlan, step: Step, amounts: Amounts) -> FloatArray:
-    """Return the displacement (M, 3) of the nodes that a first step moves, on its centres, at other amounts."""
-    move = box.boundary.displacement(amounts)
-    return (solve(step.state, move, OnCenters(step), box.runner).points - step.state.points)[box.region.inside]
-
-
 def _with_free_nodes_repaired(box: BoxPlan) -> BoxPlan:
     """Return a plan whose repair moves no node of a wall: no fixed field would keep it on a plane that turns.
 
-    Without any repair if the functions are more than two, for between many amounts it would not be smooth.
+    Without any repair for a root that slides: its motion is a sum of many functions, and no two say how it turns.
     """
     job = replace(box.job, repair_slides=())
     if any(law.functions.count > 2 for law in box.boundary.laws):

@@ -93,6 +93,43 @@ def test_the_parts_of_the_deflected_whole_are_the_moved_parts(count, form, folde
     assert distance.max() <= (1e-15 if form == "ascii" else 0.0)
 
 
+@pytest.mark.parametrize("count", [3, 8])
+def test_one_plan_moves_the_parts_to_every_angle_of_its_range(count, folder, sdm, tmp_path):
+    angles, held = (-5, 3, 8), tmp_path / "flap.npz"
+    words = [*TURN[:-3], "--no-report", "--angles=-5,3,8", "--plan", held, "--out", tmp_path / "whole"]
+    assert sdm("deflect", folder / "wing", *words)[0] == 0
+    case = tmp_path / "case"
+    shutil.copytree(folder / "wing", case)
+    decompose(case, count, "writeFormat binary; writePrecision 17;")
+    parts = sorted(case.glob("processor*"))
+    for angle in angles:
+        whole = OpenFoam().read(tmp_path / f"whole_{angle:+d}")
+        moved = tmp_path / f"moved{angle}"
+        code, said, _ = sdm("apply", held, f"--angle={angle}", *parts, "--out", moved, "--json", "--quiet")
+        told = json.loads(said)
+        assert (code, told["faults"], told["missing"]) == (0, [], 0)
+        assert told["ranges"] == {"flap": [-5.0, 8.0]}
+        foam.run("reconstructParMesh", moved, "-constant")
+        distance, nearest = KDTree(whole.points).query(OpenFoam().read(moved).points)
+        assert sorted(nearest) == list(range(len(whole.points)))
+        assert distance.max() == 0.0
+
+
+def test_amounts_that_did_not_pass_end_with_1(folder, sdm, tmp_path):
+    held = tmp_path / "flap.npz"
+    words = [*TURN[:-3], "--range", "-80:10", "--plan", held, "--no-mesh", "--steps", "1", "--repair", "off"]
+    code, said, _ = sdm("deflect", folder / "wing.su2", *words, "--out", tmp_path / "x.su2", "--json")
+    (surface,) = json.loads(said)["plan"]["surfaces"]
+    assert (code, surface["range"], len(surface["measured"])) == (0, [-80.0, 10.0], 9)
+    assert surface["passed"][0] > -80.0
+    assert not (tmp_path / "x.su2").exists()
+    for angle, wanted in ((surface["passed"][0], 0), (-79.0, 1), (12.0, 2)):
+        out = tmp_path / f"{angle}.su2"
+        code, said, err = sdm("apply", held, f"--angle={angle}", folder / "wing.su2", "--out", out)
+        assert code == wanted, err
+        assert ("FAILED: flap = -79 deg: outside" in said) == (wanted == 1)
+
+
 def test_a_part_alone_says_what_is_elsewhere_and_keeps_the_rest(folder, field, sdm, tmp_path):
     case = tmp_path / "case"
     shutil.copytree(folder / "wing", case)

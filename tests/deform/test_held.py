@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect import HeldPlan, InputError, Table, deflect, plan
+from sdm_deflect.deform.surface.motions import Turn
 from tests.deform.blocks import two_bodies
 from tests.deform.plates import plate
 from tests.deform.volume.test_triangulated import SIDES, warped_block
@@ -146,6 +147,17 @@ def test_two_surfaces_add_up(tmp_path):
     assert again.at((3.0, -2.0)).tobytes() == both.at((3.0, -2.0)).tobytes()
 
 
+def test_a_blended_flap_with_layers_takes_more_functions_for_a_wide_range(inboard_wing, wing):
+    _, given = wing
+    one = plan(inboard_wing.mesh, "flap_*", inboard_wing.hinge, range=(-30, 10), repair="off", **given)
+    assert one.controls[0].functions == Turn(4)
+    for end in (-30.0, 10.0):
+        expected = deflect(inboard_wing.mesh, "flap_*", inboard_wing.hinge, end, range=(-30, 10), repair="off", **given)
+        np.testing.assert_allclose(one.at(end), expected.points, atol=1e-12)
+    h = 1e-3
+    np.testing.assert_allclose(one.jvp(-7.0, 1.0), (one.at(-7.0 + h) - one.at(-7.0 - h)) / (2.0 * h), atol=1e-8)
+
+
 def test_a_table_is_read_at_one_amount(mesh):
     points = mesh.points[mesh.on("hole")]
     table = Table(points, 0.05 * np.column_stack([points[:, 1], np.sin(points[:, 0]), 0.0 * points[:, 0]]))
@@ -172,7 +184,7 @@ def test_a_plan_of_one_amount_is_the_deflection_to_the_bit(mesh, tmp_path):
 def test_a_triangulated_slide_has_a_plan_of_one_amount_alone():
     mesh, hinge = warped_block(), [[0, 0, 0], [0, 1, 0]]
     given = {"slide": dict.fromkeys(SIDES, "surface"), "box": [[-3.0] * 3, [3.0] * 3], "force": True}
-    with pytest.raises(InputError, match=r"misses the deflection by .* of the tolerance, as on a curved slide"):
+    with pytest.raises(InputError, match=r"sums of 6 fields miss deflections by .* of the tolerance, as on a curved"):
         plan(mesh, "body", hinge, range=(-20, 20), **given)
     one = plan(mesh, "body", hinge, 20, **given)
     assert one.on(mesh.points).at((20.0,)).tobytes() == deflect(mesh, "body", hinge, 20, **given).points.tobytes()

@@ -54,7 +54,7 @@ def test_displacements_are_sums_of_the_functions_that_a_law_names(flap):
         assert law.frozen_at(3.0).displacement(1.0).tolist() == law.displacement(1.0).tolist()
 
 
-@pytest.mark.parametrize("functions", [Turn(), Powers(1), Powers(6, 15.0)])
+@pytest.mark.parametrize("functions", [Turn(), Turn(6), Powers(1), Powers(6, 15.0)])
 def test_rates_of_functions_are_their_derivatives(functions):
     assert not functions.values(0.0).any()
     assert len(functions.values(1.0)) == functions.count
