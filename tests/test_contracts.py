@@ -172,14 +172,14 @@ BUDGETS = {
     "deform/rbf": (1621, 7),
     "deform/repair": (1570, 6),
     "deform/surface": (1233, 7),
-    "deform/volume": (3931, 14),
+    "deform/volume": (3937, 14),
     "geometry": (2120, 13),
     "meshing": (573, 5),
     "meshing/formats": (9004, 37),
     "meshing/generate": (1566, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 8_788, 450
+MOST_COMPLEXITY, LONGEST = 8_786, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

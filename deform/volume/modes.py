@@ -121,22 +121,24 @@ class Readings(NamedTuple):
         or at the other sign of the end if that is 0.
         """
         own, reads = _with_free_nodes_repaired(box), control.reads
-        poses = [tuple(amount if i == row else 0.0 for i in range(len(box.job.surfaces))) for amount in reads]
-        last, shared = int(np.argmax(np.abs(reads))), box.boundary.laws[row].functions.count > 2
+        poses = [_alone(box, row, amount) for amount in reads]
+        last = int(np.argmax(np.abs(reads)))
         ends = {last: _deflected(own, poses[last], progress, known)}
-        others = (i for i, amount in enumerate(reads) if amount in (control.low, control.high) and i != last)
-        ends |= {i: _deflected(own, poses[i], progress, known) for i in others if not shared}
+        if box.boundary.laws[row].functions.count <= 2:
+            others = {*np.flatnonzero(np.isin(reads, (control.low, control.high))).tolist()} - {last}
+            ends |= {i: _deflected(own, poses[i], progress, known) for i in others}
         steps = ends[last].steps
         first = steps[0] if len(steps) == 1 else None
-        plain = {i: replace(end, exact=end.interpolated, repaired=None) for i, end in ends.items()}
-        found = [plain.get(i) or adapted_steps(own, poses[i], len(steps), progress, first) for i in range(len(reads))]
+        found = [ends.get(i) or adapted_steps(own, pose, len(steps), progress, first) for i, pose in enumerate(poses)]
+        plain = [replace(one, exact=one.interpolated, repaired=None) for one in found]
         weights = np.asarray(np.linalg.inv([control.functions.values(amount) for amount in reads]), dtype=np.float64)
-        for i in [i for i, end in ends.items() if end.repaired]:
-            share = control.share(reads[i])
-            weights[:, i] -= share
-            weights = np.column_stack([weights, share])
-            found.append(ends[i])
-        return cls(control, box, row, tuple(found), weights)
+        for i, one in enumerate(found):
+            if one.repaired:
+                share = control.share(reads[i])
+                weights[:, i] -= share
+                weights = np.column_stack([weights, share])
+                plain.append(one)
+        return cls(control, box, row, tuple(plain), weights)
 
     def nearest(self, amount: float) -> BoxDeflection:
         """Return the deflection that was read nearest to an amount."""
@@ -152,8 +154,7 @@ class Readings(NamedTuple):
 
         def on_centers(amount: float) -> FloatArray:
             """Return the displacement (M, 3) of the nodes inside, on the centres of the end's first step."""
-            pose = tuple(amount if i == self.row else 0.0 for i in range(len(end.amounts)))
-            move, step = self.box.boundary.displacement(pose), end.steps[0]
+            move, step = self.box.boundary.displacement(_alone(self.box, self.row, amount)), end.steps[0]
             points = solve(step.state, move, OnCenters(step), self.box.runner).points
             return (points - step.state.points)[self.box.region.inside]
 
@@ -165,6 +166,11 @@ class Readings(NamedTuple):
             off = on_centers(middle) - sum(share * one for share, one in zip(shares, known, strict=True))
             error = max(error, float(np.abs(off).max(initial=0.0)))
         return error
+
+
+def _alone(box: BoxPlan, row: int, amount: float) -> Amounts:
+    """Return the amounts of the surfaces of a box where all but one rest."""
+    return tuple(amount if i == row else 0.0 for i in range(len(box.job.surfaces)))
 
 
 def _deflected(box: BoxPlan, pose: Amounts, progress: Progress, known: BoxDeflection | None) -> BoxDeflection:
