@@ -207,6 +207,10 @@ class HeldPlan:
             fields.append(found[:, rows[-1]])
         return Modes(self.controls, points, tuple(rows), tuple(fields))
 
+    def at_nodes(self, points: FloatArray) -> Modes:
+        """Return the fields at the nodes (N, 3) of the mesh, which is the plan's own if it has one."""
+        return self.mesh.modes if self.mesh else self.on(points)
+
     def at(self, amounts: Wanted) -> FloatArray:
         """Return the coordinates (N, 3) of the mesh at amounts; at 0 they are its own to the bit.
 

@@ -101,8 +101,10 @@ FAULTS = (
           "return -float(np.cross(arm, pressure[:, None] * area)", "studies/tests/flow"),
     Fault("lift along the wrong axis", "lift = np.array([-sin(a), 0.0, cos(a)])",
           "lift = np.array([sin(a), 0.0, cos(a)])", "studies/tests/flow"),
-    Fault("a page of another site is answered", ' or origin not in (None, f"http://{request.host}"):',
-          ":", "tests/cases/view/test_page.py"),
+    Fault("a mode is left out", "out[rows] += value * one", "out[rows] += value * one * (amount > 0.0)",
+          "tests/deform/test_held.py"),
+    Fault("a page may ask a network", "f\"default-src 'none'; {allowed}", "f\"default-src *; {allowed}",
+          "tests/cases/test_report_page.py"),
 )  # fmt: skip
 
 

@@ -160,26 +160,25 @@ def test_no_class_has_the_name_of_another():
 
 BUDGETS = {
     "cases": (929, 7),
-    "cases/aircraft": (2140, 13),
-    "cases/cli": (1402, 7),
-    "cases/report": (2039, 10),
-    "cases/run": (2186, 10),
-    "cases/settings": (1004, 5),
-    "cases/view": (681, 4),
-    "deform": (1101, 4),
+    "cases/aircraft": (2123, 13),
+    "cases/cli": (1408, 7),
+    "cases/report": (2174, 11),
+    "cases/run": (2184, 10),
+    "cases/settings": (1005, 5),
+    "deform": (1105, 4),
     "deform/base": (812, 6),
     "deform/mesh": (4759, 18),
     "deform/rbf": (1621, 7),
     "deform/repair": (1570, 6),
     "deform/surface": (1233, 7),
-    "deform/volume": (3937, 14),
+    "deform/volume": (3757, 13),
     "geometry": (2120, 13),
     "meshing": (573, 5),
     "meshing/formats": (9004, 37),
     "meshing/generate": (1566, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 8_786, 450
+MOST_COMPLEXITY, LONGEST = 8_656, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

@@ -117,7 +117,7 @@ from sdm_deflect.cases.run.progress import process_start
 assert peak_rss_bytes() == 0 and process_start() > 0.0
 """
 LIBRARIES = (
-    "aiohttp.web", "cadquery", "click", "gmsh", "h5py", "jinja2", "matplotlib.figure", "matplotlib.tri", "meshio",
+    "cadquery", "click", "gmsh", "h5py", "jinja2", "matplotlib.figure", "matplotlib.tri", "meshio",
     "numba", "PIL.Image", "pyvista", "rich.progress", "rich.table", "scipy.interpolate", "scipy.optimize",
     "scipy.sparse.linalg",
     "scipy.spatial", "threadpoolctl", "tomli_w", "trimesh",

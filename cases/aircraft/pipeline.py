@@ -74,7 +74,7 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, rep
         from .report import compared
 
         with watch.stage("report") as progress:
-            data = shown.with_verdict(checks, metrics(run) | planned)
+            data = replace(shown, held=around).with_verdict(checks, metrics(run) | planned)
             write_report(data, gallery.with_more(compared(data, folder / "figures")), folder)
             progress(f"{(folder / 'report.html').stat().st_size / 1e6:.1f} MB", 1.0)
     (folder / "metrics.json").write_text(json.dumps(metrics(run) | planned, indent=2) + "\n", encoding="utf-8")

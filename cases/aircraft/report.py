@@ -62,6 +62,7 @@ def case_data(
         settings=case_toml(case, plan),
         settings_file="case.toml",
         repeat="sdm run --config case.toml",
+        moves="sdm apply plan.npz --angle=AMOUNTS undeflected.vtu",
         tables=parameter_tables(case),
         middle=np.zeros(3),
         drawn=tuple(name for name in mesh.names if name not in (FAR_FIELD, BLOCK)),

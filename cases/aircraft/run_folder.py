@@ -3,26 +3,23 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from shlex import quote
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sdm_deflect.cases.report.data import METRES, RUN, ReportData, measured, read_figures
-from sdm_deflect.cases.report.finished import Display, FinishedRun, moved_by_repair
+from sdm_deflect.cases.report.data import RUN, ReportData, measured, read_figures
+from sdm_deflect.cases.report.finished import FinishedRun, moved_by_repair
 from sdm_deflect.cases.report.folder import write_arrays
 from sdm_deflect.cases.run.output import lacks
 from sdm_deflect.deform.base.errors import InputError, damaged
 from sdm_deflect.deform.checks import Check, checks_of
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.volume.deflection import Deflection
-from sdm_deflect.geometry.parameters import LARGEST_TURN
 from sdm_deflect.meshing.formats.vtu import read_vtu, write_vtu
-from sdm_deflect.meshing.generate.parameters import FAR_FIELD
 from sdm_deflect.meshing.mesh import skin, tets_of
 
 from .case import Case
-from .job import BLOCK, plan_of
+from .job import plan_of
 from .metrics import case_toml
 from .reference import Reference, reference
 from .registry import resolve
@@ -77,23 +74,14 @@ class FinishedCase(FinishedRun):
         repair = moved_by_repair(folder / "deflected.vtu", len(mesh.points))
         return cls(folder, plan, deflected.points, repair, case_toml(case, plan), case, deflected)
 
-    @property
-    def angle(self) -> float:
-        """The angle of the case."""
-        return self.case.angle
-
-    @property
-    def display(self) -> Display:
-        """How it is shown: without the far field and the face of a Chimera block."""
-        return Display(self.case.title, self.case.ways[0], METRES, (FAR_FIELD, BLOCK), 1, LARGEST_TURN)
-
     def report_data(self) -> ReportData:
         """Return what its report shows."""
         from .report import case_data
 
         figures, checks, fits = read_figures(self.folder)
         with damaged(self.folder, RUN):
-            return case_data(self.case, self.plan, self.points, fits, self.repair).with_verdict(checks, figures)
+            data = case_data(self.case, self.plan, self.points, fits, self.repair)
+        return replace(data, held=self.held).with_verdict(checks, figures)
 
     def fresh_report_data(self) -> ReportData:
         """Return what its report shows, with the checks of the meshes made again; those of the fits are stored ones."""
@@ -115,12 +103,6 @@ class FinishedCase(FinishedRun):
     def lacks(self) -> str:
         """What is not installed without which no CAD can be built, as a sentence."""
         return lacks("aircraft")
-
-    @property
-    def command(self) -> str:
-        """The command that repeats it at ANGLE."""
-        folder = self.folder.resolve()
-        return f"sdm run --config {quote(str(folder / 'case.toml'))} --set angle=ANGLE --out {quote(f'{folder}-ANGLE')}"
 
     @property
     def background(self) -> Mesh | None:

@@ -1,11 +1,13 @@
 """Commands on cases and finished runs: list, run, validate, report, compare, view, export, geometry."""
 
+import webbrowser
 from pathlib import Path
 from typing import Any
 
 import click
 
 from sdm_deflect.cases.settings.job_settings import BY_NAME
+from sdm_deflect.deform.base.errors import InputError
 
 from . import options
 
@@ -167,36 +169,40 @@ def compare(folders: tuple[Path, ...], as_json: bool, quiet: bool, verbose: bool
 
 @click.command()
 @click.argument("place", metavar="RUN|MESH", type=options.FILE)
-@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port on 127.0.0.1 (default: a free one).")
+@options.gone("--port")
+@click.option("--out", type=options.FILE, help="Of a mesh: page to write (default: MESH-view.html).")
 @click.option("--open/--no-open", "show", default=True, help="Whether to open the page in the browser.")
 @options.progress_options
-def view(place: Path, port: int, show: bool, quiet: bool, verbose: bool) -> None:
-    """Look at a mesh, or turn the surface of a finished run by a slider.
+def view(place: Path, out: Path | None, show: bool, quiet: bool, verbose: bool) -> None:
+    """Look at a mesh, or turn the surfaces of a finished run by sliders.
 
-    RUN is the folder of a run, or the one beside a deflected mesh. The mesh follows the slider with the centres of the
-    run. MESH is any mesh: click its patches for their names, and for a hinge. Nothing leaves this machine: the page is
-    served on the loopback interface and draws in the browser. Ctrl-C ends the command.
+    RUN is the folder of a run, or the one beside a deflected mesh: its report is opened. MESH is any mesh: click its
+    patches for their names, and for a hinge. Pages are files; they ask no network for anything.
     """
-    from sdm_deflect.cases.view.serve import announce, bound, serve
+    from sdm_deflect.cases.run.output import check_installed
 
-    seen = None
-    with bound(port) as own:
-        number, address = own.getsockname()[1], announce(own)
-        with options.watched(quiet, verbose) as watch:
-            from sdm_deflect.cases.view.page import View, of_mesh
+    with options.watched(quiet, verbose) as watch, watch.stage("page") as progress:
+        if place.is_dir() and not (place / "constant").is_dir():
+            from sdm_deflect.cases.finished import finished
 
-            if place.is_dir() and not (place / "constant").is_dir():
-                from sdm_deflect.cases.finished import finished
+            page = place / "report.html"
+            if out:
+                raise InputError(f"--out {out} is of a mesh; {place} has its page")
+            if not page.exists():
+                run = finished(place)
+                check_installed("report")
+                run.report()
+        else:
+            check_installed("report")
+            from sdm_deflect.cases.api import read
+            from sdm_deflect.cases.report.mesh_page import write_mesh_page
+            from sdm_deflect.meshing.formats.registry import ending
 
-                with watch.stage("factorising"):
-                    seen = View.of(finished(place))
-                    page = seen.html(number)
-            else:
-                from sdm_deflect.cases.api import read
-
-                with watch.stage("read") as progress:
-                    page = of_mesh(read(place, progress), number)
-        serve(own, address, page, seen, show)
+            page = out or place.with_name(f"{place.name.removesuffix(ending(place))}-view.html")
+            write_mesh_page(read(place, progress), page)
+    click.echo(page)
+    if show:
+        webbrowser.open(page.resolve().as_uri())
 
 
 @click.command()

@@ -17,6 +17,7 @@ from sdm_deflect.cases.run.output import text_of
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError, damaged, read_arrays
 from sdm_deflect.deform.checks import Check
+from sdm_deflect.deform.held import HeldPlan
 from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.mesh import Mesh
@@ -192,6 +193,8 @@ class ReportData:
     drawn, hidden : names of the patches in pictures, and of those that only the turnable picture offers.
     quality_limit : smallest mean ratio that is accepted, None without a limit.
     interpolated : (N, 3) before a repair moved nodes, None if none did.
+    held : what moves the mesh to other amounts; None without a plan.
+    moves : the command that does so, at AMOUNTS.
     checks : the verdict; empty until the mesh is judged.
     figures : the content of metrics.json; empty until then.
     """
@@ -211,6 +214,8 @@ class ReportData:
     hidden: tuple[str, ...] = ()
     quality_limit: float | None = None
     interpolated: FloatArray | None = field(default=None, repr=False)
+    held: HeldPlan | None = field(default=None, repr=False)
+    moves: str = ""
     checks: tuple[Check, ...] = ()
     figures: Json = field(default_factory=dict, repr=False)
 
@@ -226,6 +231,11 @@ class ReportData:
     def surfaces(self) -> tuple[MovedSurface, ...]:
         """The moving surfaces of all boxes."""
         return tuple(surface for box in self.boxes for surface in box.surfaces)
+
+    @property
+    def surface_size(self) -> float:
+        """Largest extent of a moving surface; 0 without one."""
+        return max((float(np.ptp(self.mesh.points[one.nodes], axis=0).max()) for one in self.surfaces), default=0.0)
 
     @property
     def passed(self) -> bool:

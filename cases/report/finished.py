@@ -1,9 +1,8 @@
 """A finished run, read from its folder: what is asked of it, whether it is of a case or of any mesh."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from shlex import quote
 from tomllib import loads
 from typing import TYPE_CHECKING
 
@@ -16,40 +15,18 @@ from sdm_deflect.cases.settings.jobs import jobs_of
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, damaged
 from sdm_deflect.deform.checks import Check, checks_of
+from sdm_deflect.deform.held import HeldPlan
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.plan import Plan
-from sdm_deflect.meshing.formats.registry import ending, format_of, read
+from sdm_deflect.meshing.formats.registry import format_of, read
 from sdm_deflect.meshing.formats.vtu import vtu_arrays
 
-from .data import MESH_UNITS, RUN, Length, ReportData, in_view, measured, read_figures, read_json
-from .folder import job_data, part_of
+from .data import RUN, ReportData, measured, read_figures, read_json
+from .folder import PLAN, job_data, part_of
 
 if TYPE_CHECKING:
     from .pictures import Exhibit
-
-
-@dataclass(frozen=True, slots=True)
-class Display:
-    """How a run is shown.
-
-    Attributes
-    ----------
-    title : what it is.
-    positive : where a positive angle goes.
-    length : unit of the mesh.
-    hidden : patches that are not drawn.
-    leading : of each surface so many patches are the surface itself, the others only follow; None: all.
-    largest : degrees that no surface can exceed.
-    """
-
-    title: str
-    positive: str
-    length: Length
-    hidden: tuple[str, ...]
-    leading: int | None = None
-    largest: float = LARGEST_ANGLE
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,31 +65,6 @@ class FinishedRun:
         return cls(folder, plan, points, moved_by_repair(folder / "deflected.vtu", len(points)), settings)
 
     @property
-    def angle(self) -> float:
-        """Its angle: that of the first surface, unless a case has one by which all surfaces turn."""
-        return self.plan.angle
-
-    @property
-    def display(self) -> Display:
-        """How it is shown: with the patches that pictures show."""
-        mesh, plan = self.plan.mesh, self.plan
-        drawn = in_view(mesh, (*plan.patches, *plan.stays))
-        positive = "right-handed about the hinge" if plan.unit == "deg" else "as in the table"
-        return Display(mesh.name, positive, MESH_UNITS, tuple(name for name in mesh.names if name not in drawn))
-
-    @property
-    def command(self) -> str:
-        """The command that repeats it at ANGLE, further surfaces in proportion; empty if these follow no angle."""
-        units = [moving.motion.unit for box in self.plan.boxes for moving in box.job.surfaces]
-        if len(units) > 1 and {*units} != {"deg"}:
-            return ""
-        source = Path(self.plan.mesh.source)
-        out = source.with_name(f"{source.name.removesuffix(ending(source))}-ANGLE-deflected{ending(source)}")
-        config = quote(str(self.folder.resolve() / SETTINGS))
-        amount = "--angle " if self.plan.unit == "deg" else "--set amount="
-        return f"sdm deflect {quote(str(source))} --config {config} {amount}ANGLE --out {quote(str(out))}"
-
-    @property
     def background(self) -> Mesh | None:
         """The mesh around a Chimera block; None without one."""
         return None
@@ -122,7 +74,13 @@ class FinishedRun:
         figures, checks, fits = read_figures(self.folder)
         stored = self.settings, self.folder.resolve().name
         data = job_data(self.plan, self.plan.angle, self.points, stored, fits, self.repair)
-        return data.with_verdict(checks, figures)
+        return replace(data, held=self.held).with_verdict(checks, figures)
+
+    @property
+    def held(self) -> HeldPlan | None:
+        """What moves its mesh to other amounts; None if its folder has no plan."""
+        path = self.folder / PLAN
+        return HeldPlan.load(path) if path.exists() else None
 
     def validated(self) -> tuple[Check, ...]:
         """Return its checks, made again from its files, and those of the files.

@@ -96,7 +96,7 @@ def write_run_folder(
     figures = metrics_of(deflection, checks, out, timings) | written_plan(folder, held)
     figures["notes"] += [] if whole else [PART.format(cells=deflection.plan.touched.count)]
     (folder / "metrics.json").write_text(json.dumps(figures, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    data = data_of(deflection, settings, place.name).with_verdict(checks, figures)
+    data = replace(data_of(deflection, settings, place.name), held=held).with_verdict(checks, figures)
     if not lacks("report"):
         from .page import write_report
         from .pictures import drawn
@@ -162,7 +162,8 @@ def job_data(
         length=MESH_UNITS,
         settings=settings,
         settings_file=SETTINGS,
-        repeat=_repeat(nested.get("mesh", ""), folder),
+        repeat=_repeat(_source(nested, folder), folder),
+        moves=shlex.join(["sdm", "apply", str(Path(folder, PLAN)), "--angle=AMOUNTS", _source(nested, folder)]),
         tables={"settings": rows_of(nested), **tables},
         middle=0.5 * (places.min(axis=0) + places.max(axis=0)),
         drawn=shown,
@@ -171,9 +172,13 @@ def job_data(
     )
 
 
-def _repeat(mesh: str, folder: str) -> str:
+def _source(settings: Mapping[str, Any], folder: str) -> str:
+    """Return the path of the mesh from where the folder is."""
+    return normpath(Path(folder, settings["mesh"])) if settings.get("mesh") else "MESH"
+
+
+def _repeat(source: str, folder: str) -> str:
     """Return the command that repeats a deflection, as typed where the folder is: it replaces that folder."""
-    source = normpath(Path(folder, mesh)) if mesh else "MESH"
     return shlex.join(["sdm", "deflect", source, "--config", str(Path(folder, SETTINGS))])
 
 

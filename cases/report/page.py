@@ -9,7 +9,7 @@ from importlib.resources import files
 from io import BytesIO
 from pathlib import Path
 
-from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined, TemplateError
+from jinja2 import Environment, PackageLoader, StrictUndefined, TemplateError
 from markupsafe import Markup
 from PIL import Image
 
@@ -37,24 +37,26 @@ def write_report(data: ReportData, gallery: Gallery, folder: Path) -> None:
     (folder / "report.html").write_text(page(data, gallery), encoding="utf-8")
 
 
-def templates(*folders: str) -> Environment:
-    """Return the templates of packages; every text in a page is escaped."""
-    loaders = ChoiceLoader([PackageLoader(folder, ".") for folder in folders])
-    return Environment(loader=loaders, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+def templates(folder: str) -> Environment:
+    """Return the templates of a package; every text in a page is escaped."""
+    loader = PackageLoader(folder, ".")
+    return Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
 
 
-def picture(data: ReportData, scene: Json, most_cells: int = MOST_CELLS, connected: str = "'none'") -> Json:
-    """Return what `picture.html` shows; no script but its own two can run, and they ask `connected` alone."""
-    library, viewer = files(HERE).joinpath(LIBRARY).read_bytes(), read(HERE, "viewer.js")
+def picture(data: ReportData, scene: Json) -> Json:
+    """Return what `picture.html` shows; no script but its own two can run."""
+    library = files(HERE).joinpath(LIBRARY).read_bytes()
+    viewer = read(HERE, "measures.js") + read(HERE, "viewer.js")
     return {
         "data": data,
+        "turn": scene["turn"],
         "scene": dict(zip(("data", "arrays"), packed(scene), strict=True)),
         "touched": sum(box.touched.count for box in data.boxes),
-        "most_cells": most_cells,
+        "most_cells": MOST_CELLS,
         "style": style(),
         "library": b64encode(library).decode("ascii"),
         "viewer": viewer,
-        "policy": policy([decompress(library).decode(), viewer], connected),
+        "policy": policy([decompress(library).decode(), viewer]),
     }
 
 
@@ -102,10 +104,10 @@ def qualities(data: ReportData) -> Iterator[tuple[str, str, Quality | Json]]:
             yield box.name, STATES["after_pinned"], one
 
 
-def policy(scripts: Iterable[str], connected: str = "'none'") -> str:
-    """Return the content security policy: nothing from any network but `connected`, no script but these."""
+def policy(scripts: Iterable[str]) -> str:
+    """Return the content security policy: nothing from any network, no script but these."""
     hashes = " ".join(f"'sha256-{b64encode(sha256(one.encode()).digest()).decode('ascii')}'" for one in scripts)
-    allowed = f"script-src {hashes}; connect-src {connected}; style-src 'unsafe-inline'; img-src data: blob:"
+    allowed = f"script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:"
     return f"default-src 'none'; {allowed}; base-uri 'none'"
 
 

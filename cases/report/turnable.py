@@ -2,7 +2,8 @@
 
 import json
 from base64 import b64decode, b64encode
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from gzip import compress
 from typing import Any
 
@@ -12,11 +13,13 @@ from matplotlib.colors import to_hex
 
 from sdm_deflect.cases.run.metrics import Json
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray, distinct, union
-from sdm_deflect.deform.mesh.cells import Cells, Patch, Polyhedra
+from sdm_deflect.deform.mesh.cells import Cells, Patch, Polyhedra, Volume
 from sdm_deflect.deform.mesh.edges import area_vectors, edges_of, polygons_of, sharp_edges, unit
 from sdm_deflect.deform.mesh.faces import FACES
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import quality_of
+from sdm_deflect.deform.mesh.standard import parts_of
+from sdm_deflect.deform.volume.modes import Modes
 from sdm_deflect.meshing.formats.polyhedra import faces_by_cell
 
 from .data import Box, ReportData, drawn_measure
@@ -59,23 +62,80 @@ TABLES = {
     for shape, faces in FACES.items()
 } | {"triangle": [0, 1, 2], "quad": [0, 1, 2, 0, 2, 3]}
 """Corners of the triangles on the outside of each shape."""
-ARRAYS = frozenset(
-    ("points", "moved", "interpolated", "faces", "edges", "cell", "before", "after", "unrepaired", "segments")
-)
-"""Names under which a scene holds arrays."""
-KEPT = frozenset(("nodes", "rows"))
-"""Arrays that a page does not get: nodes of the mesh, and rows among the cells that touch a box."""
+ARRAYS = frozenset((
+    "points", "points_low", "at", "fields", "fields_low", "rest", "rest_low", "unrepaired", "faces", "edges", "cell",
+    "rows", "qualities", "segments",
+))  # fmt: skip
+"""Names under which a scene holds arrays, or lists of them."""
+KEPT = frozenset(("nodes",))
+"""Arrays that a page does not get: nodes of the mesh."""
+SEEN, EXACT = 2.0**-24, 1e-13
+"""Shares of the coordinates: smaller differences from what the page computes are left out, of patches and of cells."""
+COARSE = 5e-7
+"""Of the surfaces' size: where single precision is coarser, such as in far fields, patches have low parts as well."""
+
+
+@dataclass(frozen=True, eq=False)
+class Turning:
+    """What turns the mesh of a page: its fields, and the amounts at which the run has it.
+
+    Attributes
+    ----------
+    modes : fields at all nodes; without surfaces where there is no plan.
+    own : amounts of the run.
+    poses : amounts of all surfaces at which the mesh was measured, those of each surface one after another.
+    """
+
+    modes: Modes = field(repr=False)
+    own: tuple[float, ...]
+    poses: tuple[tuple[float, ...], ...] = ()
+
+    @classmethod
+    def of(cls, data: ReportData) -> "Turning":
+        """Take the plan of a run, if there is one."""
+        held = data.held
+        if held is None:
+            return cls(Modes((), data.mesh.points, (), ()), ())
+        own, poses = [], []
+        for i, control in enumerate(held.controls):
+            own += [one.amount for one in data.surfaces if {*one.patches} & {*control.patches}][:1]
+            for row in held.measured[i]:
+                poses.append(tuple(row.amount if i == j else other for j, other in enumerate(held.amounts)))
+        return cls(held.at_nodes(data.mesh.points), tuple(own), tuple(poses))
+
+    def stored(self, nodes: IntArray, points: FloatArray, exact: bool) -> tuple[list[Json], FloatArray]:
+        """Return the fields of nodes (K,) at points (K, 3), and where the page computes these at the run's amounts."""
+        out, computed, place = [], np.sum(_split(points, exact), axis=0), np.full(len(self.modes.start), -1)
+        surfaces = zip(self.modes.controls, self.own, self.modes.rows, self.modes.fields, strict=True)
+        for i, (control, amount, rows, fields) in enumerate(surfaces):
+            place[:] = -1
+            place[rows] = np.arange(len(rows))
+            at = np.flatnonzero(place[nodes] >= 0)
+            at = at[fields[:, place[nodes[at]]].any(axis=(0, 2))]
+            parts = [_split(one[place[nodes[at]]], exact) for one in fields]
+            for value, part in zip(control.functions.values(amount), parts, strict=True):
+                computed[at] += value * np.sum(part, axis=0)
+            names = zip(("fields", "fields_low"), zip(*parts, strict=True), strict=False)
+            numbers = {name: [single(one) for one in own] for name, own in names}
+            out += [{"surface": i, "at": integers(at), **numbers}] if len(at) else []
+        return out, np.asarray(computed)
+
+    def states(self, data: ReportData) -> Iterator[FloatArray]:
+        """Yield the mesh (N, 3) before, after, before the repair, and at each pose."""
+        yield from (data.mesh.points, data.points, data.points if data.interpolated is None else data.interpolated)
+        yield from map(self.modes.at, self.poses)
 
 
 def turnable(data: ReportData, most_cells: int = MOST_CELLS, most_triangles: int = MOST_TRIANGLES) -> Json:
-    """Return patches, hexahedra, sites, centres and cells of a run, before and after."""
-    edges = BOX_EDGES
+    """Return patches, hexahedra, sites, centres and cells of a run, and what turns them."""
+    edges, turning = BOX_EDGES, Turning.of(data)
     return {
-        "patches": list(patches(data, most_triangles)),
+        "patches": list(patches(data, most_triangles, turning)),
         "boxes": [{"name": one.name, "segments": single(_corners_shown(data, one)[edges])} for one in data.boxes],
         "arrows": {"segments": single(_arrows(data))},
         "dots": list(dots(data)),
-        "cells": cells(data, most_cells),
+        "cells": cells(data, most_cells, turning),
+        "turn": surfaces(data, turning) if turning.own else None,
         "views": list(views(data)),
         "colours": {
             "range": [QUALITY_RANGE.vmin, QUALITY_RANGE.vmax],
@@ -106,7 +166,7 @@ def _arrows(data: ReportData) -> FloatArray:
     return np.concatenate(triangles)
 
 
-def patches(data: ReportData, most: int) -> Iterator[Json]:
+def patches(data: ReportData, most: int, turning: Turning) -> Iterator[Json]:
     """Yield the surface meshes; faces point out of the body, as lighting wants them."""
     inside = union(*(one.nodes for one in data.boxes))
     moving = [name for one in data.surfaces for name in one.patches]
@@ -122,7 +182,7 @@ def patches(data: ReportData, most: int) -> Iterator[Json]:
             "colour": hexadecimal(patch_colour(patch.name, patch.name in moving)),
             "hidden": patch.name in data.hidden,
             "surface": patch.name in moving,
-            **_both(data, shown[:, ::-1], None if thin else _edges(patch)),
+            **_part(data, turning, shown[:, ::-1], None if thin else _edges(patch)),
         }
 
 
@@ -181,25 +241,49 @@ def dots(data: ReportData) -> Iterator[Json]:
             yield _dots("centres", f"centres for {direction}", own, colour)
 
 
-def cells(data: ReportData, most: int) -> Json:
-    """Return the worst cells that touch a hexahedron, by their quality before or after, and how many there are."""
-    found = []
-    for i, block in enumerate(data.mesh.cells if data.boxes else ()):
-        rows = union(*(one.touched.rows[i] for one in data.boxes))
-        sign = data.boxes[0].touched.orientation[i]
-        states = (data.mesh.points, data.points, *([] if data.interpolated is None else [data.interpolated]))
-        qualities = [quality_of(points, block, rows, sign) for points in states]
-        found.append((block, rows, np.array(qualities)))
-    worst = np.concatenate([np.empty(0), *(pair.min(axis=0) for _, _, pair in found)])
+def surfaces(data: ReportData, turning: Turning) -> Json:
+    """Return the surfaces that can be turned, what was measured of each, and the command that moves the mesh."""
+    held, out = data.held, []
+    for own, amount, table in zip(turning.modes.controls, turning.own, held.figures() if held else (), strict=True):
+        functions = asdict(own)["functions"] | {"kind": type(own.functions).__name__}
+        tolerance = next(box.tolerance for box in data.boxes if _moves(box, own.patches))
+        out.append({**table, "functions": functions, "own": amount, "tolerance": tolerance})
+    return {"surfaces": out, "stands": held.amounts if held else (), "command": data.moves}
+
+
+def _moves(box: Box, patches: Sequence[str]) -> bool:
+    return any({*surface.patches} & {*patches} for surface in box.surfaces)
+
+
+def cells(data: ReportData, most: int, turning: Turning) -> Json:
+    """Return the worst cells that touch a hexahedron, by their quality at any amount, and how many there are."""
+    found = list(_judged(data, turning))
+    worst = np.concatenate([np.empty(0), *(own.min(axis=0) for *_, own in found)])
     limit = np.partition(worst, most - 1)[most - 1] if len(worst) > most else np.inf
-    groups, starts = [], np.cumsum([0, *(len(rows) for _, rows, _ in found)])
-    for start, (block, rows, pair) in zip(starts, found, strict=False):
-        kept = np.flatnonzero(pair.min(axis=0) <= limit)
-        corners = _corners(block, rows[kept])
-        names = ("before", "after", "unrepaired")
-        values = {name: single(own[kept]) for name, own in zip(names, pair, strict=False)}
-        groups.append({**corners[0], **values, **_both(data, corners[1]), "rows": integers(start + kept)})
+    groups, starts = [], np.cumsum([0, *(len(rows) for _, rows, *_ in found)])
+    for start, (block, rows, sign, qualities) in zip(starts, found, strict=False):
+        kept = np.flatnonzero(qualities.min(axis=0) <= limit)
+        for shape, typed, own, at in parts_of(block, rows[kept]):
+            corners, nodes = _corners(typed, own)
+            known = {} if isinstance(typed, Cells) else {"qualities": [single(one[kept[at]]) for one in qualities]}
+            group = {"shape": shape, "sign": sign, **corners, **known, "rows": integers(start + kept[at])}
+            groups.append({**group, **_part(data, turning, nodes, exact=True)})
     return {"all": len(worst), "groups": groups}
+
+
+def _judged(data: ReportData, turning: Turning) -> Iterator[tuple[Volume, IntArray, float, FloatArray]]:
+    """Yield each block with the rows (R,) that touch a hexahedron, its orientation, and their quality (S, R).
+
+    There are S states: before, after, before the repair, and where the mesh was measured.
+    """
+    blocks = list(data.mesh.cells if data.boxes else ())
+    rows = [union(*(one.touched.rows[i] for one in data.boxes)) for i in range(len(blocks))]
+    signs = data.boxes[0].touched.orientation if blocks else ()
+    measured: list[list[FloatArray]] = [[] for _ in blocks]
+    for points in turning.states(data):
+        for values, *part in zip(measured, blocks, rows, signs, strict=True):
+            values.append(quality_of(points, *part))  # type: ignore[arg-type]
+    yield from zip(blocks, rows, signs, map(np.array, measured), strict=True)
 
 
 def _corners(block: Cells | Polyhedra, rows: IntArray) -> tuple[Json, IntArray]:
@@ -256,34 +340,24 @@ def integers(values: IntArray) -> str:
     return b64encode(values.astype("<u4").tobytes()).decode("ascii")
 
 
-def indices_of(text: str) -> IntArray:
-    """Return what `integers` made a text of."""
-    return np.frombuffer(b64decode(text), dtype="<u4").astype(np.intp)
-
-
 def packed(scene: Json) -> tuple[str, str]:
     """Return a scene as two texts, base64 of compressed ones: the JSON with places of arrays, and the arrays.
 
     A place is where an array starts, and how many numbers it has. Of each array the first bytes of all numbers come
-    first, then the second ones, and so on: alike they compress better. Moved points are stored as the bits in which
-    they differ from the points: most do not move.
+    first, then the second ones, and so on: alike they compress better.
     """
     parts: list[bytes] = []
 
     def placed(value: Any) -> Any:
         if isinstance(value, Mapping):
-            bases = dict.fromkeys(("moved", "interpolated"), value.get("points"))
-            return {
-                name: placed(own) if name not in ARRAYS or own is None else place(own, bases.get(name))
-                for name, own in value.items()
-                if name not in KEPT
-            }
+            rows = value.items()
+            return {name: (place if name in ARRAYS else placed)(own) for name, own in rows if name not in KEPT}
         return [placed(own) for own in value] if isinstance(value, list) else value
 
-    def place(base64: str, base: str | None) -> list[int]:
-        numbers = np.frombuffer(b64decode(base64), dtype=np.uint8).reshape(-1, 4)
-        if base is not None:
-            numbers = numbers ^ np.frombuffer(b64decode(base), dtype=np.uint8).reshape(-1, 4)
+    def place(value: Any) -> Any:
+        if not isinstance(value, str):
+            return [place(own) for own in value] if value else value
+        numbers = np.frombuffer(b64decode(value), dtype=np.uint8).reshape(-1, 4)
         start = sum(map(len, parts))
         parts.append(numbers.T.tobytes())
         return [start, len(numbers)]
@@ -297,20 +371,50 @@ def encoded(content: bytes) -> str:
     return b64encode(compress(content, 9, mtime=0)).decode("ascii")
 
 
-def _both(data: ReportData, faces: IntArray, edges: IntArray | None = None) -> Json:
-    """Return cells or triangles (F, k) with their own nodes before and after (None where none of them moves)."""
+def _part(
+    data: ReportData, turning: Turning, faces: IntArray, edges: IntArray | None = None, *, exact: bool = False
+) -> Json:
+    """Return cells or triangles (F, k) with their own nodes and the fields that move these.
+
+    `rest` is what the run's mesh has beyond the fields, `unrepaired` what lies before it without the repair. Of `exact`
+    parts the numbers have a second, low part: cells of thin layers need it.
+    """
     nodes, local = np.unique(faces, return_inverse=True)
     before, after = data.mesh.points[nodes], data.points[nodes]
+    largest = float(np.abs(before).max(initial=0.0))
+    exact = exact or SEEN * largest > COARSE * data.surface_size > 0.0
+    modes, computed = turning.stored(nodes, before, exact)
     between = after if data.interpolated is None else data.interpolated[nodes]
+    small = (EXACT if exact else SEEN) * largest
+    rest, mended = _kept(after - computed, small), _kept(between - after, small)
     return {
         "nodes": integers(nodes),
-        "points": single(before),
-        "moved": None if np.array_equal(before, after) else single(after),
-        "interpolated": None if np.array_equal(between, after) else single(between),
+        **_single("points", before, exact),
+        "modes": modes,
+        **(_single("rest", rest, exact) if rest.any() else {}),
+        **({"unrepaired": single(mended)} if mended.any() else {}),
+        "goes": not np.array_equal(before, after),
         "faces": integers(local),
         "corners": faces.shape[1],
         "edges": None if edges is None else integers(np.searchsorted(nodes, edges)),
     }
+
+
+def _single(name: str, values: FloatArray, exact: bool) -> Json:
+    """Return numbers in single precision by name, and if they are to be exact what is left of them."""
+    parts = _split(values, exact)
+    return {f"{name}{tail}": single(part) for tail, part in zip(("", "_low"), parts, strict=False)}
+
+
+def _split(values: FloatArray, exact: bool) -> list[FloatArray]:
+    """Return numbers as single precision has them, and if they are to be exact what is left of them, likewise."""
+    high = values.astype("<f4").astype(np.float64)
+    return [high, (values - high).astype("<f4").astype(np.float64)] if exact else [high]
+
+
+def _kept(values: FloatArray, small: float) -> FloatArray:
+    """Return values (M, 3), zero in rows where all are small."""
+    return np.where(np.abs(values).max(axis=1, keepdims=True) > small, values, 0.0)
 
 
 def _dots(group: str, name: str, points: list[FloatArray], colour: Colour) -> Json:

@@ -1,4 +1,3 @@
-"use strict";
 // Draws the picture from the JSON in #scene-data and the arrays in #scene-arrays with three.js, which is in
 // #scene-library; all three are compressed. Names of the data go through textContent alone.
 (async () => {
@@ -31,7 +30,6 @@
   });
   window.addEventListener("afterprint", () => opened.forEach((one) => { one.open = false; }));
 
-  if (location.search.startsWith("?secret=")) history.replaceState(null, "", "/"); // of sdm view; it is a cookie now
   document.getElementById("interactive-body").hidden = false;
   if (!drawable()) return without("this browser offers no WebGL.");
   if (typeof DecompressionStream === "undefined") return without("this browser is older than 2023.");
@@ -47,28 +45,83 @@
   const numbers = (place) => new Float32Array(array(place));
   const indices = (place) => new Uint32Array(array(place));
   const lengthsOf = (place) => numbers(place).map((value) => data.factor * value);
-  // Moved points are stored as the bits in which they differ from the points.
-  function movedOf(place, points) {
-    const base = indices(points), bits = indices(place).map((value, i) => value ^ base[i]);
-    return new Float32Array(bits.buffer).map((value) => data.factor * value);
+  const single = (values) => Float32Array.from(values);
+  // Numbers with what single precision leaves of them, in the unit of the picture.
+  function doubles(high, low) {
+    const out = Float64Array.from(numbers(high), (value) => data.factor * value);
+    if (low) numbers(low).forEach((value, i) => { out[i] += data.factor * value; });
+    return out;
+  }
+
+  // What turns the mesh: the functions of each surface's amount, times the fields of a part.
+  const turned = data.turn ? data.turn.surfaces : [], own = turned.map((one) => one.own);
+  const RADIANS = Math.PI / 180;
+  const FUNCTIONS = {
+    Turn: ({ count }, amount) => Array.from({ length: count }, (_, i) => {
+      const angle = RADIANS * amount * (1 + (i >> 1));
+      return i % 2 ? 2 * Math.sin(angle / 2) ** 2 : Math.sin(angle);
+    }),
+    Powers: ({ count, scale }, amount) => Array.from({ length: count }, (_, i) => (amount / scale) ** (i + 1)),
+  };
+  const isOwn = (amounts) => amounts.every((one, i) => one === own[i]);
+  function placed(part, amounts) {
+    const out = part.start.slice();
+    for (const mode of part.modes) {
+      const { functions } = turned[mode.surface], values = FUNCTIONS[functions.kind](functions, amounts[mode.surface]);
+      if (!amounts[mode.surface]) continue;
+      for (let k = 0; k < values.length; k += 1) {
+        const field = mode.fields[k], value = values[k];
+        for (let i = 0; i < mode.at.length; i += 1) {
+          const row = 3 * mode.at[i];
+          for (let c = 0; c < 3; c += 1) out[row + c] += value * field[3 * i + c];
+        }
+      }
+    }
+    if (part.rest && isOwn(amounts)) part.rest.forEach((value, i) => { out[i] += value; });
+    return out;
   }
 
   function unpacked(part) {
-    const points = lengthsOf(part.points), moved = part.moved ? movedOf(part.moved, part.points) : points;
+    const start = doubles(part.points, part.points_low), modes = part.modes.map((mode) => ({
+      ...mode, at: indices(mode.at), fields: mode.fields.map((field, k) => doubles(field, mode.fields_low && mode.fields_low[k])) }));
+    const rest = part.rest ? doubles(part.rest, part.rest_low) : null, whole = { ...part, start, modes, rest };
+    const after = placed(whole, own), mended = part.unrepaired ? doubles(part.unrepaired) : null;
+    const between = mended ? after.map((value, i) => value + mended[i]) : after;
     return {
-      ...part, points, moved, aimed: moved, interpolated: part.interpolated ? movedOf(part.interpolated, part.points) : moved,
-      goes: Boolean(part.moved), faces: indices(part.faces),
+      ...whole, points: single(start), moved: single(after), aimed: single(after), interpolated: single(between),
+      exact: { undeflected: start, deflected: after, interpolated: between },
+      turns: modes.length > 0, faces: indices(part.faces),
     };
   }
 
   const patches = data.patches.map(unpacked).map((patch) => (
     { ...patch, edges: patch.edges ? indices(patch.edges) : edges(patch.faces) }));
-  const groups = data.cells.groups.map(unpacked).map((group) => ({
-    ...group, cell: group.cell ? indices(group.cell) : null,
-    quality: {
-      undeflected: numbers(group.before), deflected: numbers(group.after), interpolated: numbers(group.unrepaired || group.after),
-    },
-  }));
+  const groups = data.cells.groups.map(unpacked).map((group) => {
+    const cell = group.cell ? indices(group.cell) : null, rows = indices(group.rows), known = group.qualities && group.qualities.map(numbers);
+    const whole = { ...group, cell, rows, known, quality: {} };
+    for (const name of ["undeflected", "deflected", "interpolated"]) whole.quality[name] = judged(whole, name, own);
+    return whole;
+  });
+  // Cells of no type are measured by the product alone: linearly between the amounts at which it did so.
+  function judged(group, name, amounts) {
+    if (!group.known) return measured(group.shape, group.exact[name], group.faces, group.corners, group.sign, new Float64Array(group.rows.length));
+    const [before, after, between, ...poses] = group.known, out = Float64Array.from({ undeflected: before, deflected: after, interpolated: between }[name]);
+    if (name !== "deflected") return out;
+    let first = 0;
+    turned.forEach(({ measured: rows, own: from }, i) => {
+      for (const [amount, sign] of [[amounts[i], 1], [from, -1]]) {
+        const [k, share] = around(rows, amount);
+        out.forEach((value, cell) => { out[cell] = value + sign * ((1 - share) * poses[first + k][cell] + share * poses[first + k + 1][cell]); });
+      }
+      first += rows.length;
+    });
+    return out;
+  }
+  // The row of the measured amount below another, and the share of the way to the next one.
+  function around(rows, amount) {
+    const above = rows.findIndex((row) => row.amount >= amount), k = Math.max(1, above < 0 ? rows.length - 1 : above) - 1;
+    return [k, Math.min(1, Math.max(0, (amount - rows[k].amount) / (rows[k + 1].amount - rows[k].amount)))];
+  }
   const boxes = data.boxes.map((box) => lengthsOf(box.segments));
   const dots = data.dots.map((one) => ({ ...one, points: lengthsOf(one.points) }));
   let state = "deflected";
@@ -76,7 +129,7 @@
   const at = (part) => ({ undeflected: part.points, interpolated: part.interpolated, deflected: part.moved })[state];
   const distances = (part, points) => Float32Array.from({ length: points.length / 3 }, (_, i) => (
     Math.hypot(...[0, 1, 2].map((c) => points[3 * i + c] - part.points[3 * i + c]))));
-  const moving = patches.filter((one) => one.goes);
+  const moving = patches.filter((one) => one.goes || one.turns);
   const farthest = () => Math.max(0, ...moving.map((one) => distances(one, one.moved).reduce((most, each) => Math.max(most, each), 0)));
   const coloured = () => control("colour").value;
   const viewed = () => data.views[control("view").value];
@@ -133,6 +186,7 @@
     controls.zoomToCursor = true;
 
     const positions = (points) => new THREE.BufferAttribute(points, 3);
+    let amounts = own.slice();
     function segments(points, pairs, colour) {
       const geometry = new THREE.BufferGeometry();
       geometry.setAttribute("position", points);
@@ -157,7 +211,8 @@
       patch.mesh.geometry.setAttribute("position", shared);
       patch.mesh.geometry.setIndex(new THREE.BufferAttribute(patch.faces, 1));
       patch.wire = segments(shared, patch.edges, "#222222");
-      const off = (i) => [0, 1, 2].some((c) => patch.points[3 * i + c] !== patch.moved[3 * i + c]);
+      const goes = new Set(patch.modes.flatMap((mode) => Array.from(mode.at)));
+      const off = (i) => goes.has(i) || [0, 1, 2].some((c) => patch.points[3 * i + c] !== patch.moved[3 * i + c]);
       patch.outline = segments(positions(patch.points), patch.edges.filter((_, i) => off(patch.edges[i - i % 2]) || off(patch.edges[i - i % 2 + 1])), "#0072b2");
     }
     for (const group of groups) group.mesh = solid();
@@ -178,18 +233,18 @@
     const scales = new Map();
     function colours(scale) {
       if (!scales.has(scale)) {
-        scales.set(scale, Array.from({ length: 256 }, (_, i) => {
+        scales.set(scale, Float32Array.from(Array.from({ length: 256 }, (_, i) => {
           const share = i / 255 * (scale.length - 1), low = Math.min(Math.floor(share), scale.length - 2);
           return new THREE.Color(scale[low][1]).lerp(new THREE.Color(scale[low + 1][1]), share - low).toArray();
-        }));
+        }).flat()));
       }
       return scales.get(scale);
     }
-    function shades(values, scale, [low, high], repeat = 1) {
-      const table = colours(scale), out = new Float32Array(3 * repeat * values.length);
+    function shades(values, scale, [low, high]) {
+      const table = colours(scale), out = new Float32Array(3 * values.length);
       values.forEach((value, i) => {
-        const colour = table[Math.max(0, Math.min(255, Math.round(255 * (value - low) / (high - low || 1))))];
-        for (let k = 0; k < repeat; k += 1) out.set(colour, 3 * (repeat * i + k));
+        const colour = 3 * Math.max(0, Math.min(255, Math.round(255 * (value - low) / (high - low || 1))));
+        for (let c = 0; c < 3; c += 1) out[3 * i + c] = table[colour + c];
       });
       return new THREE.BufferAttribute(out, 3);
     }
@@ -227,42 +282,55 @@
       patch.mesh.material.needsUpdate = true;
       patch.mesh.visible = visible;
       patch.wire.visible = visible && control("lines").checked;
-      patch.outline.visible = visible && patch.goes && control("overlay").checked && state !== "undeflected";
+      patch.outline.visible = visible && (patch.goes || patch.turns) && control("overlay").checked && state !== "undeflected";
     }
 
-    // The triangles around the cells of a group that are below the threshold and in the section.
-    function outside(group, threshold, change) {
-      const own = group.quality[state], before = group.quality.undeflected, points = at(group), corners = [], values = [];
-      const rows = group.faces.length / group.corners, cut = cutter(group);
+    // Fill the triangles around the cells of a group that are below the threshold and in the section.
+    function outside(group, threshold, change, table, [low, high]) {
+      const values = group.quality[state], before = group.quality.undeflected, points = at(group), cut = cutter(group);
+      const rows = group.faces.length / group.corners, most = rows * group.table.length;
+      if (!group.mesh.geometry.getAttribute("position")) {
+        for (const name of ["position", "color"]) group.mesh.geometry.setAttribute(name, positions(new Float32Array(3 * most)));
+      }
+      const [place, shade] = ["position", "color"].map((name) => group.mesh.geometry.getAttribute(name));
+      let filled = 0;
       for (let row = 0; row < rows; row += 1) {
         const cell = group.cell ? group.cell[row] : row, first = row * group.corners;
-        if (own[cell] >= threshold || !cut(first, group.corners)) continue;
+        if (values[cell] >= threshold || !cut(first, group.corners)) continue;
+        const value = change ? values[cell] - before[cell] : values[cell];
+        const colour = 3 * Math.max(0, Math.min(255, Math.round(255 * (value - low) / (high - low || 1))));
         for (let t = 0; t < group.table.length; t += 3) {
-          for (const k of [0, 2, 1]) corners.push(group.faces[first + group.table[t + k]]);
-          values.push(change ? own[cell] - before[cell] : own[cell]);
+          for (let k = 0; k < 3; k += 1) {
+            const node = 3 * group.faces[first + group.table[t + (3 - k) % 3]];
+            for (let c = 0; c < 3; c += 1) {
+              place.array[filled] = points[node + c];
+              shade.array[filled] = table[colour + c];
+              filled += 1;
+            }
+          }
         }
       }
-      return { values, points: Float32Array.from({ length: 3 * corners.length }, (_, i) => points[3 * corners[Math.floor(i / 3)] + i % 3]) };
+      group.mesh.geometry.setDrawRange(0, filled / 3);
+      place.needsUpdate = shade.needsUpdate = true;
     }
 
     function cells() {
       const threshold = Number(control("threshold").value), change = coloured() === "change";
-      const values = groups.flatMap((group) => Array.from(group.quality[state]));
-      const count = values.filter((value) => value < threshold).length;
-      control("count").textContent = `${count} of ${data.cells.all} cells below ${threshold.toFixed(2)}, ` +
-        `${values.filter((value) => value <= 0).length} inverted`;
+      let [count, inverted] = [0, 0];
+      for (const group of groups) {
+        for (const value of group.quality[state]) {
+          if (value < threshold) count += 1;
+          if (value <= 0) inverted += 1;
+        }
+      }
+      control("count").textContent = `${count} of ${data.cells.all} cells below ${threshold.toFixed(2)}, ${inverted} inverted`;
       const [axis, place] = section();
       control("where").textContent = axis < 0 ? "" : `${"xyz"[axis]} = ${place.toPrecision(4)} ${data.unit}`;
       const [scale, range] = change ? [data.colours.change, data.colours.changes] : [data.colours.shades, data.colours.range];
       for (const group of groups) {
         group.mesh.visible = control("cells").checked && count > 0;
-        if (!group.mesh.visible) continue;
-        const found = outside(group, threshold, change), geometry = new THREE.BufferGeometry();
-        geometry.setAttribute("position", positions(found.points));
-        geometry.setAttribute("color", shades(found.values, scale, range, 3));
-        group.mesh.geometry.dispose();
-        group.mesh.geometry = geometry;
         group.mesh.material.vertexColors = true;
+        if (group.mesh.visible) outside(group, threshold, change, colours(scale), range);
       }
       control("bar").hidden = true;
       if (coloured() === "displacement") bar("displacement, " + data.unit, data.colours.displacement, [0, farthest()]);
@@ -270,7 +338,7 @@
     }
 
     // A small cross in a corner says where x, y and z are.
-    const cross = new THREE.Scene(), own = new THREE.OrthographicCamera(-1.5, 1.5, 1.5, -1.5, 0, 20);
+    const cross = new THREE.Scene(), corner = new THREE.OrthographicCamera(-1.5, 1.5, 1.5, -1.5, 0, 20);
     ["#c0392b", "#2e8b57", "#2c6fbb"].slice(0, data.plane ? 2 : 3).forEach((colour, c) => {
       const end = [0, 0, 0], image = document.createElement("canvas"), geometry = new THREE.BufferGeometry();
       end[c] = 1;
@@ -298,15 +366,15 @@
       renderer.setViewport(0, 0, wide, high);
       renderer.clear();
       renderer.render(scene, camera);
-      own.position.copy(camera.position).sub(controls.target).setLength(10);
-      own.quaternion.copy(camera.quaternion);
+      corner.position.copy(camera.position).sub(controls.target).setLength(10);
+      corner.quaternion.copy(camera.quaternion);
       renderer.setViewport(8, 8, 84, 84);
       renderer.clearDepth();
-      renderer.render(cross, own);
+      renderer.render(cross, corner);
       const length = 200 * (camera.right - camera.left) / camera.zoom / wide, power = 10 ** Math.floor(Math.log10(length));
       const round = [1, 2, 5].map((one) => one * power).filter((one) => one <= length).pop();
-      control("scale").style.width = `${200 * round / length}px`;
-      control("scale").textContent = `${round.toPrecision(1) * 1} ${data.unit}`;
+      control("bar-of-scale").style.width = `${200 * round / length}px`;
+      control("text").textContent = `${round.toPrecision(1) * 1} ${data.unit}`;
     }
 
     let asked = 0, pending = 0;
@@ -334,7 +402,7 @@
     function draw() {
       patches.forEach(surface);
       const only = viewed().box;
-      arrows.visible = !data.live && control("overlay").checked && state !== "undeflected";
+      arrows.visible = isOwn(amounts) && control("overlay").checked && state !== "undeflected";
       outlines.forEach((one, i) => { one.visible = control("box").checked && (only === null || only === i); });
       clouds.forEach((one, i) => { one.visible = control(dots[i].group).checked; });
       cells();
@@ -342,13 +410,19 @@
       redraw();
     }
 
-    // A section shows all cells that it cuts; without one the choice of before returns.
+    // A section shows all cells that it cuts, from the side where the eye is; without one the choice of before returns.
     let before = null;
     function cutting() {
       const cells = control("cells"), threshold = control("threshold"), now = [cells.checked, threshold.value];
       const cuts = control("axis").value !== "none";
       [cells.checked, threshold.value] = cuts ? [true, 1] : before || now;
       before = cuts ? before || now : null;
+      const axis = section()[0], arm = camera.position.clone().sub(controls.target);
+      if (!cuts || data.plane || Math.abs(arm.getComponent(axis)) > 0.5 * arm.length()) return;
+      const aside = [0, 1, 2].filter((c) => c !== axis), size = arm.length(), side = Math.sign(arm.getComponent(axis)) || 1;
+      arm.setComponent(axis, side).setComponent(aside[0], 0.35).setComponent(aside[1], 0.3);
+      camera.position.copy(controls.target).add(arm.setLength(size));
+      controls.update();
     }
 
     // What the first view holds: the moving surfaces of it at half the width, or everything.
@@ -446,72 +520,122 @@
       const place = (Math.min(...found) + Math.max(...found)) / 2;
       if (place < viewed().low[axis] || place > viewed().high[axis]) control("view").value = String(data.views.length - 1);
       control("place").value = String(100 * (place - viewed().low[axis]) / (viewed().high[axis] - viewed().low[axis]));
-      control("cells").checked = true;
-      control("threshold").value = 1;
+      cutting();
       draw();
     }
 
-    // `sdm view`: the server answers an angle by the points and the qualities there; `cases.view.page` says how.
-    function live({ angle, repairs, command }) {
-      const socket = new WebSocket(`ws://${location.host}/ws`), slider = control("angle"), typed = control("typed");
-      let waiting = false, next = null, rest = 0, since = 0, shown = angle;
-      socket.binaryType = "arraybuffer";
-      function ask(wish) {
-        clearTimeout(rest);
-        if (waiting) { next = wish; return; }
-        [waiting, since] = [true, performance.now()];
-        socket.send(JSON.stringify(wish));
-      }
-      function spans({ low, high, fits, sentence }) {
-        const share = (one) => `${100 * (one - low) / (high - low)}%`, [start, end] = fits.map(share);
-        Object.assign(slider, { min: low, max: high, value: shown });
-        control("band").style.background = `linear-gradient(90deg, var(--line) ${start}, var(--good) ${start} ${end}, var(--line) ${end})`;
-        control("range").textContent = sentence;
-      }
-      function moved(buffer) {
-        const length = new DataView(buffer).getUint32(0, true), words = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
-        const values = new Float32Array(buffer, 4 + length);
-        let start = 0;
-        const taken = (count) => values.subarray(start, start += count);
+    // Sliders: each surface has one; the others stay where they are.
+    const sliders = (() => {
+      let active = 0, playing = 0, direction = 1;
+      const text = (amount) => String(Number(amount.toPrecision(4)));
+      const unit = (one) => (one.unit === "deg" ? "\u00b0" : ` ${one.unit}`);
+      const slider = (i) => control(`amount-${turned[i].name}`), typed = (i) => control(`typed-${turned[i].name}`);
+
+      function to(wanted) {
+        const since = performance.now();
+        amounts = wanted.map((one, i) => Math.min(turned[i].range[1], Math.max(turned[i].range[0], one)));
         for (const part of [...moving, ...groups]) {
-          part.moved = taken(part.points.length).map((value) => data.factor * value);
-          if (part.quality) part.quality.deflected = taken(part.quality.undeflected.length);
+          if (!part.turns && !part.rest) continue;
+          part.exact.deflected = placed(part, amounts);
+          part.moved = single(part.exact.deflected);
+          if (part.quality) part.quality.deflected = judged(part, "deflected", amounts);
         }
-        shown = words.angle;
-        if (!next) slider.value = shown;
-        if (document.activeElement !== typed) typed.value = shown;
-        control("status").textContent = words.status;
-        control("status").classList.toggle("bad", !words.fits);
-        control("notes").textContent = words.notes.join(" ");
-        if (!words.rests) control("said").textContent = "";
-        state = "deflected";
-        control("deflected").checked = true;
+        if (state === "undeflected") control("deflected").checked = true;
+        state = state === "interpolated" && isOwn(amounts) ? state : "deflected";
         draw();
-        plot.dataset.angle = shown;
-        requestAnimationFrame(() => { plot.dataset.milliseconds = Math.round(performance.now() - since); });
-        if (repairs && !words.rests) rest = setTimeout(() => ask({ angle: shown, rests: true }), 300);
+        told();
+        const milliseconds = performance.now() - since;
+        Object.assign(plot.dataset, { amounts: JSON.stringify(Object.fromEntries(turned.map((one, i) => [one.name, amounts[i]]))), milliseconds });
+        return milliseconds;
       }
-      socket.addEventListener("message", ({ data: answer }) => {
-        const words = typeof answer === "string" ? JSON.parse(answer) : null;
-        if (words && words.low !== undefined) return spans(words);
-        waiting = false;
-        if (words) control("said").textContent = words.said; else moved(answer);
-        if (next) { const wish = next; next = null; ask(wish); }
-      });
-      socket.addEventListener("open", () => ask({ angle, rests: true }));
-      socket.addEventListener("close", () => {
-        control("said").textContent = "sdm view has ended, or its machine cannot be reached. Start it again, and open the address that it prints.";
-        document.querySelectorAll("#scene-live :is(input, button)").forEach((one) => { one.disabled = true; });
-      });
-      slider.addEventListener("input", () => { typed.value = slider.value; ask({ angle: Number(slider.value) }); });
-      typed.addEventListener("change", () => ask({ angle: typed.value }));
-      typed.addEventListener("keydown", ({ key }) => { if (key === "Enter") ask({ angle: typed.value }); });
-      control("command").addEventListener("click", () => {
-        const text = command.replaceAll("ANGLE", shown);
-        navigator.clipboard.writeText(text).catch(() => {});
-        control("said").textContent = text;
-      });
-    }
+
+      // What was measured around an amount: only of a surface alone, with the others where they stood.
+      function told() {
+        turned.forEach((one, i) => {
+          slider(i).value = amounts[i];
+          if (document.activeElement !== typed(i)) typed(i).value = text(amounts[i]);
+        });
+        const one = turned[active], away = turned.filter((_, i) => i !== active && amounts[i] !== data.turn.stands[i]);
+        const [k, share] = around(one.measured, amounts[active]), two = [one.measured[k], one.measured[k + 1]];
+        const near = share === 0 ? two.slice(0, 1) : share === 1 ? two.slice(1) : two, failed = [...new Set(near.flatMap((row) => row.failed))];
+        const least = near.map((row) => row.least).filter((value) => value !== null);
+        const worst = (name) => Math.max(...near.map((row) => row[name])), inverted = worst("inverted");
+        const said = away.length ? `not measured: ${away.map((other) => other.name).join(", ")} moved as well` : [
+          `measured ${near.length > 1 ? `at ${text(two[0].amount)} and ${text(two[1].amount)}` : "here"}`,
+          failed.length ? `failed ${failed.join(", ")}` : "all checks passed",
+          ...(least.length ? [`least quality ${Math.min(...least).toFixed(3)}`] : []),
+          inverted ? `${inverted} inverted cells` : "no inverted cell",
+          `error at the sites ${(100 * worst("site_error") / one.tolerance).toFixed(0)} % of the tolerance`,
+        ].join(", ");
+        control("measured").textContent = `${one.name} at ${text(amounts[active])}${unit(one)}: ${said}.`;
+        control("measured").classList.toggle("bad", !away.length && failed.length > 0);
+        const wanted = turned.map((each, i) => `${each.name}=${Number(amounts[i].toPrecision(12))}`).join(",");
+        control("command").textContent = data.turn.command.replace("AMOUNTS", turned.length > 1 ? wanted : wanted.slice(wanted.lastIndexOf("=") + 1));
+        const mark = control("curve").querySelector(".here"), [low, high] = one.range;
+        if (mark) mark.setAttribute("transform", `translate(${(40 + 540 * (amounts[active] - low) / (high - low)).toFixed(1)} 0)`);
+      }
+
+      // The least quality, the inverted cells and the error at the sites over the range of a surface.
+      function curve() {
+        const one = turned[active], [low, high] = one.range, rows = one.measured;
+        const x = (amount) => 40 + 540 * (amount - low) / (high - low), y = (share) => 110 - 96 * Math.max(0, Math.min(1, share));
+        const line = (values, name) => `<polyline class="${name}" points="${values.map(([amount, share]) => `${x(amount).toFixed(1)},${y(share).toFixed(1)}`).join(" ")}"/>`;
+        const quality = rows.filter((row) => row.least !== null).map((row) => [row.amount, row.least]);
+        const most = Math.max(1e-3, ...quality.map(([, value]) => value)), top = Math.ceil(10 * most) / 10;
+        const passed = one.passed ? `<rect class="passed" x="${x(one.passed[0])}" y="14" width="${x(one.passed[1]) - x(one.passed[0])}" height="96"/>` : "";
+        const bad = rows.filter((row) => row.inverted).map((row) => `<text x="${x(row.amount)}" y="124" text-anchor="middle">${row.inverted} inverted</text>`);
+        control("curve").innerHTML = `<svg viewBox="0 0 620 150" role="img"><title></title>${passed}<path class="axes" d="M40 14V110H580"/>
+          <text x="34" y="18" text-anchor="end">${top.toFixed(1)}</text><text x="34" y="113" text-anchor="end">0</text>
+          <text x="40" y="140" text-anchor="middle">${text(low)}</text><text x="580" y="140" text-anchor="middle">${text(high)}</text>
+          ${line(quality.map(([amount, value]) => [amount, value / top]), "quality")}${line(rows.map((row) => [row.amount, row.site_error / one.tolerance]), "error")}
+          ${bad.join("")}<g class="here"><path d="M0 8V116"/></g></svg>`;
+        const ends = quality.map(([amount, value]) => `${value.toFixed(3)} at ${text(amount)}`).join(", ");
+        control("curve").querySelector("title").textContent = `Least quality of ${one.name} over its amount: ${ends || "no cells"}`;
+        control("curve-name").textContent = `${one.name}, ${text(low)} to ${text(high)}${unit(one)}`;
+      }
+
+      function moved(i, amount) {
+        if (!Number.isFinite(amount)) return told();
+        const other = active !== i;
+        active = i;
+        if (other) curve();
+        to(amounts.map((old, k) => (k === i ? amount : old)));
+      }
+
+      function stepped() {
+        const [low, high] = turned[active].range, next = amounts[active] + direction * (high - low) / 60;
+        if (next >= high || next <= low) direction = -direction;
+        to(amounts.map((old, k) => (k === active ? next : old)));
+        playing = requestAnimationFrame(stepped);
+      }
+      function play() {
+        if (playing) cancelAnimationFrame(playing);
+        playing = playing ? 0 : requestAnimationFrame(stepped);
+        control("play").textContent = playing ? "stop" : "play";
+      }
+
+      function offered() {
+        turned.forEach((one, i) => {
+          slider(i).addEventListener("input", () => moved(i, Number(slider(i).value)));
+          typed(i).addEventListener("change", () => moved(i, Number(typed(i).value.replace("\u2212", "-").replace(",", "."))));
+        });
+        control("play").addEventListener("click", play);
+        control("own").addEventListener("click", () => to(own));
+        control("copy").addEventListener("click", () => navigator.clipboard.writeText(control("command").textContent).catch(() => {}));
+        plot.sdm = {
+          at(wanted) {
+            const milliseconds = to(turned.map((one, i) => wanted[one.name] ?? amounts[i]));
+            return {
+              patches: Object.fromEntries(patches.map((one) => [one.name, one.exact.deflected.map((value) => value / data.factor)])),
+              cells: groups.map(({ shape, rows, quality }) => ({ shape, rows, quality: quality.deflected })), milliseconds,
+            };
+          },
+        };
+        curve();
+        to(own);
+      }
+      return { to, offered };
+    })();
 
     function offered() {
       let pressed = [0, 0];
@@ -529,7 +653,7 @@
       }
       data.views.forEach((view, i) => control("view").add(new Option(view.name, String(i))));
       control("view").addEventListener("change", first);
-      if (boxes.length > 1 && !data.live) control("view").value = String(data.views.length - 1);
+      if (boxes.length > 1) control("view").value = String(data.views.length - 1);
       for (const name of ["view", "lines", "overlay", "box", "sites", "centres", "cells", "colour", "axis"]) {
         control(name).addEventListener("change", () => {
           if (name === "axis") cutting();
@@ -541,7 +665,11 @@
       control("place").addEventListener("input", () => { if (control("axis").value !== "none") draw(); });
       control("worst").addEventListener("click", worst);
       for (const one of document.querySelectorAll("input[name=state]")) {
-        one.addEventListener("change", () => { state = one.id.slice("scene-".length); draw(); });
+        one.addEventListener("change", () => {
+          state = one.id.slice("scene-".length);
+          if (state === "interpolated") sliders.to(own); // the run alone has a mesh before its repair
+          draw();
+        });
       }
       for (const patch of patches) {
         const label = document.createElement("label"), box = document.createElement("input"), colour = document.createElement("i");
@@ -559,7 +687,7 @@
     offered();
     first();
     draw();
-    if (data.live) live(data.live);
+    if (turned.length) sliders.offered();
   }
 
   // The page's policy allows the library because it knows its digest: nothing else runs.

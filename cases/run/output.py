@@ -147,19 +147,17 @@ LIBRARIES = ("numpy", "scipy", "numba", "h5py", "click", "rich", "threadpoolctl"
 """What every command needs."""
 OPTIONAL = (
     "cadquery", "cadquery-ocp", "gmsh", "pymeshlab", "pytetwild", "trimesh", "rtree", "vtk", "pyvista", "meshio",
-    "matplotlib", "pillow", "jinja2", "aiohttp",
+    "matplotlib", "pillow", "jinja2",
 )  # fmt: skip
 """What extras bring."""
 EXTRAS = {
     "report": ("jinja2", "markupsafe", "matplotlib", "PIL"),
-    "view": ("aiohttp",),
     "aircraft": ("cadquery", "OCP", "gmsh", "meshio", "pymeshlab", "pytetwild", "pyvista", "rtree", "trimesh"),
     "cluster": ("cryptography", "dask", "distributed"),
 }
 """Modules that an installation may lack, by the extra that brings them."""
 BRINGS = {
-    "report": "a report",
-    "view": "sdm view",
+    "report": "a report, or a page of sdm view",
     "aircraft": "making and measuring the SDM's CAD and meshes (sdm run, geometry, limit CASE)",
     "cluster": "work by others (--workers, --scheduler)",
 }

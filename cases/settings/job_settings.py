@@ -260,6 +260,7 @@ class _Angles:
 GONE = {
     "history": "motions in time are not written; deflect to each angle by --angles, a mesh for each",
     "field": "--plan FILE replaces it: with --angle alone the plan is that of one amount; sdm apply FILE --angle A",
+    "port": "nothing is served any more; the page is a file, which any browser opens",
     "page": "there is no page any more; the tables are printed, and --json has their numbers",
     "to_solver": "in a clone, `python -m studies case MESH OUT` writes the deflected mesh as a case for a flow solver",
     **dict.fromkeys(("cpacs", "device"), "`python docs/examples/cpacs_hinge.py FILE UID` prints the hinge line"),

@@ -17,7 +17,7 @@ from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.surface.motions import Functions
 
 from .boundary import Amounts
-from .deflection import BoxDeflection, adapted_steps, deflect_box
+from .deflection import BoxDeflection, adapted_steps, deflect_box, stepped
 from .plan import BoxPlan
 from .step import OnCenters, solve
 
@@ -80,6 +80,7 @@ class Readings(NamedTuple):
     box, row : the plan of its box, and the surface's place in it.
     deflections : r of them.
     weights : (k, r) of their displacements, by function.
+    ends : the deflections to the ends of the range, with their adaptations.
     """
 
     control: Control
@@ -87,6 +88,7 @@ class Readings(NamedTuple):
     row: int
     deflections: tuple[BoxDeflection, ...]
     weights: FloatArray
+    ends: tuple[BoxDeflection, ...]
 
     @classmethod
     def of(
@@ -127,9 +129,13 @@ class Readings(NamedTuple):
         if box.boundary.laws[row].functions.count <= 2:
             others = {*np.flatnonzero(np.isin(reads, (control.low, control.high))).tolist()} - {last}
             ends |= {i: _deflected(own, poses[i], progress, known) for i in others}
-        steps = ends[last].steps
-        first = steps[0] if len(steps) == 1 else None
-        found = [ends.get(i) or adapted_steps(own, pose, len(steps), progress, first) for i, pose in enumerate(poses)]
+            steps = ends[last].steps
+            first = steps[0] if len(steps) == 1 else None
+            found = [
+                ends.get(i) or adapted_steps(own, pose, len(steps), progress, first) for i, pose in enumerate(poses)
+            ]
+        else:
+            found = _on_shared_centers(own, poses, ends[last], progress)
         plain = [replace(one, exact=one.interpolated, repaired=None) for one in found]
         weights = np.asarray(np.linalg.inv([control.functions.values(amount) for amount in reads]), dtype=np.float64)
         for i, one in enumerate(found):
@@ -138,11 +144,11 @@ class Readings(NamedTuple):
                 weights[:, i] -= share
                 weights = np.column_stack([weights, share])
                 plain.append(one)
-        return cls(control, box, row, tuple(plain), weights)
+        return cls(control, box, row, tuple(plain), weights, tuple(ends.values()))
 
     def nearest(self, amount: float) -> BoxDeflection:
-        """Return the deflection that was read nearest to an amount."""
-        return min(self.deflections, key=lambda one: abs(one.amounts[self.row] - amount))
+        """Return the end of the range nearest to an amount."""
+        return min(self.ends, key=lambda one: abs(one.amounts[self.row] - amount))
 
     def missed(self) -> float:
         """Return by how much sums of the fields miss the displacement on the centres of one reading, a length.
@@ -166,6 +172,23 @@ class Readings(NamedTuple):
             off = on_centers(middle) - sum(share * one for share, one in zip(shares, known, strict=True))
             error = max(error, float(np.abs(off).max(initial=0.0)))
         return error
+
+
+def _on_shared_centers(
+    box: BoxPlan, poses: Sequence[Amounts], end: BoxDeflection, progress: Progress
+) -> list[BoxDeflection]:
+    """Deflect to each pose in one step on the same centres: those of the end, and what the other poses add to them.
+
+    An end that needs steps has centres for each; the other poses then have their own.
+    """
+    if len(end.steps) > 1:
+        return [end if pose == end.amounts else adapted_steps(box, pose, len(end.steps), progress) for pose in poses]
+    step = end.steps[0]
+    for pose in poses:
+        step = adapted_steps(box, pose, 1, progress, step).steps[0]
+    found = [stepped(box, pose, [OnCenters(step)]) for pose in poses]
+    grown = len(step.fits.interpolant.centers) > len(end.steps[0].fits.interpolant.centers)
+    return found if grown else [end if pose == end.amounts else one for pose, one in zip(poses, found, strict=True)]
 
 
 def _alone(box: BoxPlan, row: int, amount: float) -> Amounts:

@@ -2,6 +2,7 @@
 
 import json
 import runpy
+from base64 import b64decode
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from sdm_deflect.cases.report.finished import FinishedRun
-from sdm_deflect.cases.report.turnable import indices_of
-from sdm_deflect.cases.view.page import View
+from sdm_deflect.cases.report.turnable import turnable
 from sdm_deflect.deform.mesh.quality import inverted_of
 from sdm_deflect.meshing.formats.registry import read
 from tests.calls import sdm
@@ -66,11 +66,11 @@ def test_settings_page_and_view_of_a_plane_mesh(folder, deflected, capsys):
     page = (report / "report.html").read_bytes()
     assert sdm("report", str(report), "--quiet") == 0
     assert len((report / "report.html").read_bytes()) == pytest.approx(len(page), rel=0.01)
-    view = View.of(FinishedRun.of(report))
-    _, frame = view.answer({"angle": -20.0}, None)
-    assert frame.fits
-    shown = {len(one["table"]): len(indices_of(one["rows"])) for one in view.scene["cells"]["groups"]}
-    assert sum(shown.values()) == view.run.touched.count
+    run = FinishedRun.of(report)
+    assert run.held.passed(0) == (run.held.controls[0].low, run.held.controls[0].high)
+    groups = turnable(run.report_data().near, 10**6)["cells"]["groups"]
+    shown = {len(one["table"]): len(b64decode(one["rows"])) // 4 for one in groups}
+    assert sum(shown.values()) == run.plan.touched.count
     assert set(shown) == {3, 6}
     capsys.readouterr()
 

@@ -9,7 +9,6 @@ import pytest
 import sdm_deflect
 from sdm_deflect.cases.cli.commands import carry_out as main
 from sdm_deflect.cases.report.finished import FinishedRun
-from sdm_deflect.cases.view.run import InteractiveRun
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.meshing.formats.registry import format_of
 from tests.deform.blocks import two_bodies
@@ -96,10 +95,10 @@ def test_the_folder_makes_report_and_view_again(home, run):
     np.testing.assert_array_equal(points, format_of(home / "two.su2").read(home / "two-deflected.su2").points)
     data = finished.report_data()
     assert [box.name for box in data.boxes] == list(data.figures["deflections"])
-    shown = InteractiveRun.of(finished).at(3.0)
+    shown = finished.held.on(plan.mesh.points).at(finished.held.named({"left": 3.0, "right": -1.5}))
     one = alone(two_bodies(), SURFACES[1], -1.5)
     nodes = one.plan.changed
-    np.testing.assert_allclose(shown.points[nodes], one.points[nodes], atol=2.0 * one.plan.boxes[0].sites.tolerance)
+    np.testing.assert_allclose(shown[nodes], one.points[nodes], atol=2.0 * one.plan.boxes[0].sites.tolerance)
 
 
 def test_boxes_that_overlap_end_with_one_sentence(home, capsys):

@@ -11,7 +11,6 @@ from sdm_deflect.cases.report.finished import FinishedRun
 from sdm_deflect.cases.run.inspection import inspect, inspected
 from sdm_deflect.cases.settings.job_settings import job_settings, selections_of
 from sdm_deflect.cases.settings.jobs import jobs_of, selection
-from sdm_deflect.cases.view.run import InteractiveRun
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.cells import Cells, Patch
 from sdm_deflect.deform.mesh.mesh import Mesh
@@ -84,7 +83,7 @@ def test_a_report_repeats_the_choice(channel, sdm, tmp_path):
     plan, points = finished.plan, finished.points
     assert set(plan.mesh.names) == {"wall", "flap", "wall#3"}
     assert (points == read(out).points).all()
-    assert "flap" in InteractiveRun.of(finished).mesh.names
+    assert finished.held.controls[0].patches == ("flap",)
     assert sdm("deflect", channel, "--config", settings, "--out", again, "--no-report", "-q")[0] == 0
     assert again.read_bytes() == out.read_bytes()
     chosen = ["--select", settings, "--surface", "flap", "--fixed", "wall"]

@@ -1,0 +1,56 @@
+"""The page of a mesh that has not been deflected: its patches, to be turned and clicked."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.meshing.files import fresh, permitted_as
+
+from .data import MESH_UNITS, ReportData, diagonal
+from .page import HERE, picture, templates
+from .turnable import turnable
+
+MOST_TRIANGLES = 100_000
+"""Patches of more are thinned."""
+HALF = 0.5
+"""Patches that reach over more of the mesh are hidden at first, if others remain: they are far fields."""
+
+
+def page_of(mesh: Mesh) -> str:
+    """Return the page of a mesh."""
+    size = {patch.name: diagonal(mesh.points[patch.nodes]) for patch in mesh.patches if len(patch.nodes)}
+    near = [name for name, one in size.items() if one <= HALF * diagonal(mesh.points)]
+    shown = tuple(near or size)
+    data = ReportData(
+        title=mesh.name,
+        facts=(),
+        mesh=mesh,
+        points=mesh.points,
+        boxes=(),
+        length=MESH_UNITS,
+        settings="",
+        settings_file="",
+        repeat="",
+        tables={},
+        middle=mesh.points.mean(axis=0),
+        drawn=shown,
+        hidden=tuple(name for name in mesh.names if name not in shown),
+    )
+    template = templates(HERE).get_template("mesh.html")
+    seen = picture(data, turnable(data, most_triangles=MOST_TRIANGLES))
+    return template.render(seen, cells=sum(mesh.cell_counts), patches=list(_patches(mesh)))
+
+
+def write_mesh_page(mesh: Mesh, out: Path) -> None:
+    """Write the page of a mesh; MeshFileError if the file cannot be written."""
+    with permitted_as(mesh.source), fresh(out) as beside:
+        beside.write_text(page_of(mesh), encoding="utf-8")
+
+
+def _patches(mesh: Mesh) -> Iterator[tuple[str, int, int, str, str]]:
+    """Yield name, numbers of points and faces, and both corners of the extents of each patch."""
+    for patch in mesh.patches:
+        places = mesh.points[patch.nodes]
+        ends = (places.min(axis=0), places.max(axis=0)) if len(places) else ((), ())
+        low, high = (", ".join(f"{c:.5g}" for c in end) for end in ends)
+        yield patch.name, len(places), len(patch), low, high
