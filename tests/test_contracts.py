@@ -162,7 +162,7 @@ BUDGETS = {
     "cases": (929, 7),
     "cases/aircraft": (2123, 13),
     "cases/cli": (1408, 7),
-    "cases/report": (2174, 11),
+    "cases/report": (2175, 11),
     "cases/run": (2184, 10),
     "cases/settings": (1005, 5),
     "deform": (1105, 4),
@@ -178,7 +178,7 @@ BUDGETS = {
     "meshing/generate": (1566, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 8_656, 450
+MOST_COMPLEXITY, LONGEST = 8_658, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

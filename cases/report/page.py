@@ -21,7 +21,7 @@ from sdm_deflect.deform.mesh.quality import Quality
 
 from .data import ReportData, drawn_measure
 from .pictures import Exhibit, Gallery
-from .turnable import MOST_CELLS, packed, turnable
+from .turnable import packed, turnable
 
 HERE = "sdm_deflect.cases.report"
 LIBRARY = "three.min.js.gz"
@@ -52,7 +52,7 @@ def picture(data: ReportData, scene: Json) -> Json:
         "turn": scene["turn"],
         "scene": dict(zip(("data", "arrays"), packed(scene), strict=True)),
         "touched": sum(box.touched.count for box in data.boxes),
-        "most_cells": MOST_CELLS,
+        "shown": scene["cells"]["shown"],
         "style": style(),
         "library": b64encode(library).decode("ascii"),
         "viewer": viewer,

@@ -38,8 +38,8 @@ from .slices import (
     triangles_of,
 )
 
-MOST_CELLS = 6_500
-"""So many of the worst cells of all hexahedra are in the page: a browser has to draw them."""
+MOST_CELLS, MOST_PLANE = 6_500, 25_000
+"""So many of the worst cells of all hexahedra are in the page, or of a plane mesh: a browser has to draw them."""
 MOST_TRIANGLES = 4_000
 """Patches of more are thinned to about so many away from the hexahedra."""
 MOST_DOTS = 3_000
@@ -126,9 +126,10 @@ class Turning:
         yield from map(self.modes.at, self.poses)
 
 
-def turnable(data: ReportData, most_cells: int = MOST_CELLS, most_triangles: int = MOST_TRIANGLES) -> Json:
+def turnable(data: ReportData, most_cells: int = 0, most_triangles: int = MOST_TRIANGLES) -> Json:
     """Return patches, hexahedra, sites, centres and cells of a run, and what turns them."""
     edges, turning = BOX_EDGES, Turning.of(data)
+    most_cells = most_cells or (MOST_PLANE if data.mesh.plane else MOST_CELLS)
     return {
         "patches": list(patches(data, most_triangles, turning)),
         "boxes": [{"name": one.name, "segments": single(_corners_shown(data, one)[edges])} for one in data.boxes],
@@ -268,7 +269,7 @@ def cells(data: ReportData, most: int, turning: Turning) -> Json:
             known = {} if isinstance(typed, Cells) else {"qualities": [single(one[kept[at]]) for one in qualities]}
             group = {"shape": shape, "sign": sign, **corners, **known, "rows": integers(start + kept[at])}
             groups.append({**group, **_part(data, turning, nodes, exact=True)})
-    return {"all": len(worst), "groups": groups}
+    return {"all": len(worst), "shown": int(np.count_nonzero(worst <= limit)), "groups": groups}
 
 
 def _judged(data: ReportData, turning: Turning) -> Iterator[tuple[Volume, IntArray, float, FloatArray]]:

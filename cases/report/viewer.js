@@ -95,7 +95,7 @@
   }
 
   const patches = data.patches.map(unpacked).map((patch) => (
-    { ...patch, edges: patch.edges ? indices(patch.edges) : edges(patch.faces) }));
+    { ...patch, edges: patch.edges ? indices(patch.edges) : edges(patch) }));
   const groups = data.cells.groups.map(unpacked).map((group) => {
     const cell = group.cell ? indices(group.cell) : null, rows = indices(group.rows), known = group.qualities && group.qualities.map(numbers);
     const whole = { ...group, cell, rows, known, quality: {} };
@@ -135,13 +135,12 @@
   const viewed = () => data.views[control("view").value];
   const shownPatches = new Set(patches.filter((one) => !one.hidden).map((one) => one.name));
 
-  function edges(triangles) {
+  // The edges of triangles or of plane cells, each once.
+  function edges({ faces, corners }) {
     const seen = new Map();
-    for (let i = 0; i < triangles.length; i += 3) {
-      for (const [a, b] of [[0, 1], [1, 2], [2, 0]]) {
-        const pair = [triangles[i + a], triangles[i + b]].sort((p, q) => p - q);
-        seen.set(pair[0] * 4294967296 + pair[1], pair);
-      }
+    for (let i = 0; i < faces.length; i += 1) {
+      const pair = [faces[i], faces[(i + 1) % corners ? i + 1 : i + 1 - corners]].sort((p, q) => p - q);
+      seen.set(pair[0] * 4294967296 + pair[1], pair);
     }
     return Uint32Array.from(Array.from(seen.values()).flat());
   }
@@ -215,7 +214,10 @@
       const off = (i) => goes.has(i) || [0, 1, 2].some((c) => patch.points[3 * i + c] !== patch.moved[3 * i + c]);
       patch.outline = segments(positions(patch.points), patch.edges.filter((_, i) => off(patch.edges[i - i % 2]) || off(patch.edges[i - i % 2 + 1])), "#0072b2");
     }
-    for (const group of groups) group.mesh = solid();
+    for (const group of groups) {
+      group.mesh = solid();
+      if (data.plane) group.wire = segments(positions(single(group.moved)), edges(group), "#888888");
+    }
     const arrows = solid(); // which way the surfaces moved
     arrows.geometry.setAttribute("position", positions(lengthsOf(data.arrows.segments)));
     arrows.material.color.set("#e69f00");
@@ -325,7 +327,15 @@
       }
       control("count").textContent = `${count} of ${data.cells.all} cells below ${threshold.toFixed(2)}, ${inverted} inverted`;
       const [axis, place] = section();
-      control("where").textContent = axis < 0 ? "" : `${"xyz"[axis]} = ${place.toPrecision(4)} ${data.unit}`;
+      const some = data.cells.shown < data.cells.all ? `, through the worst ${data.cells.shown} of ${data.cells.all} cells alone` : "";
+      control("where").textContent = axis < 0 ? "" : `${"xyz"[axis]} = ${place.toPrecision(4)} ${data.unit}${some}`;
+      for (const group of data.plane ? groups : []) { // a plane mesh is its lines
+        const shared = group.wire.geometry.getAttribute("position");
+        shared.array.set(at(group));
+        shared.needsUpdate = true;
+        group.wire.visible = control("lines").checked;
+        group.wire.material.color.set(ink);
+      }
       const [scale, range] = change ? [data.colours.change, data.colours.changes] : [data.colours.shades, data.colours.range];
       for (const group of groups) {
         group.mesh.visible = control("cells").checked && count > 0;
@@ -418,7 +428,7 @@
       [cells.checked, threshold.value] = cuts ? [true, 1] : before || now;
       before = cuts ? before || now : null;
       const axis = section()[0], arm = camera.position.clone().sub(controls.target);
-      if (!cuts || data.plane || Math.abs(arm.getComponent(axis)) > 0.5 * arm.length()) return;
+      if (!cuts || data.plane || Math.abs(arm.getComponent(axis)) > 0.9 * arm.length()) return;
       const aside = [0, 1, 2].filter((c) => c !== axis), size = arm.length(), side = Math.sign(arm.getComponent(axis)) || 1;
       arm.setComponent(axis, side).setComponent(aside[0], 0.35).setComponent(aside[1], 0.3);
       camera.position.copy(controls.target).add(arm.setLength(size));
