@@ -50,6 +50,8 @@ EDGE = 0.02
 """Around everything, by its largest extent: what touches the end of an axis is clipped."""
 FLAT = 1e-3
 """Height of what is drawn of the hexahedron around a plane mesh, over its own."""
+AT_LEAST = 0.5
+"""Share of the largest displacement that a trailing edge has."""
 ARROW = 0.25
 """Length of an arrow over the surface's largest extent."""
 SHAPE = np.array([[0.0, -0.03], [0.0, 0.03], [0.7, 0.03], [0.7, -0.03], [0.7, -0.12], [0.7, 0.12], [1.0, 0.0]])
@@ -154,11 +156,15 @@ def turnable(data: ReportData, most_cells: int = 0, most_triangles: int = MOST_T
 
 
 def _arrows(data: ReportData) -> FloatArray:
-    """Return the triangles (T, 3, 3) of an arrow for each surface: from its farthest node on, which way it moved."""
+    """Return the triangles (T, 3, 3) of an arrow for each surface: from its trailing edge on, which way that moved.
+
+    x goes aft; of nodes that move less than half of the farthest one's way none is the trailing edge.
+    """
     triangles = [np.empty((0, 3, 3))]
     for surface in data.surfaces:
         places, ends = data.mesh.points[surface.nodes], data.points[surface.nodes]
-        row = int(np.argmax(np.linalg.norm(ends - places, axis=1)))
+        travel = np.linalg.norm(ends - places, axis=1)
+        row = int(np.argmax(np.where(travel >= AT_LEAST * travel.max(), places[:, 0], -np.inf)))
         way = unit((ends - places)[row : row + 1])[0]
         first = unit(np.cross(way, np.eye(3)[2 if data.mesh.plane else int(np.argmin(np.abs(way)))])[None])[0]
         for across in (first, np.cross(way, first)):
