@@ -574,7 +574,7 @@
           `measured ${near.length > 1 ? `at ${text(two[0].amount)} and ${text(two[1].amount)}` : "here"}`,
           failed.length ? `failed ${failed.join(", ")}` : "all checks passed",
           ...(least.length ? [`least quality ${Math.min(...least).toFixed(3)}`] : []),
-          inverted ? `${inverted} inverted cells` : "no inverted cell",
+          inverted ? `${inverted} newly inverted cells` : "no newly inverted cell",
           `error at the sites ${(100 * worst("site_error") / one.tolerance).toFixed(0)} % of the tolerance`,
         ].join(", ");
         control("measured").textContent = `${one.name} at ${text(amounts[active])}${unit(one)}: ${said}.`;
@@ -591,13 +591,13 @@
         const x = (amount) => 40 + 540 * (amount - low) / (high - low), y = (share) => 110 - 96 * Math.max(0, Math.min(1, share));
         const line = (values, name) => `<polyline class="${name}" points="${values.map(([amount, share]) => `${x(amount).toFixed(1)},${y(share).toFixed(1)}`).join(" ")}"/>`;
         const quality = rows.filter((row) => row.least !== null).map((row) => [row.amount, row.least]);
-        const most = Math.max(1e-3, ...quality.map(([, value]) => value)), top = Math.ceil(10 * most) / 10;
+        const values = quality.map(([, value]) => value), top = Math.ceil(10 * Math.max(1e-3, ...values)) / 10, floor = Math.floor(10 * Math.min(0, ...values)) / 10;
         const passed = one.passed ? `<rect class="passed" x="${x(one.passed[0])}" y="14" width="${x(one.passed[1]) - x(one.passed[0])}" height="96"/>` : "";
         const bad = rows.filter((row) => row.inverted).map((row) => `<text x="${x(row.amount)}" y="124" text-anchor="middle">${row.inverted} inverted</text>`);
         control("curve").innerHTML = `<svg viewBox="0 0 620 150" role="img"><title></title>${passed}<path class="axes" d="M40 14V110H580"/>
-          <text x="34" y="18" text-anchor="end">${top.toFixed(1)}</text><text x="34" y="113" text-anchor="end">0</text>
+          <text x="34" y="18" text-anchor="end">${top.toFixed(1)}</text><text x="34" y="113" text-anchor="end">${floor ? floor.toFixed(1) : 0}</text>
           <text x="40" y="140" text-anchor="middle">${text(low)}</text><text x="580" y="140" text-anchor="middle">${text(high)}</text>
-          ${line(quality.map(([amount, value]) => [amount, value / top]), "quality")}${line(rows.map((row) => [row.amount, row.site_error / one.tolerance]), "error")}
+          ${line(quality.map(([amount, value]) => [amount, (value - floor) / (top - floor)]), "quality")}${line(rows.map((row) => [row.amount, row.site_error / one.tolerance]), "error")}
           ${bad.join("")}<g class="here"><path d="M0 8V116"/></g></svg>`;
         const ends = quality.map(([amount, value]) => `${value.toFixed(3)} at ${text(amount)}`).join(", ");
         control("curve").querySelector("title").textContent = `Least quality of ${one.name} over its amount: ${ends || "no cells"}`;
