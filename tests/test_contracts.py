@@ -167,18 +167,18 @@ BUDGETS = {
     "cases/settings": (1005, 5),
     "deform": (1105, 4),
     "deform/base": (812, 6),
-    "deform/mesh": (4759, 18),
+    "deform/mesh": (4761, 18),
     "deform/rbf": (1621, 7),
     "deform/repair": (1570, 6),
     "deform/surface": (1233, 7),
-    "deform/volume": (3757, 13),
+    "deform/volume": (3764, 13),
     "geometry": (2120, 13),
     "meshing": (573, 5),
     "meshing/formats": (9004, 37),
     "meshing/generate": (1566, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 8_658, 450
+MOST_COMPLEXITY, LONGEST = 8_660, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

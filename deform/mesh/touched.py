@@ -94,6 +94,8 @@ LAYER_HEIGHT = 0.4
 are 0.1 to 0.4 of that edge high, its other cells on a wall 0.6 and more."""
 FURTHER_HEIGHT = 0.2
 """The same of further layers: a repair that kept higher ones would find no room."""
+FLAT = 1e-6
+"""Quality up to which a cell is flat but for rounding."""
 THICK_HEIGHT = 0.1
 """The same, above which heights follow the wall less closely."""
 LAYER_CHANGE, THICK_CHANGE = 0.01, 0.1
@@ -184,16 +186,16 @@ class TouchedCells:
         yield from masks.items()
 
     def least(self, points: FloatArray, quality: Sequence[Quality]) -> tuple[Least, ...]:
-        """Return, by type, the least quality of the cells that were good before: not inverted, above 0.
+        """Return, by type, the least quality of the cells that were good before: neither inverted nor flat.
 
         Parameters
         ----------
         points : (N, 3) where the nodes are.
         quality : By type, of all touched cells there.
         """
-        if all(summary.min > 0.0 and not summary.inverted for summary in self.quality_before):
+        if all(summary.min > FLAT and not summary.inverted for summary in self.quality_before):
             return tuple(Least(summary.min, summary.cells) for summary in quality)
-        good, now = ~self.before.inverted & (self.before.quality > 0.0), self.scores(points).quality
+        good, now = ~self.before.inverted & (self.before.quality > FLAT), self.scores(points).quality
         kept = [now[good & cells] for _, cells in self.by_shape()]
         return tuple(Least(float(values.min(initial=np.inf)), len(values)) for values in kept)
 

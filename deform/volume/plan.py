@@ -67,7 +67,7 @@ class BoxPlan:
         touched.check(job.allow_inverted)
         first = next(layers(touched, boundary.both(union(sites.moving, sites.fixed))), None)
         if first and not job.fitting.tolerance:
-            sites = sites.keeping(boundary, first.starts, first.ends)
+            sites = sites.keeping(boundary, first)
         return cls(boundary, region, sites, touched)
 
     @property

@@ -11,12 +11,13 @@ from sdm_deflect.deform.hexahedron import FACES, border_sites, polygon_sites
 from sdm_deflect.deform.mesh.edges import edges_of, median_edge, polygons_of
 from sdm_deflect.deform.mesh.images import PLANE_TOLERANCE
 from sdm_deflect.deform.mesh.sliding import Plane
+from sdm_deflect.deform.mesh.touched import LAYER_CHANGE, THICK_CHANGE, LayerEdges
 from sdm_deflect.deform.rbf.fitting import KERNELS, Fitting
 from sdm_deflect.deform.rbf.kernels import OF_RADIUS, Kernel
 from sdm_deflect.deform.rbf.problem import DataSites, pinned
 
 from .boundary import ZERO_LENGTH, PrescribedNodes
-from .near_wall import KEPT, LocalRotation, Nearby
+from .near_wall import LocalRotation, Nearby
 from .region import BoxNodes
 
 NEIGHBOURS = 7
@@ -110,19 +111,25 @@ class Sites:
             spacing, edge, tolerance, kernel, radius,
         )  # fmt: skip
 
-    def keeping(self, boundary: PrescribedNodes, below: IntArray, above: IntArray) -> "Sites":
-        """Return the same with a tolerance that keeps the first layer's edges (E,), from nodes below to nodes above.
+    def keeping(self, boundary: PrescribedNodes, first: LayerEdges) -> "Sites":
+        """Return the same with a tolerance that keeps the first layer's edges.
 
         The mesh follows a wall over the length L at most, an edge or the distance of another part's nodes. There an
-        error of t changes the median height h by less than `KEPT` h if t <= `KEPT` L**2 / (10 h); see `Reach`.
+        error of t changes the median height h by less than half of what the check allows, c h, if t <= c L**2 / (20 h);
+        see `Reach`. Edges of thin cells and of thick ones have limits of their own.
         """
         points, certain = boundary.mesh.points, len(self.moving) + len(self.fixed)
-        height = float(np.median(np.linalg.norm(points[above] - points[below], axis=1)))
         parts = [part[part < certain] for part in self.parts(boundary)]
-        near = Nearby.of(points[distinct(above)], points[self.known], parts)
-        between = near.first > CLOSE * near.second
-        length = min(self.edge, float(near.second[~between].min(initial=np.inf)))
-        return replace(self, tolerance=min(self.tolerance, KEPT * length**2 / (10.0 * height)))
+        tolerance = self.tolerance
+        for change, some in ((LAYER_CHANGE, ~first.thick), (THICK_CHANGE, first.thick)):
+            below, above = first.starts[some], first.ends[some]
+            if len(above):
+                height = float(np.median(np.linalg.norm(points[above] - points[below], axis=1)))
+                near = Nearby.of(points[distinct(above)], points[self.known], parts)
+                between = near.first > CLOSE * near.second
+                length = min(self.edge, float(near.second[~between].min(initial=np.inf)))
+                tolerance = min(tolerance, change * length**2 / (20.0 * height))
+        return replace(self, tolerance=tolerance)
 
     def parts(self, boundary: PrescribedNodes) -> list[IntArray]:
         """Return rows of `known` that may move differently: each moving surface, and the rest."""

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 
 import psutil
 import pytest
@@ -277,8 +278,10 @@ def wait_until_meshing(pid: int) -> list[psutil.Process]:
     deadline = time.monotonic() + 300.0
     while True:
         found = psutil.Process(pid).children(recursive=True)
-        if any("meshing.generate" in " ".join(child.cmdline()) for child in found):
-            time.sleep(2.0)
-            return found
+        for child in found:
+            with suppress(psutil.Error):  # it has ended
+                if "meshing.generate" in " ".join(child.cmdline()):
+                    time.sleep(2.0)
+                    return found
         assert time.monotonic() < deadline, "the mesher did not start within five minutes"
         time.sleep(0.2)

@@ -202,6 +202,7 @@ def test_the_page_is_for_everyone(page):
     assert {"turnable", "left", "closer", "save", *(f"scene-{name}" for name in names.split())} - reached == set()
 
 
+@pytest.mark.nightly
 def test_a_large_page_is_turned_in_little_time(hybrid_wing, opened, tmp_path):
     """100,000 triangles: the script alone, the median of some frames."""
     result = deflect(plate(160, "triangle"), "hole", PIVOT, 10.0, **HOLE)

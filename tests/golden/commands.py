@@ -29,6 +29,7 @@ def everything(real: bool) -> Iterator[tuple[str, Command]]:
     yield from conversions()
     yield from settings()
     yield from motions()
+    yield from bound()
     yield from others()
     if real:
         for name in CASES:
@@ -77,6 +78,24 @@ def motions() -> Iterator[tuple[str, Command]]:
     yield "table", deflect("body.su2", "--surface", "body", "--table", "table.csv")
     yield "plane mesh", deflect("flat.su2", "--surface", "body", "--hinge", "0.1,0.2", "--angle", "7")
     yield "settings in TOML", deflect("wing.su2", "--config", "job.toml")
+
+
+def bound() -> Iterator[tuple[str, Command]]:
+    """Yield what binds nodes to one another or needs several steps or boxes."""
+    hinges = {
+        "cyclic": ("0.7,0,0", "0.7,0.4,0"), "empty": ("0.7,0,0", "0.7,0.1,0"), "sector": ("0.5,0,1.1", "0.5,0,1.5"),
+        "wedge": ("0.6,0.55,0", "0.6,0.55,0.1"),
+    }  # fmt: skip
+    fixed = {"sector": "blade,hub,casing", "wedge": "ring"}
+    for name, hinge in hinges.items():
+        words = ("--surface", "flap", "--fixed", fixed.get(name, "wing"), "--motion", "blended", "--hinge", *hinge)
+        yield name, deflect(name, *words, "--angle", "12")
+    yield "several steps", deflect("wing.su2", *BLENDED, "--angle", "75")
+    yield (
+        "plane mesh, repaired",
+        deflect("flat.su2", "--surface", "body", "--hinge", "0.1,0.2", "--angle", "25", "--repair", "always"),
+    )
+    yield "three boxes", deflect("three.su2", "--config", "three.toml")
 
 
 def others() -> Iterator[tuple[str, Command]]:

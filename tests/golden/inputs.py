@@ -7,6 +7,7 @@ import numpy as np
 from sdm_deflect.deform.mesh.cells import Cells, Patch
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.registry import FORMATS
+from tests.deform import paired
 from tests.deform.blocks import block_with_body
 from tests.golden.commands import WRITTEN
 from tests.meshing.formats.fluent_files import written as fluent_written
@@ -25,6 +26,28 @@ hinge = [[0.7, 0.3, 0.0], [0.7, 0.7, 0.0]]
 motion = "blended"
 angle = 6.0
 """
+THREE = """\
+box_each = true
+[[surface]]
+patches = ["body0"]
+hinge = [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+angle = 9.0
+[[surface]]
+patches = ["body1"]
+hinge = [[10.0, 0.0, 0.0], [10.0, 1.0, 0.0]]
+angle = -6.0
+[[surface]]
+patches = ["body2"]
+hinge = [[20.0, 0.0, 0.0], [21.0, 0.0, 0.0]]
+angle = 12.0
+"""
+PAIRS = {
+    "cyclic": ("side0", "side1"),
+    "empty": ("side0", "side1"),
+    "sector": ("left", "right"),
+    "wedge": ("front", "back"),
+}
+"""Names of both patches of a pair, by case."""
 
 
 def write(folder: Path) -> None:
@@ -42,6 +65,26 @@ def write(folder: Path) -> None:
     (folder / "wing.nmf").write_text(plot3d_head(blocks) + "\n".join(rows) + "\n")
     (folder / "table.csv").write_text(TABLE)
     (folder / "job.toml").write_text(JOB)
+    FORMATS["su2"].write(three_bodies(), folder / "three.su2")
+    (folder / "three.toml").write_text(THREE)
+    meshes = paired.airfoil(), paired.airfoil(1, 0.1), paired.sector(), paired.wedge()
+    for (name, pair), mesh in zip(PAIRS.items(), meshes, strict=True):
+        cyclic = name in ("cyclic", "sector")
+        paired.written(mesh, folder / name, dict.fromkeys(pair, "cyclic" if cyclic else name), [pair] * cyclic)
+
+
+def three_bodies() -> Mesh:
+    """Return three blocks side by side, each with a body in its middle: ``body0`` to ``body2``."""
+    block = block_with_body(7)
+    points = np.vstack([block.points + np.array([10.0 * k, 0.0, 0.0]) for k in range(3)])
+    starts = [k * len(block.points) for k in range(3)]
+    cells = tuple(Cells(one.shape, np.vstack([one.nodes + start for start in starts])) for one in block.cells)
+    patches = tuple(
+        Patch(f"{patch.name}{k}", tuple(Cells(one.shape, one.nodes + start) for one in patch.faces))
+        for k, start in enumerate(starts)
+        for patch in block.patches
+    )
+    return Mesh(points, cells, patches)
 
 
 def plane_with_hole(n: int = 9) -> Mesh:

@@ -48,25 +48,39 @@ def test_lengths_follow_from_the_edges_of_the_surface(plan, inboard_wing):
     assert sites.spacing == 1.75 * sites.edge
 
 
-@pytest.mark.parametrize(("outwards", "thick"), [(80, True), (800, False)])
-def test_thick_first_layers_ask_for_a_smaller_tolerance(outwards, thick, monkeypatch):
-    """An error of t changes a height h by .5 % at most if t = .005 L**2 / (10 h), L an edge or the way to the wing."""
+@pytest.mark.parametrize(("outwards", "kinds"), [(40, {True, False}), (80, {True, False}), (800, {False})])
+def test_first_layers_ask_for_a_tolerance(outwards, kinds, monkeypatch):
+    """An error of t changes a height h by c / 2 if t = c L**2 / (20 h), L an edge or the way to the wing.
+
+    The check allows c: .01 of thin cells, .1 of thick ones.
+    """
     mesh, hinge = airfoil(2, 0.2, outwards=outwards), [[0.7, 0.0, 0.0], [0.7, 0.2, 0.0]]
     motion = Blended(Rotation.about(*hinge), held=OnPatches(("wing",)))
     wanted = job(("flap",), motion=motion, fixed=("wing",), slide={"side0": "plane", "side1": "plane"})
     plan = box_plan(mesh, wanted)
-    sites, (starts, ends, _) = plan.sites, next(layers(plan.touched, plan.walls))
-    height = np.median(np.linalg.norm(mesh.points[ends] - mesh.points[starts], axis=1))
-    to_each = [KDTree(mesh.points[rows]).query(mesh.points[ends])[0] for rows in (sites.moving, sites.fixed)]
-    length = min(sites.edge, np.max(to_each, axis=0).min())
-    asked = 0.005 * length**2 / (10.0 * height)
-    assert (asked < 0.01 * sites.edge) == thick
-    assert sites.tolerance == pytest.approx(min(asked, 0.01 * sites.edge), rel=1e-12)
+    sites, first = plan.sites, next(layers(plan.touched, plan.walls))
+    assert set(first.thick.tolist()) == kinds
+
+    def asked(length_of):
+        found = [0.01 * sites.edge]
+        for thick in kinds:
+            starts, ends = (
+                mesh.points[first.starts[first.thick == thick]],
+                mesh.points[first.ends[first.thick == thick]],
+            )
+            height = np.median(np.linalg.norm(ends - starts, axis=1))
+            found.append((0.1 if thick else 0.01) * length_of(ends) ** 2 / (20.0 * height))
+        return min(found)
+
+    def within(ends):
+        to_each = [KDTree(mesh.points[rows]).query(ends)[0] for rows in (sites.moving, sites.fixed)]
+        return min(sites.edge, np.max(to_each, axis=0).min())
+
+    assert sites.tolerance == pytest.approx(asked(within), rel=1e-12)
     given = box_plan(mesh, replace(wanted, fitting=Fitting(tolerance=0.02)))
     assert given.sites.tolerance == 0.02
     monkeypatch.setattr(places, "CLOSE", 0.0)  # now every node is between two parts, and the edge alone counts
-    asked = 0.005 * sites.edge**2 / (10.0 * height)
-    assert box_plan(mesh, wanted).sites.tolerance == pytest.approx(min(asked, 0.01 * sites.edge), rel=1e-12)
+    assert box_plan(mesh, wanted).sites.tolerance == pytest.approx(asked(lambda _: sites.edge), rel=1e-12)
 
 
 @pytest.mark.parametrize(("given", "spacing"), [({"spacing": 0.3}, 0.3), ({"spacing_edges": 1.0}, 0.5)])
