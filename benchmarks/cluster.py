@@ -25,8 +25,9 @@ from benchmarks.large_block import write_block
 from benchmarks.measure import side_by_side
 from sdm_deflect.cases.run.cluster import Wanted, workers
 from sdm_deflect.cases.run.progress import Stopwatch
-from sdm_deflect.deform.rbf.interpolant import Interpolant, evaluated
+from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
+from sdm_deflect.deform.volume.step import evaluated
 
 OPTIONS = ("--surface", "flap", "--fixed", "wall", "--margin", "0.17", "--no-report", "--repair", "off")
 WARM = 500_000

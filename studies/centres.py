@@ -15,13 +15,13 @@ from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.output import write_table
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.arrays import FloatArray, IndexArray
+from sdm_deflect.deform.confined import initial_centers
 from sdm_deflect.deform.mesh.axis import Cylinder
 from sdm_deflect.deform.mesh.edges import edges_of, polygons_of
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.rbf.greedy import GreedyOptions, Worst, adapt
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.rbf.problem import DataSites
-from sdm_deflect.deform.volume.step import initial_centers
 from sdm_deflect.geometry import datum
 from sdm_deflect.meshing.files import replacing
 from studies.loop import Choice, Ended, Gmres, adapted, worst, worst_free

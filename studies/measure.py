@@ -16,6 +16,7 @@ from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.arrays import IndexArray
 from sdm_deflect.deform.base.threads import Progress, silent
+from sdm_deflect.deform.confined import GROUPINGS, initial_centers
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.greedy import (
@@ -30,10 +31,9 @@ from sdm_deflect.deform.rbf.greedy import (
     adapt,
 )
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
-from sdm_deflect.deform.rbf.problem import DataSites, Problem
+from sdm_deflect.deform.rbf.problem import DIRECTIONS, DataSites, Problem
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 from sdm_deflect.deform.volume.sites import Sites
-from sdm_deflect.deform.volume.step import DIRECTIONS, GROUPINGS, initial_centers
 from sdm_deflect.meshing.mesh import tets_of
 from studies.loop import DirectBasis, Gmres
 from studies.paper import Evaluation, Row, Setting, Size, Table, paper

@@ -69,7 +69,7 @@ FAULTS = (
     Fault("flat cells are not inverted", "quality[i], inverted[i] = share, least <= 0.0",
           "quality[i], inverted[i] = share, least < 0.0", "tests/deform/test_quality.py"),
     Fault("a node is carried by another one", "offset[i] = places[q, i] - known[j, i]",
-          "offset[i] = known[j, i] - places[q, i]", "tests/deform/volume/test_near_wall.py"),
+          "offset[i] = known[j, i] - places[q, i]", "tests/deform/around/test_near_wall.py"),
     Fault("nodes of a pyramid in another order", '"pyramid": (1, 0, 3, 4, 2)', '"pyramid": (0, 1, 3, 4, 2)',
           "tests/meshing/formats/test_ugrid.py"),
     Fault("node numbers from 0", "blocks[faces.shape].append(faces.nodes + 1)",

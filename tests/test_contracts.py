@@ -165,20 +165,21 @@ BUDGETS = {
     "cases/report": (2181, 11),
     "cases/run": (2184, 10),
     "cases/settings": (1005, 5),
-    "deform": (1105, 4),
+    "deform": (1224, 5),
+    "deform/around": (538, 6),
     "deform/base": (812, 6),
     "deform/mesh": (4761, 18),
-    "deform/rbf": (1621, 7),
+    "deform/rbf": (1614, 7),
     "deform/repair": (1570, 6),
     "deform/surface": (1233, 7),
-    "deform/volume": (3764, 13),
+    "deform/volume": (3233, 12),
     "geometry": (2120, 13),
     "meshing": (573, 5),
     "meshing/formats": (9004, 37),
     "meshing/generate": (1566, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 8_660, 450
+MOST_COMPLEXITY, LONGEST = 8_655, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

@@ -24,10 +24,10 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import MEASURES, Quality, quality_of
 from sdm_deflect.deform.mesh.standard import parts_of
 from sdm_deflect.deform.mesh.touched import TouchedCells
+from sdm_deflect.deform.rbf.problem import DIRECTIONS
 from sdm_deflect.deform.surface.surface import name_of
 from sdm_deflect.deform.volume.deflection import BoxDeflection
 from sdm_deflect.deform.volume.plan import BoxPlan
-from sdm_deflect.deform.volume.step import DIRECTIONS
 
 from .near import with_near_cells
 

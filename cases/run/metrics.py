@@ -13,10 +13,10 @@ from sdm_deflect.deform.mesh.mesh import Warned
 from sdm_deflect.deform.mesh.orthogonality import SEVERE, SKEW
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.rbf.fitting import KERNELS, ORDERS
+from sdm_deflect.deform.rbf.problem import DIRECTIONS
 from sdm_deflect.deform.surface.placement import Reached
 from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
-from sdm_deflect.deform.volume.step import DIRECTIONS
 
 Json = dict[str, Any]
 REACHED = 0.9

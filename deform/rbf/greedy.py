@@ -250,6 +250,13 @@ class Adaptation:
     max_error: float  # m, of the final interpolant over all sites and columns, computed afresh
     basis: "Basis | None" = field(default=None, repr=False)  # on which other values can be interpolated
 
+    @classmethod
+    def on(cls, basis: CholeskyBasis, stop: Stop) -> "Adaptation":
+        """Build the fit on the centres of a basis, without a history; nobody measures its error."""
+        problem = basis.kernel.problem
+        interpolant = problem.interpolant(basis.chosen, basis.refined())
+        return cls(interpolant, problem.sites.components, basis.chosen, (), stop, np.nan, basis)
+
 
 def fused(fits: Sequence[Adaptation]) -> Interpolant:
     """Return one interpolant with columns x, y, z on the union of all centres; zero for a direction without fit.

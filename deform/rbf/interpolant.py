@@ -7,10 +7,8 @@ from typing import Self
 import numpy as np
 from scipy.linalg.lapack import dsysv
 
-from sdm_deflect.deform.base import threads
 from sdm_deflect.deform.base.arrays import FloatArray, first_coincident
 from sdm_deflect.deform.base.threads import Progress, silent, single_threaded_blas
-from sdm_deflect.deform.mesh.mesh import Runner
 
 from .fitting import Polynomial
 from .kernels import Kernel, kernel_matrix, kernel_sum
@@ -115,19 +113,6 @@ class Interpolant:
     def __call__(self, points: FloatArray, *, threads: int | None = None, progress: Progress = silent) -> FloatArray:
         """Evaluate at points (M, 3); the matrix of eq. 7 is never formed."""
         return kernel_sum(self.kernel, points, self.centers, self.beta, self.alpha, threads=threads, progress=progress)
-
-
-def evaluated(interpolant: Interpolant, points: FloatArray, runner: Runner) -> FloatArray:
-    """Evaluate at points (M, 3); the bits do not depend on how they are shared out."""
-    if runner.shares_memory or len(points) * len(interpolant.centers) < threads.LIMITS.sent_pairs:
-        return interpolant(points)
-    size = threads.LIMITS.sent
-    parts = [points[start : start + size] for start in range(0, len(points), size)]
-    return np.concatenate(list(runner.map(_sums, interpolant, parts)))
-
-
-def _sums(interpolant: Interpolant, points: FloatArray) -> FloatArray:
-    return interpolant(points, threads=1)
 
 
 def direct(matrix: FloatArray, right: FloatArray) -> FloatArray:

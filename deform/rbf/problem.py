@@ -26,6 +26,7 @@ from .interpolant import Interpolant, UnitBox, check_finite
 from .kernels import Kernel, kernel_matrix, kernel_sum
 
 XYZ = (0, 1, 2)
+DIRECTIONS = ("x", "y", "z")
 
 
 class CoincidentSitesError(ValueError):

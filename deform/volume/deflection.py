@@ -23,7 +23,7 @@ from sdm_deflect.deform.repair.repair import repaired
 
 from .boundary import Amounts, PrescribedNodes
 from .plan import BoxPlan, Plan
-from .step import Adapting, OnCenters, Step, Way, solve
+from .step import Step, take
 
 DEGREES, SHARE = 0.05, 1e-3
 """Step of the fourth-order difference, in degrees or as a share of a table: it errs by 1e-11 of the derivative."""
@@ -285,12 +285,12 @@ def _rate(one: BoxDeflection, speeds: Amounts) -> FloatArray:
     plan, step, count = one.plan, one.steps[-1], len(one.steps)
     boundary = plan.boundary.frozen_at(one.amounts)
     h = DEGREES if plan.job.surfaces[0].motion.unit == "deg" else SHARE
-    before = step.move - boundary.displacement(one.amounts) if count > 1 else 0.0
+    before = step.known[: len(plan.sites.moving)] - boundary.displacement(one.amounts) if count > 1 else 0.0
     ends = []
     for k in (-2, -1, 1, 2):
         amounts = tuple(amount + k * h * speed for amount, speed in zip(one.amounts, speeds, strict=True))
         move = boundary.displacement(amounts)
-        points = solve(step.state, move + before, OnCenters(step), plan.runner).points
+        points = take(step.start, move + before, step, held=True, runner=plan.runner).points
         points[plan.sites.moving] = boundary.mesh.points[plan.sites.moving] + move
         ends.append(plan.moved(points))
     return np.asarray((8.0 * (ends[2] - ends[1]) - (ends[3] - ends[0])) / (12.0 * h))
@@ -315,7 +315,7 @@ def deflect_box(
     meets a fixed one on the way. A single step uses the centres and factors of an earlier deflection of a single step.
     """
     reused = earlier.steps[0] if earlier is not None and len(earlier.steps) == 1 else None
-    attempts, count, most = [adapted_steps(plan, amounts, 1, progress, reused)], 1, plan.job.fitting.max_steps
+    attempts, count, most = [stepped(plan, amounts, 1, progress, reused)], 1, plan.job.fitting.max_steps
     allowed = attempts[0].inverted
     while 0 < attempts[-1].inverted <= allowed and 2 * count <= most:
         count *= 2
@@ -333,7 +333,7 @@ def deflect_box(
 def _possible(plan: BoxPlan, amounts: Amounts, count: int, progress: Progress) -> BoxDeflection | None:
     """Deflect in several steps; None if one has no solution."""
     try:
-        return adapted_steps(plan, amounts, count, progress)
+        return stepped(plan, amounts, count, progress)
     except (InputError, CoincidentSitesError, SolveError):
         return None
 
@@ -358,13 +358,29 @@ def least_of(touched: TouchedCells, points: FloatArray, quality: Sequence[Qualit
     return tuple(zip(before, touched.least(points, quality), strict=True))
 
 
-def stepped(plan: BoxPlan, amounts: Amounts, ways: Sequence[Way]) -> BoxDeflection:
-    """Deflect in equal steps, each from the end of the last one; `ways` holds a way to choose centres for each."""
+def stepped(
+    plan: BoxPlan, amounts: Amounts, count: int, progress: Progress = silent, earlier: Step | None = None,
+    held: bool = False,
+) -> BoxDeflection:  # fmt: skip
+    """Deflect in equal steps, each from the end of the last one.
+
+    A single step starts from the centres of an earlier one; if they are held, they are the only ones.
+
+    Raises InputError, which blames the radius of a kernel that has one, for a system that cannot be solved.
+    """
     begin, nodes, start = perf_counter(), plan.sites.moving, plan.boundary.mesh.points
     points, steps, reached = start, [], np.zeros((len(nodes), 3))
-    for k, way in enumerate(ways, 1):
-        target = plan.boundary.displacement(shared(amounts, k, len(ways)))
-        steps.append(solve(way.start or plan.state(points), target - reached, way, plan.runner))
+    for k in range(1, count + 1):
+        target = plan.boundary.displacement(shared(amounts, k, count))
+        begins = earlier.start if earlier else plan.start(points)
+        try:
+            steps.append(take(begins, target - reached, earlier, held, progress, plan.runner))
+        except SolveError as error:
+            if not plan.sites.radius:
+                raise
+            given = f"kernel = {plan.job.fitting.kernel} with kernel_radius = {plan.sites.radius:.4g}"
+            remedy = "A smaller radius makes the system better conditioned"
+            raise InputError(f"{plan.boundary.mesh.name}: {given}: {error} {remedy}") from None
         points, reached = steps[-1].points, target
     points[nodes] = start[nodes] + reached  # the places asked for, without the rounding of the steps
     return BoxDeflection(plan, amounts, tuple(steps), plan.moved(points), perf_counter() - begin)
@@ -373,13 +389,6 @@ def stepped(plan: BoxPlan, amounts: Amounts, ways: Sequence[Way]) -> BoxDeflecti
 def shared(amounts: Amounts, k: int, count: int) -> Amounts:
     """Return the amounts after k of so many equal steps."""
     return tuple(amount * k / count for amount in amounts)
-
-
-def adapted_steps(
-    plan: BoxPlan, amounts: Amounts, count: int, progress: Progress, earlier: Step | None = None
-) -> BoxDeflection:
-    """Deflect in `count` steps with adapted centres; a single step starts from those of an earlier one."""
-    return stepped(plan, amounts, [Adapting(progress, earlier)] * count)
 
 
 def inverted_count(touched: TouchedCells, points: FloatArray) -> int:

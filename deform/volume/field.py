@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sdm_deflect.deform.around.near_wall import FollowingWalls, Nearby, NearWall
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import Progress, silent
@@ -21,7 +22,7 @@ from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.rbf.kernels import arrays_of, stored_kernel
 
 from .deflection import BoxDeflection
-from .near_wall import Nearby, NearWall
+from .plan import BoxPlan
 from .region import ON_FACE
 from .step import Step
 
@@ -57,18 +58,15 @@ class FieldStep:
     reach: float
 
     @classmethod
-    def of(cls, step: Step) -> "FieldStep":
-        """Take what a step has found."""
-        state, sites = step.state, step.state.sites
-        boundary = state.points[sites.known]
-        values = state.boundary_values(step.move, step.slid)
+    def of(cls, plan: BoxPlan, step: Step) -> "FieldStep":
+        """Take what a step of a plan has found."""
+        boundary = step.start.points[step.start.known]
         part = np.zeros(len(boundary), dtype=np.intp)
-        for i, rows in enumerate(sites.parts(state.boundary)):
+        for i, rows in enumerate(plan.sites.parts(plan.boundary)):
             part[rows] = i
-        turns = state.turns(values)
-        turns = np.zeros((len(boundary), 3, 3)) if turns is None else turns
-        reach = state.following.reach if state.following else 0.0
-        return cls(step.fits.interpolant, boundary, values, turns, part, reach)
+        near = next((one for one in step.start.acting if isinstance(one, FollowingWalls)), None)
+        turns = near.turning.rotations(step.known) if near else np.zeros((len(boundary), 3, 3))
+        return cls(step.fits.interpolant, boundary, step.known, turns, part, near.reach if near else 0.0)
 
     def displacement(self, points: FloatArray) -> FloatArray:
         """Return how far nodes at points (M, 3) move."""
@@ -125,7 +123,7 @@ class FieldBox:
         return cls(
             plan.region.hexahedron,
             plan.region.zones,
-            tuple(FieldStep.of(step) for step in one.steps),
+            tuple(FieldStep.of(plan, step) for step in one.steps),
             plan.mesh.points[rows],
             one.exact[rows],
             np.array(planes, dtype=np.float64).reshape(-1, 3),

@@ -17,9 +17,9 @@ from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.surface.motions import Functions
 
 from .boundary import Amounts
-from .deflection import BoxDeflection, adapted_steps, deflect_box, stepped
+from .deflection import BoxDeflection, deflect_box, stepped
 from .plan import BoxPlan
-from .step import OnCenters, solve
+from .step import take
 
 MISSED = 0.1
 """Share of the tolerance by which the modes may miss a deflection on the same centres between the amounts read."""
@@ -131,9 +131,7 @@ class Readings(NamedTuple):
             ends |= {i: _deflected(own, poses[i], progress, known) for i in others}
             steps = ends[last].steps
             first = steps[0] if len(steps) == 1 else None
-            found = [
-                ends.get(i) or adapted_steps(own, pose, len(steps), progress, first) for i, pose in enumerate(poses)
-            ]
+            found = [ends.get(i) or stepped(own, pose, len(steps), progress, first) for i, pose in enumerate(poses)]
         else:
             found = _on_shared_centers(own, poses, ends[last], progress)
         plain = [replace(one, exact=one.interpolated, repaired=None) for one in found]
@@ -161,8 +159,8 @@ class Readings(NamedTuple):
         def on_centers(amount: float) -> FloatArray:
             """Return the displacement (M, 3) of the nodes inside, on the centres of the end's first step."""
             move, step = self.box.boundary.displacement(_alone(self.box, self.row, amount)), end.steps[0]
-            points = solve(step.state, move, OnCenters(step), self.box.runner).points
-            return (points - step.state.points)[self.box.region.inside]
+            points = take(step.start, move, step, held=True, runner=self.box.runner).points
+            return (points - step.start.points)[self.box.region.inside]
 
         functions, known = self.control.functions, [on_centers(amount) for amount in reads]
         weights, error = np.linalg.inv([functions.values(amount) for amount in reads]), 0.0
@@ -182,11 +180,11 @@ def _on_shared_centers(
     An end that needs steps has centres for each; the other poses then have their own.
     """
     if len(end.steps) > 1:
-        return [end if pose == end.amounts else adapted_steps(box, pose, len(end.steps), progress) for pose in poses]
+        return [end if pose == end.amounts else stepped(box, pose, len(end.steps), progress) for pose in poses]
     step = end.steps[0]
     for pose in poses:
-        step = adapted_steps(box, pose, 1, progress, step).steps[0]
-    found = [stepped(box, pose, [OnCenters(step)]) for pose in poses]
+        step = stepped(box, pose, 1, progress, step).steps[0]
+    found = [stepped(box, pose, 1, progress, step, held=True) for pose in poses]
     grown = len(step.fits.interpolant.centers) > len(end.steps[0].fits.interpolant.centers)
     return found if grown else [end if pose == end.amounts else one for pose, one in zip(poses, found, strict=True)]
 

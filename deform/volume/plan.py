@@ -7,16 +7,19 @@ from math import nan
 
 import numpy as np
 
+from sdm_deflect.deform.around.addition import Addition
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray, union
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import Progress, silent
+from sdm_deflect.deform.confined import Choice
 from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.faces import BoundaryGaps
 from sdm_deflect.deform.mesh.mesh import EVERY_BIT, HERE, Mesh, Precision, Runner
 from sdm_deflect.deform.mesh.orthogonality import TouchedFaces
 from sdm_deflect.deform.mesh.quality import Quality
-from sdm_deflect.deform.mesh.sliding import SlidingSurface
+from sdm_deflect.deform.mesh.sliding import Plane, SlidingSurface
 from sdm_deflect.deform.mesh.touched import TouchedCells, layers
+from sdm_deflect.deform.rbf.greedy import GreedyOptions
 from sdm_deflect.deform.repair.freedom import Columns, FreeNodes
 from sdm_deflect.deform.surface.motions import Moving
 from sdm_deflect.deform.surface.surface import Surface
@@ -25,7 +28,7 @@ from .boundary import Amounts, PrescribedNodes
 from .job import Job, prepared
 from .region import ON_FACE, BoxNodes, check_disjoint
 from .sites import Sites
-from .step import StepStart
+from .step import Start
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,9 +162,50 @@ class BoxPlan:
         """Return where the nodes (N, 3) come to be; `places` (N, 3) are those of the mesh that is interpolated."""
         return self.boundary.thin.moved(places) if self.boundary.thin else places
 
-    def state(self, points: FloatArray) -> StepStart:
+    @cached_property
+    def additions(self) -> tuple[Addition, ...]:
+        """What is added to the paper's method here, in the order in which it acts; what is off is not even loaded."""
+        job, sites, slid, components = self.job, self.sites, self.sites.slid, self.boundary.components
+        faces = [(section, nodes) for section, nodes in self.region.sections if len(nodes)]
+        found: list[Addition] = []
+        if job.near_wall:
+            from sdm_deflect.deform.around.near_wall import FollowWalls
+
+            surfaces = tuple(surface.nodes for surface in self.boundary.surfaces)
+            parts, certain = tuple(sites.parts(self.boundary)), len(sites.moving) + len(sites.fixed)
+            near = (sites.edges, np.flatnonzero(sites.sheared), sites.edge, sites.tolerance, self.boundary.mesh.normal)
+            found.append(FollowWalls(sites.known, certain, parts, surfaces, *near, components))
+        if faces:
+            from sdm_deflect.deform.around.sections import StayInFaces
+
+            found.append(StayInFaces(tuple((section.component, nodes) for section, nodes in faces)))
+        if len(slid) or len(self.boundary.images.nodes):
+            from sdm_deflect.deform.around.bound import Bind
+
+            shapes = [*zip((patch.surface for patch in self.boundary.sliding), sites.sliding, strict=True)]
+            for section, nodes in faces:  # a bound node on a face stays in its plane as well
+                both = np.intersect1d(nodes, slid, assume_unique=True)
+                shapes += [(Plane(section.point, np.eye(3)[section.component]), both)] * bool(len(both))
+            rows = tuple((shape, np.searchsorted(slid, nodes)) for shape, nodes in shapes)
+            found.append(Bind(slid, sites.sampled_sliding, rows, self.boundary.images, components))
+        return tuple(found)
+
+    def start(self, points: FloatArray) -> Start:
         """Return the start of a step with the mesh that is interpolated at `points` (N, 3)."""
-        return StepStart.of(self.boundary, self.region, self.sites, points)
+        fitting, sites = self.job.fitting, self.sites
+        free = np.setdiff1d(self.region.inside, sites.known, assume_unique=True)
+        options = GreedyOptions(
+            n_add=fitting.n_add, tol_add=sites.tolerance, tol_stop=sites.tolerance, max_centers=fitting.max_centers,
+            polynomial=fitting.polynomial,
+        )  # fmt: skip
+        initial = fitting.initial_surface, fitting.initial_hexahedron
+        how = Choice(sites.kernel, fitting.strategy, fitting.rule, initial, options)
+        rows = np.concatenate([sites.distinct, len(sites.moving) + sites.sampled])
+        acting = tuple(one.at(points, free) for one in self.additions)
+        return Start(
+            points, sites.known, len(sites.slid), rows, len(sites.distinct), free, sites.zero, self.boundary.components,
+            how, acting,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

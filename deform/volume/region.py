@@ -9,6 +9,7 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, union
 from sdm_deflect.deform.base.errors import InputError, short_list
+from sdm_deflect.deform.confined import inside
 from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.cells import Patch, Zone
 from sdm_deflect.deform.mesh.mesh import Mesh
@@ -119,7 +120,7 @@ def _zones(boundary: PrescribedNodes) -> tuple[Zone, ...]:
 
 
 def _inside(mesh: Mesh, zones: tuple[Zone, ...], hexahedron: Hexahedron) -> IntArray:
-    parts = [zone.start + np.flatnonzero(hexahedron.contains(mesh.points[zone.start : zone.stop])) for zone in zones]
+    parts = [zone.start + inside(hexahedron, mesh.points[zone.start : zone.stop]) for zone in zones]
     return np.concatenate(parts)
 
 

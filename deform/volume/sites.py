@@ -5,8 +5,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sdm_deflect.deform.around.local_rotation import LocalRotation
+from sdm_deflect.deform.around.near_wall import Nearby
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, distinct, first_coincident, union
 from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.confined import zero_sites
 from sdm_deflect.deform.hexahedron import FACES, border_sites, polygon_sites
 from sdm_deflect.deform.mesh.edges import edges_of, median_edge, polygons_of
 from sdm_deflect.deform.mesh.images import PLANE_TOLERANCE
@@ -17,12 +20,10 @@ from sdm_deflect.deform.rbf.kernels import OF_RADIUS, Kernel
 from sdm_deflect.deform.rbf.problem import DataSites, pinned
 
 from .boundary import ZERO_LENGTH, PrescribedNodes
-from .near_wall import LocalRotation, Nearby
 from .region import BoxNodes
 
 NEIGHBOURS = 7
 TOLERANCE = 0.01  # of the median edge: largest error at a site, unless the job says otherwise
-APART = 0.5  # of their spacing: zero sites keep it from the boundary's nodes and from each other
 MOST_FIXED = 30_000  # sites on fixed patches; a larger patch is thinned, and verified as a whole
 MOST_ZERO = 12_000  # sites on the box, about: beyond, they stand farther apart
 MOST_EDGE = 3_000  # of them on an edge of the box, in a box that is like a needle
@@ -181,12 +182,6 @@ def _radius(fitting: Fitting, corners: FloatArray, edge: float) -> float:
     return radius
 
 
-def apart_from(sites: FloatArray, points: FloatArray, distance: float) -> FloatArray:
-    """Return the sites (P, 3) that keep at least this distance from all points (K, 3)."""
-    nearest, _ = cKDTree(points).query(sites)
-    return np.ascontiguousarray(sites[nearest >= distance])
-
-
 def _distinct(boundary: PrescribedNodes, fixed: IntArray, slid: IntArray) -> tuple[IntArray, IntArray, IntArray]:
     """Return rows of moving, fixed and sliding nodes at places of their own.
 
@@ -261,7 +256,7 @@ def _placed(
     fitting = boundary.job.fitting
     spacing = _spacing(region, fitting.spacing, fitting.spacing_edges * edge)
     for _ in range(0 if fitting.spacing else HALVINGS):
-        if len(apart_from(_in_front(boundary, _on_box(boundary, region, spacing)), known, APART * spacing)):
+        if len(zero_sites(_in_front(boundary, _on_box(boundary, region, spacing)), known, spacing)):
             break
         spacing *= 0.5
     return spacing, _zero_sites(boundary, region, known, spacing)
@@ -276,7 +271,7 @@ def _zero_sites(
     for its normal direction alone if nodes slide in its plane (section 5.2).
     """
     inner = _in_front(boundary, _on_box(boundary, region, spacing))
-    faces = apart_from(inner, known, APART * spacing)
+    faces = zero_sites(inner, known, spacing)
     if not len(faces) and region.box.open_faces != FACES.keys():
         if not len(inner):
             raise InputError(
@@ -291,7 +286,7 @@ def _zero_sites(
     known = np.vstack([known, faces])
     for section in boundary.job.sections:
         polygon = region.hexahedron.section(section.point, np.eye(3)[section.component])
-        on_block = apart_from(polygon_sites(polygon, spacing), known, APART * spacing)
+        on_block = zero_sites(polygon_sites(polygon, spacing), known, spacing)
         if len(on_block):
             sites.append(pinned(on_block, (section.component,) if section.slides else (0, 1, 2)))
     return tuple(sites)
@@ -303,7 +298,7 @@ def _on_box(boundary: PrescribedNodes, region: BoxNodes, spacing: float) -> Floa
     if mesh.normal is None:
         sites = region.hexahedron.face_sites(spacing, skip=region.box.open_faces)
         around = _around_walls(boundary, region, spacing)
-        return np.vstack([apart_from(sites, around, APART * spacing), around]) if len(around) else sites
+        return np.vstack([zero_sites(sites, around, spacing), around]) if len(around) else sites
     sites = border_sites(region.hexahedron.section(mesh.points[0], mesh.normal), spacing)
     sites[:, mesh.across] = mesh.points[0, mesh.across]
     return sites

@@ -28,8 +28,9 @@ from sdm_deflect.cases.run.cluster import Cluster, Wanted, workers
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.errors import InputError, LostError
 from sdm_deflect.deform.mesh.mesh import HERE
-from sdm_deflect.deform.rbf.interpolant import evaluated, fit
+from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
+from sdm_deflect.deform.volume.step import evaluated
 from sdm_deflect.meshing.formats import rewriting
 from sdm_deflect.meshing.formats.openfoam import MESH
 from sdm_deflect.meshing.formats.registry import FORMATS, in_pieces

@@ -14,7 +14,7 @@ from sdm_deflect.deform.surface.motions import Table
 from sdm_deflect.deform.volume import deflection
 from sdm_deflect.deform.volume.deflection import Deflection, deflect
 from sdm_deflect.deform.volume.plan import Plan
-from sdm_deflect.deform.volume.step import Adapting, solve
+from sdm_deflect.deform.volume.step import take
 from tests.deform.blocks import block_with_body, two_bodies
 from tests.deform.jobs import FLAP, blended, box_plan, job, turn
 
@@ -63,13 +63,11 @@ def test_sensitivity_of_the_last_of_several_steps(inboard_wing):
     """The end of the last step varies, the steps before it do not."""
     h, plan = 1e-3, flapped(inboard_wing, 8.0)
     (box,) = plan.boxes
-    course = deflection.adapted_steps(box, (8.0,), 2, silent)
+    course = deflection.stepped(box, (8.0,), 2, silent)
     boundary, last = box.boundary, course.steps[-1]
     assert len(course.steps) == 2
     before = boundary.displacement((4.0,))
-    ends = [
-        solve(last.state, boundary.displacement((8.0 + d,)) - before, Adapting(silent, last)).points for d in (-h, h)
-    ]
+    ends = [take(last.start, boundary.displacement((8.0 + d,)) - before, last).points for d in (-h, h)]
     sensitivity = Deflection(plan, (course,)).sensitivity()
     np.testing.assert_allclose(sensitivity, central(ends, h), atol=1e-8)
 
@@ -133,7 +131,7 @@ def counted(monkeypatch):
 
     def count(mesh, inverted, max_steps=8):
         plan = box_plan(mesh, job(("body",), fitting=Fitting(max_steps=max_steps)))
-        tried, stepped = [], deflection.adapted_steps
+        tried, stepped = [], deflection.stepped
 
         def known(plan, amounts, count, progress, earlier=None):
             tried.append(count)
@@ -141,7 +139,7 @@ def counted(monkeypatch):
             found.__dict__["inverted"] = inverted[count]  # the cached value
             return found
 
-        monkeypatch.setattr(deflection, "adapted_steps", known)
+        monkeypatch.setattr(deflection, "stepped", known)
         return deflection.deflect_box(plan, plan.job.amounts), tried
 
     return count
@@ -167,7 +165,7 @@ def test_a_number_of_steps_at_which_a_node_meets_another_is_passed_over():
     given = {"motion": table, "angle": 1.0, "box": box, "fixed": ("z+",), "fitting": Fitting(max_steps=4)}
     plan = box_plan(mesh, job(("body",), **given))
     with pytest.raises(CoincidentSitesError, match="data sites coincide"):
-        deflection.adapted_steps(plan, (1.0,), 2, silent)
+        deflection.stepped(plan, (1.0,), 2, silent)
     found = deflection.deflect_box(plan, (1.0,))
     assert found.inverted
     assert len(found.steps) != 2
@@ -181,7 +179,7 @@ def test_of_equal_attempts_the_one_of_fewer_steps_is_kept(block, counted):
 def test_steps_end_where_one_step_does_and_at_the_places_asked_for(block):
     """The moving nodes are set, not added up: no rounding of steps is left in them."""
     plan = box_plan(block, job(("body",)))
-    one, four = (deflection.adapted_steps(plan, (10.0,), count, silent) for count in (1, 4))
+    one, four = (deflection.stepped(plan, (10.0,), count, silent) for count in (1, 4))
     moving = plan.sites.moving
     assert np.array_equal(one.points[moving], four.points[moving])
     assert np.array_equal(four.points[moving], block.points[moving] + plan.boundary.displacement((10.0,)))

@@ -251,7 +251,7 @@ def test_without_near_wall_following_boundary_nodes_in_a_face_of_the_box_keep_th
 def test_without_near_wall_following_the_free_nodes_go_where_the_interpolant_says(block):
     plan = Plan.of(block, [job(("body",), box=[[-1.5, -1.5, -1.5], [1.5, 1.5, 1.5]], near_wall=False)])
     step = deflect(plan, plan.angle).boxes[0].steps[-1]
-    free = step.state.free
+    free = step.start.free
     expected = block.points[free] + step.fits.interpolant(block.points[free])
     assert np.array_equal(step.points[free], expected)
-    assert step.state.following is None
+    assert step.start.acting == ()

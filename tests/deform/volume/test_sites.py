@@ -9,6 +9,7 @@ from scipy.spatial.distance import cdist
 
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.checks import checks_of
+from sdm_deflect.deform.confined import zero_sites
 from sdm_deflect.deform.mesh.cells import Patch
 from sdm_deflect.deform.mesh.edges import median_edge
 from sdm_deflect.deform.mesh.mesh import Mesh
@@ -18,7 +19,6 @@ from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.surface.surface import OnPatches
 from sdm_deflect.deform.volume import sites as places
-from sdm_deflect.deform.volume.sites import apart_from
 from tests.deform.jobs import FLAP, WING, blended, box_plan, job, turn
 from tests.deform.paired import airfoil
 
@@ -179,10 +179,10 @@ def test_a_blended_flap_shears_in_its_strips_and_a_rigid_surface_nowhere(inboard
     assert np.isin(surface.nodes[law.strip], one.sites.moving[sheared]).mean() > 0.8
     rigid = box_plan(hybrid_wing.mesh, job(WING, hybrid_wing.hinge, slide={"symmetry": "plane"}))
     assert not rigid.sites.sheared.any()
-    assert not len(rigid.state(hybrid_wing.mesh.points).following.layers.rows)
+    assert not len(rigid.start(hybrid_wing.mesh.points).acting[0].layers.rows)
 
 
 def test_sites_that_keep_their_distance_are_kept():
     line = np.column_stack([np.arange(5.0), np.zeros(5), np.zeros(5)])
-    assert apart_from(line, np.array([[2.2, 0.0, 0.0]]), 0.75)[:, 0].tolist() == [0.0, 1.0, 3.0, 4.0]
-    assert apart_from(line, np.array([[2.2, 0.0, 0.0]]), 0.9)[:, 0].tolist() == [0.0, 1.0, 4.0]
+    assert zero_sites(line, np.array([[2.2, 0.0, 0.0]]), 1.5)[:, 0].tolist() == [0.0, 1.0, 3.0, 4.0]
+    assert zero_sites(line, np.array([[2.2, 0.0, 0.0]]), 1.8)[:, 0].tolist() == [0.0, 1.0, 4.0]

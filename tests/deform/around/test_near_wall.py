@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from sdm_deflect.deform.around import near_wall
+from sdm_deflect.deform.around.near_wall import AROUND, Nearby, NearWall, Reach, RigidFollow, first_height, layer_sites
 from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.volume import near_wall
-from sdm_deflect.deform.volume.near_wall import AROUND, Nearby, NearWall, Reach, RigidFollow, first_height, layer_sites
 
 rng = np.random.default_rng(6)
 BOUNDARY = rng.random((60, 3))

@@ -17,11 +17,6 @@ Both are corrections of what the interpolant misses, and reach no farther than t
 they shear the mesh. Layer sites stand beside nodes where the motion shears the surface, as a blended strip does: there
 the layers must turn otherwise from column to column. Where the surface turns rigidly, thin plate splines without them
 bend the mesh less in a narrow slot. `benchmarks/layers.md` has the figures, also for the constants.
-
-How a surface turns locally: the rotation at each boundary node, from the edges that meet there.
-
-At node j with edges a_k that become b_k, the rotation nearest to the deformation is the orthogonal factor R of
-H = sum of b_k a_k' / |a_k|**2 = R S, S symmetric. Under a rigid motion of the neighbourhood it is that motion's own.
 """
 
 from collections.abc import Sequence
@@ -33,6 +28,10 @@ from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray, union
 from sdm_deflect.deform.base.compiled import compiled_exactly
+from sdm_deflect.deform.rbf.problem import DataSites
+
+from .addition import Acting, Addition
+from .local_rotation import LocalRotation
 
 NEAR = 0.2  # of the distance up to which there are layer sites: none is nearer
 FAR = 0.05, 0.5  # edges of the surface: that distance is between these, so only meshes with layers have any
@@ -220,89 +219,76 @@ class NearWall:
         return out
 
 
-DEGENERATE = 1e-6  # second singular value, relative to the first, of edges that determine no rotation
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class LocalRotation:
-    """Edges between boundary nodes, each in both directions.
+class FollowWalls(Addition):
+    """The mesh near walls follows them.
 
     Attributes
     ----------
-    start, end : (E,) rows of the boundary nodes.
-    vectors : (E, 3) from start to end, divided by the squared length.
-    count : number of boundary nodes.
-    normal : (3,) of the plane that they are in, if they are, which then turns within itself.
+    known : (B,) nodes of known displacement, the first `certain` of which move or stay; the others follow.
+    certain : number of these.
+    parts : rows of `known` that may move differently, each in one part.
+    surfaces : nodes of each moving surface.
+    edges : (E, 2) rows of `known` that an edge of the boundary joins.
+    sheared : rows of `known` beside which the motion is not rigid.
+    edge, tolerance : lengths: of the surfaces' median edge, and of a site's largest error.
+    normal : (3,) of the plane of a plane mesh.
+    components : directions in which nodes move.
     """
 
-    start: IntArray = field(repr=False)
-    end: IntArray = field(repr=False)
-    vectors: FloatArray = field(repr=False)
-    count: int
-    normal: FloatArray | None = None
+    known: IntArray = field(repr=False)
+    certain: int
+    parts: tuple[IntArray, ...] = field(repr=False)
+    surfaces: tuple[IntArray, ...] = field(repr=False)
+    edges: IntArray = field(repr=False)
+    sheared: IntArray = field(repr=False)
+    edge: float
+    tolerance: float
+    normal: FloatArray | None
+    components: tuple[int, ...]
 
-    @classmethod
-    def of(cls, points: FloatArray, edges: IntArray, certain: int, normal: FloatArray | None = None) -> "LocalRotation":
-        """Take edges (E, 2) between points (K, 3); those without length are left out.
+    def at(self, points: FloatArray, free: IntArray) -> "FollowingWalls":
+        """See `Addition`."""
+        known, places = points[self.known], points[free]
+        nearby = Nearby.of(places, known, self.parts)
+        size = min(float(np.linalg.norm(np.ptp(points[nodes], axis=0))) for nodes in self.surfaces)
+        reach = Reach.of(first_height(nearby, self.certain), self.edge, size, self.tolerance)
+        layers = RigidFollow.of(places, known, layer_sites(nearby, self.sheared, reach.sites), nearby)
+        near = NearWall.of(places, known, nearby, self.parts, reach.follow)
+        late, parts = known[self.certain :], [part[part < self.certain] for part in self.parts]
+        bound = NearWall.of(late, known, Nearby.of(late, known, parts), parts, reach.follow)
+        turning = LocalRotation.of(known, self.edges, self.certain, self.normal)
+        return FollowingWalls(self.components, reach.follow, layers, bound, near, turning)
 
-        The first `certain` points turn among themselves, whatever the others, which follow them, do.
-        """
-        start, end = np.vstack([edges, edges[:, ::-1]]).T
-        vectors = points[end] - points[start]
-        square = np.sum(vectors**2, axis=1)
-        some = (square > 0.0) & ((start >= certain) | (end < certain))
-        return cls(start[some], end[some], vectors[some] / square[some, None], len(points), normal)
 
-    def rotations(self, displacement: FloatArray) -> FloatArray:
-        """Return the rotation less the identity (K, 3, 3) at each node, given displacements (K, 3)."""
-        if not len(self.start):
-            return np.zeros((self.count, 3, 3))
-        turn = self._polar(displacement)[0] - np.eye(3)
-        turn[~self._sums(displacement).any(axis=(1, 2))] = 0.0  # no rounding where nothing turns
-        return np.asarray(turn)
+@dataclass(frozen=True, slots=True, eq=False)
+class FollowingWalls(Acting):
+    """Near walls, in one step.
 
-    def strain(self, displacement: FloatArray) -> FloatArray:
-        """Return by how much edges at each node (K,) change beyond its turn, over their length.
+    Attributes
+    ----------
+    components : directions in which nodes move.
+    reach : how far from boundary nodes the mesh follows them.
+    layers : free nodes that are data sites beside the moving surface.
+    bound, free : the nodes that follow boundary nodes nearby, of those that bind and of the free ones.
+    turning : how boundary nodes turn.
+    """
 
-        The displacements (K, 3) are small, so that the turn w is linear in them. With S the sum of the unit edges and H
-        that of the changes, (tr S - S) w is the vector of H - H'.
-        """
-        if not len(self.start):
-            return np.zeros(self.count)
-        stretch, skew = self._polar(np.zeros_like(displacement))[1], self._sums(displacement)
-        skew -= np.swapaxes(skew, 1, 2)
-        right = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
-        matrix = np.trace(stretch, axis1=1, axis2=2)[:, None, None] * np.eye(3) - stretch
-        turn = np.linalg.solve(matrix, right[:, :, None])[:, :, 0]
-        along = self.vectors / np.sum(self.vectors**2, axis=1, keepdims=True)
-        off = displacement[self.end] - displacement[self.start] - np.cross(turn[self.start], along)
-        out = np.zeros(self.count)
-        np.maximum.at(out, self.start, np.linalg.norm(off, axis=1) * np.linalg.norm(self.vectors, axis=1))
-        return out
+    components: tuple[int, ...]
+    reach: float
+    layers: RigidFollow = field(repr=False)
+    bound: NearWall = field(repr=False)
+    free: NearWall = field(repr=False)
+    turning: LocalRotation = field(repr=False)
 
-    def _polar(self, displacement: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return R and S (K, 3, 3); both the identity where the edges determine no rotation."""
-        still = self._sums(np.zeros_like(displacement), unit=1.0)
-        if self.normal is not None:
-            still += np.outer(self.normal, self.normal)  # an edge along it, as it were, that stays
-        u, s, vt = np.linalg.svd(still + self._sums(displacement))
-        sign = np.linalg.det(u @ vt)
-        u[:, :, 2] *= sign[:, None]
-        s[:, 2] *= sign
-        rotation, stretch = u @ vt, np.einsum("kji,kj,kjl->kil", vt, s, vt)
-        flat = s[:, 1] <= DEGENERATE * np.maximum(s[:, 0], np.finfo(float).tiny)
-        rotation[flat], stretch[flat] = np.eye(3), np.eye(3)
-        return rotation, stretch
+    def sites(self, known: FloatArray, last: bool) -> Sequence[DataSites]:
+        """Return the layer sites; what they follow is certain in both passes."""
+        del last
+        if not len(self.layers.places):
+            return ()
+        values = self.layers.displaced(known, self.turning.rotations(known))
+        return (DataSites(self.layers.places, values[:, self.components], self.components),)
 
-    def _sums(self, values: FloatArray, unit: float = 0.0) -> FloatArray:
-        """Return the sums (K, 3, 3) of (value differences + unit edges) times edges."""
-        change = values[self.end] - values[self.start]
-        if unit:
-            square = np.sum(self.vectors**2, axis=1, keepdims=True)
-            change = change + unit * self.vectors / square
-        out = np.empty((self.count, 3, 3))
-        for i in range(3):
-            for j in range(3):
-                weights = change[:, i] * self.vectors[:, j]
-                out[:, i, j] = np.bincount(self.start, weights=weights, minlength=self.count)
-        return out
+    def corrected(self, u: FloatArray, known: FloatArray, last: bool) -> FloatArray:
+        """Let nodes follow the boundary nodes nearby."""
+        return (self.free if last else self.bound).following(u, known, self.turning.rotations(known))

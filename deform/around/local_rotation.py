@@ -1,0 +1,99 @@
+"""How a surface turns locally: the rotation at each boundary node, from the edges that meet there.
+
+At node j with edges a_k that become b_k, the rotation nearest to the deformation is the orthogonal factor R of
+H = sum of b_k a_k' / |a_k|**2 = R S, S symmetric. Under a rigid motion of the neighbourhood it is that motion's own.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+
+DEGENERATE = 1e-6
+"""Second singular value, as a share of the first, of edges that determine no rotation."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LocalRotation:
+    """Edges between boundary nodes, each in both directions.
+
+    Attributes
+    ----------
+    start, end : (E,) rows of the boundary nodes.
+    vectors : (E, 3) from start to end, divided by the squared length.
+    count : number of boundary nodes.
+    normal : (3,) of the plane that they are in, if they are, which then turns within itself.
+    """
+
+    start: IntArray = field(repr=False)
+    end: IntArray = field(repr=False)
+    vectors: FloatArray = field(repr=False)
+    count: int
+    normal: FloatArray | None = None
+
+    @classmethod
+    def of(cls, points: FloatArray, edges: IntArray, certain: int, normal: FloatArray | None = None) -> "LocalRotation":
+        """Take edges (E, 2) between points (K, 3); those without length are left out.
+
+        The first `certain` points turn among themselves, whatever the others, which follow them, do.
+        """
+        start, end = np.vstack([edges, edges[:, ::-1]]).T
+        vectors = points[end] - points[start]
+        square = np.sum(vectors**2, axis=1)
+        some = (square > 0.0) & ((start >= certain) | (end < certain))
+        return cls(start[some], end[some], vectors[some] / square[some, None], len(points), normal)
+
+    def rotations(self, displacement: FloatArray) -> FloatArray:
+        """Return the rotation less the identity (K, 3, 3) at each node, given displacements (K, 3)."""
+        if not len(self.start):
+            return np.zeros((self.count, 3, 3))
+        turn = self._polar(displacement)[0] - np.eye(3)
+        turn[~self._sums(displacement).any(axis=(1, 2))] = 0.0  # no rounding where nothing turns
+        return np.asarray(turn)
+
+    def strain(self, displacement: FloatArray) -> FloatArray:
+        """Return by how much edges at each node (K,) change beyond its turn, over their length.
+
+        The displacements (K, 3) are small, so that the turn w is linear in them. With S the sum of the unit edges and H
+        that of the changes, (tr S - S) w is the vector of H - H'.
+        """
+        if not len(self.start):
+            return np.zeros(self.count)
+        stretch, skew = self._polar(np.zeros_like(displacement))[1], self._sums(displacement)
+        skew -= np.swapaxes(skew, 1, 2)
+        right = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
+        matrix = np.trace(stretch, axis1=1, axis2=2)[:, None, None] * np.eye(3) - stretch
+        turn = np.linalg.solve(matrix, right[:, :, None])[:, :, 0]
+        along = self.vectors / np.sum(self.vectors**2, axis=1, keepdims=True)
+        off = displacement[self.end] - displacement[self.start] - np.cross(turn[self.start], along)
+        out = np.zeros(self.count)
+        np.maximum.at(out, self.start, np.linalg.norm(off, axis=1) * np.linalg.norm(self.vectors, axis=1))
+        return out
+
+    def _polar(self, displacement: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return R and S (K, 3, 3); both the identity where the edges determine no rotation."""
+        still = self._sums(np.zeros_like(displacement), unit=1.0)
+        if self.normal is not None:
+            still += np.outer(self.normal, self.normal)  # an edge along it, as it were, that stays
+        u, s, vt = np.linalg.svd(still + self._sums(displacement))
+        sign = np.linalg.det(u @ vt)
+        u[:, :, 2] *= sign[:, None]
+        s[:, 2] *= sign
+        rotation, stretch = u @ vt, np.einsum("kji,kj,kjl->kil", vt, s, vt)
+        flat = s[:, 1] <= DEGENERATE * np.maximum(s[:, 0], np.finfo(float).tiny)
+        rotation[flat], stretch[flat] = np.eye(3), np.eye(3)
+        return rotation, stretch
+
+    def _sums(self, values: FloatArray, unit: float = 0.0) -> FloatArray:
+        """Return the sums (K, 3, 3) of (value differences + unit edges) times edges."""
+        change = values[self.end] - values[self.start]
+        if unit:
+            square = np.sum(self.vectors**2, axis=1, keepdims=True)
+            change = change + unit * self.vectors / square
+        out = np.empty((self.count, 3, 3))
+        for i in range(3):
+            for j in range(3):
+                weights = change[:, i] * self.vectors[:, j]
+                out[:, i, j] = np.bincount(self.start, weights=weights, minlength=self.count)
+        return out

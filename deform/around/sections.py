@@ -1,0 +1,35 @@
+"""Faces of an overlapping block that the box cuts: their nodes stay in the plane of the face (section 5.2)."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+
+from .addition import Acting, Addition
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StayInFaces(Addition):
+    """Nodes of each face, and the direction of its normal: 0, 1 or 2."""
+
+    faces: tuple[tuple[int, IntArray], ...] = field(repr=False)
+
+    def at(self, points: FloatArray, free: IntArray) -> "StayingInFaces":
+        """See `Addition`."""
+        del points
+        return StayingInFaces(tuple((c, np.isin(free, nodes, assume_unique=True)) for c, nodes in self.faces))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StayingInFaces(Acting):
+    """Which of the free nodes (Q,) are on each face."""
+
+    faces: tuple[tuple[int, BoolArray], ...] = field(repr=False)
+
+    def corrected(self, u: FloatArray, known: FloatArray, last: bool) -> FloatArray:
+        """Leave free nodes no displacement along the normals of their faces."""
+        del known
+        for component, rows in self.faces if last else ():
+            u[rows, component] = 0.0
+        return u
