@@ -24,7 +24,8 @@ from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, shortened
 from sdm_deflect.deform.base.schema import described
 from sdm_deflect.deform.base.threads import Progress, silent
-from sdm_deflect.deform.checks import Check, checks_of, run
+from sdm_deflect.deform.checks import Check, checks_of
+from sdm_deflect.deform.loop import run
 from sdm_deflect.deform.mesh.mesh import Threads
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.rbf.interpolant import Interpolant
@@ -122,10 +123,7 @@ class Result:
 
     @property
     def interpolants(self) -> tuple[Interpolant, ...]:
-        """The displacement of each step as a function of the points at its start; zero outside the box.
-
-        Those of several boxes follow one another.
-        """
+        """The displacement of each step, box by box, as a function of points at its start; zero outside the box."""
         return tuple(step.fits.interpolant for box in self.deflection.boxes for step in box.steps)
 
     @property

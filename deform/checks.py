@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -11,20 +11,19 @@ from scipy.spatial import cKDTree
 from sdm_deflect.deform.base import threads
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, distinct, union
 from sdm_deflect.deform.base.errors import short_list
-from sdm_deflect.deform.base.threads import Stage, unseen
 from sdm_deflect.deform.mesh import polyhedra
 from sdm_deflect.deform.mesh.cells import Polyhedra
 from sdm_deflect.deform.mesh.crossing import Crossings
 from sdm_deflect.deform.mesh.edges import edges_of, polygons_of
 from sdm_deflect.deform.mesh.faces import faces_of
 from sdm_deflect.deform.mesh.images import plane_of
-from sdm_deflect.deform.mesh.mesh import EVERY_BIT, Mesh, Precision
+from sdm_deflect.deform.mesh.mesh import EVERY_BIT, Mesh
 from sdm_deflect.deform.mesh.quality import inverted_of
 from sdm_deflect.deform.mesh.standard import type_of
 from sdm_deflect.deform.mesh.touched import Layers, first_layer
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.surface import OnPatches
-from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection, deflect
+from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 
 ROUNDED = 0.01  # of an edge's length: largest change by a file with fewer digits
@@ -234,15 +233,15 @@ def _staying(box: BoxPlan, still: BoolArray, near: float) -> Iterator[tuple[str,
 
 
 def _sliding(deflection: Deflection, unit: str) -> Iterator[Check]:
-    """Check that the nodes of each sliding patch are on its shape."""
+    """Check that nodes which slide are on their shapes."""
     for box in deflection.boxes:
-        checks = []
-        for patch, nodes in zip(box.plan.boundary.sliding, box.plan.sites.sliding, strict=True):
-            thin = box.plan.boundary.thin
-            states = (at[nodes] for at in (box.plan.mesh.points, box.points))
-            before, now = map(patch.surface.distance, map(thin.halfway.places, states) if thin else states)
-            drift, where = float(np.abs(now - before).max(initial=0.0)), f"{len(nodes)} sliding nodes"
-            checks.append(Check(f"on_{patch.patch}", drift, _on_shape(box), unit, where, over=len(nodes)))
+        checks, thin = [], box.plan.boundary.thin
+        for name, nodes, shape, _ in (one for addition in box.plan.additions for one in addition.shapes()):
+            if not isinstance(shape, str):  # each plane face of a patch: the mesh before says which
+                states = (at[nodes] for at in (box.plan.mesh.points, box.points))
+                before, now = map(shape.distance, map(thin.halfway.places, states) if thin else states)
+                drift, where = float(np.abs(now - before).max(initial=0.0)), f"{len(nodes)} sliding nodes"
+                checks.append(Check(f"on_{name}", drift, _on_shape(box), unit, where, over=len(nodes)))
         yield from with_surface(checks, box.plan, deflection.plan)
 
 
@@ -396,49 +395,3 @@ def _quality_checks(deflection: Deflection) -> Iterator[Check]:
 def _unmoved(name: str, moved: FloatArray, what: str, unit: str) -> Check:
     """Check that distances (K,) are all zero to the last bit."""
     return Check(name, float(moved.max(initial=0.0)), 0.0, unit, f"{len(moved)} {what}", over=len(moved))
-
-
-class Judged(NamedTuple):
-    """The mesh at one angle, and the verdict on it."""
-
-    deflection: Deflection
-    checks: tuple[Check, ...]
-
-    @property
-    def passed(self) -> bool:
-        """True if every check holds."""
-        return all(check.passed for check in self.checks)
-
-
-class Turnable(Protocol):
-    """What brings a mesh to any angle of the first surface by itself."""
-
-    def turned(self, angle: float, precision: Precision) -> Deflection:
-        """Return the mesh at an angle of the first surface, for a file that keeps coordinates so."""
-
-
-def run(
-    plan: Plan, angles: Sequence[float], stage: Stage = unseen, unit: str = "", held: Turnable | None = None
-) -> Iterator[Judged]:
-    """Bring the mesh to several angles, the largest first: its centres and factors serve for all of them.
-
-    Each angle is checked at every data site; centres are added where one is off by more than the tolerance.
-
-    Parameters
-    ----------
-    plan : What moves, and the box that holds it at all angles.
-    angles : Amounts of the first surface.
-    stage : Shows what is done.
-    unit : Of lengths, where the mesh's is known.
-    held : Brings the mesh to the angles in place of fits.
-    """
-    largest, earlier = max(angles, key=abs), None
-    for angle in dict.fromkeys((largest, *angles)):
-        with stage("deflect") as progress:
-            deflection = held.turned(angle, plan.precision) if held else deflect(plan, angle, progress, earlier)
-            progress(f"{angle:+g} {plan.unit}", 1.0)
-        pairs = zip(deflection.boxes, (earlier or deflection).boxes, strict=True)
-        earlier = replace(deflection, boxes=tuple(new if len(new.steps) == 1 else old for new, old in pairs))
-        with stage("quality"):
-            checks = checks_of(deflection, unit)
-        yield Judged(deflection, checks)

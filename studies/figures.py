@@ -21,7 +21,8 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import Stage
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
-from sdm_deflect.deform.rbf.fitting import RepairMode, Strategy
+from sdm_deflect.deform.options import RepairMode
+from sdm_deflect.deform.rbf.fitting import Strategy
 from sdm_deflect.meshing.cache import cache_key
 from sdm_deflect.meshing.files import hidden_folder, replacing
 from sdm_deflect.meshing.mesh import tets_of, touching

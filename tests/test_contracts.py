@@ -40,6 +40,8 @@ PLANTED = [
     (ENGINE, "deform/rbf/greedy.py", "sdm_deflect.deform.surface.motions"),
     (ENGINE, "deform/mesh/axis.py", "sdm_deflect.deform.volume.job"),
     (ENGINE, "deform/volume/step.py", "sdm_deflect.deform.checks"),
+    (ENGINE, "deform/rbf/problem.py", "sdm_deflect.deform.mesh.mesh"),
+    (ENGINE, "deform/around/bound.py", "sdm_deflect.deform.volume.plan"),
     (GENERAL, "cases/api.py", "sdm_deflect.cases.aircraft.case"),
     (GENERAL, "cases/report/page.py", "sdm_deflect.geometry.datum"),
     (GENERAL, "meshing/formats/su2.py", "sdm_deflect.meshing.generate.parameters"),
@@ -159,27 +161,27 @@ def test_no_class_has_the_name_of_another():
 
 
 BUDGETS = {
-    "cases": (929, 7),
-    "cases/aircraft": (2123, 13),
+    "cases": (927, 7),
+    "cases/aircraft": (2124, 13),
     "cases/cli": (1408, 7),
     "cases/report": (2181, 11),
-    "cases/run": (2184, 10),
+    "cases/run": (2185, 10),
     "cases/settings": (1005, 5),
-    "deform": (1224, 5),
-    "deform/around": (538, 6),
+    "deform": (1291, 7),
+    "deform/around": (613, 6),
     "deform/base": (812, 6),
     "deform/mesh": (4761, 18),
-    "deform/rbf": (1614, 7),
-    "deform/repair": (1570, 6),
+    "deform/rbf": (1566, 7),
+    "deform/repair": (1575, 6),
     "deform/surface": (1233, 7),
-    "deform/volume": (3233, 12),
+    "deform/volume": (3256, 12),
     "geometry": (2120, 13),
     "meshing": (573, 5),
     "meshing/formats": (9004, 37),
     "meshing/generate": (1566, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 8_655, 450
+MOST_COMPLEXITY, LONGEST = 8_685, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

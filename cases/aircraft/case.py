@@ -7,7 +7,8 @@ import numpy as np
 
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.schema import INLINE, check_settings
-from sdm_deflect.deform.rbf.fitting import Fitting, Repair, RepairMode, Strategy
+from sdm_deflect.deform.options import Repair, RepairMode
+from sdm_deflect.deform.rbf.fitting import Fitting, Strategy
 from sdm_deflect.geometry.confinement import BlockParameters
 from sdm_deflect.geometry.datum import hinged
 from sdm_deflect.geometry.parameters import LARGEST_TURN, Fighter, check_notch

@@ -12,7 +12,7 @@ from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.axis import Axis, Cylinder
 from sdm_deflect.deform.mesh.edges import median_edge
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.rbf.fitting import Repair
+from sdm_deflect.deform.options import Repair
 from sdm_deflect.deform.surface.blended import Blended, Rib
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation
 from sdm_deflect.deform.surface.surface import Listed

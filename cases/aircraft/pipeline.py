@@ -15,10 +15,10 @@ from sdm_deflect.cases.run.limit import Search
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.compiled import default_folder
 from sdm_deflect.deform.base.threads import Progress
-from sdm_deflect.deform.checks import run as carried_out
+from sdm_deflect.deform.loop import run as carried_out
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import Quality
-from sdm_deflect.deform.rbf.fitting import RepairMode
+from sdm_deflect.deform.options import RepairMode
 from sdm_deflect.deform.volume.deflection import Deflection, deflect
 from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.geometry.parameters import LARGEST_TURN

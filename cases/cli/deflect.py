@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from sdm_deflect.cases.run.mesh_files import Targets
     from sdm_deflect.cases.run.progress import Stopwatch
     from sdm_deflect.deform.mesh.mesh import Runner
-    from sdm_deflect.deform.rbf.fitting import RepairMode
+    from sdm_deflect.deform.options import RepairMode
     from sdm_deflect.deform.volume.job import Job
     from sdm_deflect.deform.volume.plan import Plan
 

@@ -40,7 +40,7 @@ from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.cells import Cells, Faces, Patch, Polyhedra, taken
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import quality_of
-from sdm_deflect.deform.rbf.fitting import JobOptions
+from sdm_deflect.deform.options import JobOptions
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, Surface, TrailingEdge, name_of

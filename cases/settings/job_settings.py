@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, runtime_che
 
 from sdm_deflect.deform.base.errors import InputError, nearest, shortened
 from sdm_deflect.deform.base.schema import ONLY_SET, Doc, Option, Range, Spelling, check_settings, settings_in
-from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE, JobOptions
+from sdm_deflect.deform.options import LARGEST_ANGLE, JobOptions
 
 from .conversion import Nested, assigned, read_toml, spelled, structured
 

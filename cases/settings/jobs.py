@@ -17,7 +17,7 @@ from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.images import PeriodicPatches
 from sdm_deflect.deform.mesh.selection import Before, Component, Condition, Selection, Within
-from sdm_deflect.deform.rbf.fitting import JobOptions
+from sdm_deflect.deform.options import JobOptions
 from sdm_deflect.deform.surface.blended import Blended, Rib
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, TrailingEdge

@@ -5,8 +5,11 @@ first fit without them. Where there are any, a step has two passes: for the boun
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.hexahedron import Hexahedron
+from sdm_deflect.deform.mesh.sliding import SlidingSurface
 from sdm_deflect.deform.rbf.problem import DataSites
 
 
@@ -32,10 +35,36 @@ class Acting:
         return u
 
 
+class Kept(NamedTuple):
+    """Nodes that stay on a shape, which a repair keeps and a check measures.
+
+    Attributes
+    ----------
+    name : of their patch, or of what they have in common.
+    nodes : (K,) sorted indices.
+    shape : the shape; ``"plane"`` for each plane face of the patch, wherever that is.
+    of_patch : whether `name` is a patch, all of whose nodes are kept; else the nodes are within the flow.
+    """
+
+    name: str
+    nodes: IntArray
+    shape: SlidingSurface | str
+    of_patch: bool = False
+
+
 class Addition:
     """Something that is added to the paper's method, for all steps in one box."""
 
     __slots__ = ()
+
+    def on_box(self, hexahedron: Hexahedron, sites: FloatArray, spacing: float) -> FloatArray:
+        """Return the points (P, 3) on the faces that become zero sites, given those at the usual spacing."""
+        del hexahedron, spacing
+        return sites
+
+    def shapes(self) -> Sequence[Kept]:
+        """Return which nodes stay on which shapes."""
+        return ()
 
     def at(self, points: FloatArray, free: IntArray) -> Acting:
         """Return what acts in a step that starts with the mesh at points (N, 3), of whose nodes (Q,) are free."""

@@ -1,24 +1,29 @@
 """Faces of an overlapping block that the box cuts: their nodes stay in the plane of the face (section 5.2)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 
-from .addition import Acting, Addition
+from .addition import Acting, Addition, Kept
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StayInFaces(Addition):
-    """Nodes of each face, and the direction of its normal: 0, 1 or 2."""
+    """Of each face its patch, its nodes, and the direction of its normal: 0, 1 or 2."""
 
-    faces: tuple[tuple[int, IntArray], ...] = field(repr=False)
+    faces: tuple[tuple[str, IntArray, int], ...] = field(repr=False)
+
+    def shapes(self) -> Sequence[Kept]:
+        """Return the patches: where they are plane, nodes stay in the plane."""
+        return [Kept(patch, nodes, "plane", of_patch=True) for patch, nodes, _ in self.faces]
 
     def at(self, points: FloatArray, free: IntArray) -> "StayingInFaces":
         """See `Addition`."""
         del points
-        return StayingInFaces(tuple((c, np.isin(free, nodes, assume_unique=True)) for c, nodes in self.faces))
+        return StayingInFaces(tuple((c, np.isin(free, nodes, assume_unique=True)) for _, nodes, c in self.faces))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

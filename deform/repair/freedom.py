@@ -5,7 +5,7 @@ Columns of layers: each node keeps its distance from the node below it, wherever
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -182,6 +182,7 @@ class FreeNodes:
         free: IntArray,
         shapes: Mapping[str, SlidingSurface | str],
         images: Images | None = None,
+        within: Sequence[tuple[IntArray, SlidingSurface]] = (),
     ) -> FreeNodes:
         """Find on what the boundary's nodes inside may slide.
 
@@ -197,12 +198,16 @@ class FreeNodes:
             deflection and still is; a ``"surface"`` each part between edges that were sharp, as it is at `points`, so
             that a node of a thin body stays on its side. The whole patch is a ``"cylinder"``, fitted to its nodes.
         images : Of free nodes: those that move alike.
+        within : Free nodes (K,), and the shape on which they stay.
         """
         pieces: list[SlidingPiece] = []
         pairs = [np.empty((0, 2), dtype=np.intp)]
         for patch in mesh.patches:
             if inside[patch.nodes].any():
                 pairs += _pieces(mesh, patch, points, inside, shapes.get(patch.name), pieces)
+        for kept, on in within:
+            pairs.append(_on(kept[inside[kept]], pieces, SlidingPiece(on)))
+            free = np.setdiff1d(free, kept, assume_unique=True)
         found = np.unique(np.concatenate(pairs), axis=0)
         nodes, first, count = np.unique(found[:, 0], return_index=True, return_counts=True)
         rim = np.array([piece.edges for piece in pieces], dtype=np.bool_)

@@ -16,7 +16,7 @@ from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, farthest, firs
 from sdm_deflect.deform.base.errors import InputError, damaged, read_arrays, shortened
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.cells import bounded
-from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE
+from sdm_deflect.deform.options import LARGEST_ANGLE
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 

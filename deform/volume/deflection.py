@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,7 +14,6 @@ from sdm_deflect.deform.base.threads import Progress, silent, single_threaded_bl
 from sdm_deflect.deform.mesh.cells import Polygons
 from sdm_deflect.deform.mesh.edges import are_lines, edges_of, polygons_of
 from sdm_deflect.deform.mesh.mesh import Precision
-from sdm_deflect.deform.mesh.orthogonality import State
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.mesh.touched import Least, TouchedCells
 from sdm_deflect.deform.rbf.interpolant import SolveError
@@ -24,6 +24,9 @@ from sdm_deflect.deform.repair.repair import repaired
 from .boundary import Amounts, PrescribedNodes
 from .plan import BoxPlan, Plan
 from .step import Step, take
+
+if TYPE_CHECKING:
+    from sdm_deflect.deform.mesh.orthogonality import State
 
 DEGREES, SHARE = 0.05, 1e-3
 """Step of the fourth-order difference, in degrees or as a share of a table: it errs by 1e-11 of the derivative."""
@@ -246,7 +249,7 @@ class Deflection:
         return least_of(self.plan.touched, self.points, self.quality)
 
     @cached_property
-    def faces(self) -> State | None:
+    def faces(self) -> "State | None":
         """Measures of the touched cells' faces, as in OpenFOAM's checkMesh; None without polyhedra."""
         return self.plan.faces.at(self.points) if self.plan.faces else None
 

@@ -9,9 +9,9 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.images import PeriodicPatches, paired, plane_of
 from sdm_deflect.deform.mesh.mesh import Mesh, meant
 from sdm_deflect.deform.mesh.quality import one_hand
-from sdm_deflect.deform.mesh.selection import MARK, Part, Selection, selected
+from sdm_deflect.deform.mesh.selection import MARK, Part, Selection
 from sdm_deflect.deform.mesh.sliding import NAMES, SHAPES
-from sdm_deflect.deform.rbf.fitting import JobOptions
+from sdm_deflect.deform.options import JobOptions
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Motion, Moving
 from sdm_deflect.deform.surface.surface import OnPatches
@@ -166,7 +166,11 @@ def prepared(mesh: Mesh, jobs: Sequence[Job]) -> Mesh:
     Raises InputError if one of them does not suit the mesh.
     """
     names = tuple(dict.fromkeys(name for job in jobs for name in (*job.names, *_in_planes(mesh, job))))
-    mesh = paired(selected(mesh, jobs[0].selections, names), jobs[0].periodic)
+    if jobs[0].selections or any(MARK in name for name in names):
+        from sdm_deflect.deform.mesh.selection import selected
+
+        mesh = selected(mesh, jobs[0].selections, names)
+    mesh = paired(mesh, jobs[0].periodic)
     planes = set.intersection(*(_planes(mesh, job) for job in jobs))
     if len(planes) > 1:
         from sdm_deflect.deform.mesh.thin import with_sides

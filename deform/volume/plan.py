@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import nan
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,11 +14,11 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.confined import Choice
 from sdm_deflect.deform.hexahedron import Hexahedron
+from sdm_deflect.deform.mesh.cells import Polyhedra
 from sdm_deflect.deform.mesh.faces import BoundaryGaps
 from sdm_deflect.deform.mesh.mesh import EVERY_BIT, HERE, Mesh, Precision, Runner
-from sdm_deflect.deform.mesh.orthogonality import TouchedFaces
 from sdm_deflect.deform.mesh.quality import Quality
-from sdm_deflect.deform.mesh.sliding import Plane, SlidingSurface
+from sdm_deflect.deform.mesh.sliding import SlidingSurface
 from sdm_deflect.deform.mesh.touched import TouchedCells, layers
 from sdm_deflect.deform.rbf.greedy import GreedyOptions
 from sdm_deflect.deform.repair.freedom import Columns, FreeNodes
@@ -30,6 +31,9 @@ from .region import ON_FACE, BoxNodes, check_disjoint
 from .sites import Sites
 from .step import Start
 
+if TYPE_CHECKING:
+    from sdm_deflect.deform.mesh.orthogonality import TouchedFaces
+
 
 @dataclass(frozen=True, eq=False)
 class BoxPlan:
@@ -39,6 +43,7 @@ class BoxPlan:
     ----------
     boundary, region, sites : nodes of known displacement, the box, and where displacements are interpolated.
     touched : the cells that may change.
+    more : further additions to the method.
     runner : who evaluates the interpolant.
     precision : how the file that is to be written keeps coordinates.
     """
@@ -47,12 +52,17 @@ class BoxPlan:
     region: BoxNodes
     sites: Sites
     touched: TouchedCells = field(repr=False)
+    more: tuple[Addition, ...] = ()
     runner: Runner = HERE
     precision: Precision = EVERY_BIT
 
     @classmethod
-    def of(cls, mesh: Mesh, job: Job, angles: Sequence[float], progress: Progress = silent) -> "BoxPlan":
+    def of(
+        cls, mesh: Mesh, job: Job, angles: Sequence[float], progress: Progress = silent, more: Sequence[Addition] = ()
+    ) -> "BoxPlan":
         """Decide motion, box and sites for several angles of a job, in a mesh that is `prepared` for it.
+
+        `more` are additions that the job does not know.
 
         Raises InputError if the job does not suit the mesh.
         """
@@ -64,14 +74,14 @@ class BoxPlan:
             region = BoxNodes.of(boundary, ends)
         except InputError as error:
             raise InputError("; ".join([str(error), *boundary.warnings])) from None
-        sites = Sites.of(boundary, region)
+        sites = Sites.of(boundary, region, more)
         progress("cells", nan)
         touched = TouchedCells.of(mesh, boundary.both(union(region.inside, sites.moving)), boundary.mesh.points)
         touched.check(job.allow_inverted)
         first = next(layers(touched, boundary.both(union(sites.moving, sites.fixed))), None)
         if first and not job.fitting.tolerance:
             sites = sites.keeping(boundary, first)
-        return cls(boundary, region, sites, touched)
+        return cls(boundary, region, sites, touched, tuple(more))
 
     @property
     def mesh(self) -> Mesh:
@@ -139,10 +149,8 @@ class BoxPlan:
         shapes: dict[str, SlidingSurface | str] = {}
         for slide in job.repair_slides:
             shapes |= dict.fromkeys(mesh.named([slide.patch], "repair_slides"), slide.shape)
-        for section in job.sections:
-            if section.slides:
-                shapes[section.patch] = "plane"
-        shapes |= {slide.patch: slide.surface for slide in self.boundary.sliding}
+        kept = [one for addition in self.additions for one in addition.shapes()]
+        shapes |= {one.name: one.shape for one in kept if one.of_patch}
         inside = np.zeros(len(mesh.points), dtype=np.bool_)
         both, images, size = self.boundary.both, (self.boundary.thin or self.boundary).images, self.boundary.size
         moving, fixed = both(self.sites.moving), both(self.sites.fixed)
@@ -155,7 +163,8 @@ class BoxPlan:
         free = images.complete(free)
         bound = images.within(free)
         inside[np.setdiff1d(images.nodes, bound.nodes, assume_unique=True)] = False
-        freedom = FreeNodes.of(mesh, points, inside, np.flatnonzero(free), shapes, bound)
+        within = [(one.nodes, one.shape) for one in kept if not isinstance(one.shape, str) and not one.of_patch]
+        freedom = FreeNodes.of(mesh, points, inside, np.flatnonzero(free), shapes, bound, within)
         return freedom.with_columns(Columns.of(self.touched, self.walls), points)
 
     def moved(self, places: FloatArray) -> FloatArray:
@@ -165,8 +174,7 @@ class BoxPlan:
     @cached_property
     def additions(self) -> tuple[Addition, ...]:
         """What is added to the paper's method here, in the order in which it acts; what is off is not even loaded."""
-        job, sites, slid, components = self.job, self.sites, self.sites.slid, self.boundary.components
-        faces = [(section, nodes) for section, nodes in self.region.sections if len(nodes)]
+        job, sites = self.job, self.sites
         found: list[Addition] = []
         if job.near_wall:
             from sdm_deflect.deform.around.near_wall import FollowWalls
@@ -174,21 +182,13 @@ class BoxPlan:
             surfaces = tuple(surface.nodes for surface in self.boundary.surfaces)
             parts, certain = tuple(sites.parts(self.boundary)), len(sites.moving) + len(sites.fixed)
             near = (sites.edges, np.flatnonzero(sites.sheared), sites.edge, sites.tolerance, self.boundary.mesh.normal)
-            found.append(FollowWalls(sites.known, certain, parts, surfaces, *near, components))
-        if faces:
+            found.append(FollowWalls(sites.known, certain, parts, surfaces, *near, self.boundary.components))
+        if self.region.sections:
             from sdm_deflect.deform.around.sections import StayInFaces
 
-            found.append(StayInFaces(tuple((section.component, nodes) for section, nodes in faces)))
-        if len(slid) or len(self.boundary.images.nodes):
-            from sdm_deflect.deform.around.bound import Bind
-
-            shapes = [*zip((patch.surface for patch in self.boundary.sliding), sites.sliding, strict=True)]
-            for section, nodes in faces:  # a bound node on a face stays in its plane as well
-                both = np.intersect1d(nodes, slid, assume_unique=True)
-                shapes += [(Plane(section.point, np.eye(3)[section.component]), both)] * bool(len(both))
-            rows = tuple((shape, np.searchsorted(slid, nodes)) for shape, nodes in shapes)
-            found.append(Bind(slid, sites.sampled_sliding, rows, self.boundary.images, components))
-        return tuple(found)
+            faces = ((section.patch, nodes, section.component) for section, nodes in self.region.sections)
+            found.append(StayInFaces(tuple(faces)))
+        return (*found, *self.more, *([sites.bind] if sites.bind else []))
 
     def start(self, points: FloatArray) -> Start:
         """Return the start of a step with the mesh that is interpolated at `points` (N, 3)."""
@@ -330,6 +330,10 @@ class Plan:
         return self.touched.quality_before
 
     @cached_property
-    def faces(self) -> TouchedFaces | None:
+    def faces(self) -> "TouchedFaces | None":
         """The faces of touched cells as OpenFOAM's checkMesh measures them; None without polyhedra."""
+        if not any(isinstance(block, Polyhedra) for block in self.mesh.cells):
+            return None
+        from sdm_deflect.deform.mesh.orthogonality import TouchedFaces
+
         return TouchedFaces.of(self.touched)

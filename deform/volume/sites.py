@@ -1,10 +1,13 @@
 """Where displacements are known at the start of a step: nodes of the boundary, and zero sites on the box."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sdm_deflect.deform.around.addition import Addition, Kept
 from sdm_deflect.deform.around.local_rotation import LocalRotation
 from sdm_deflect.deform.around.near_wall import Nearby
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, distinct, first_coincident, union
@@ -22,6 +25,10 @@ from sdm_deflect.deform.rbf.problem import DataSites, pinned
 from .boundary import ZERO_LENGTH, PrescribedNodes
 from .region import BoxNodes
 
+if TYPE_CHECKING:
+    from sdm_deflect.deform.around.bound import Bind
+
+NO_ROWS = np.empty(0, dtype=np.intp)
 NEIGHBOURS = 7
 TOLERANCE = 0.01  # of the median edge: largest error at a site, unless the job says otherwise
 MOST_FIXED = 30_000  # sites on fixed patches; a larger patch is thinned, and verified as a whole
@@ -45,9 +52,7 @@ class Sites:
     distinct : rows of `moving` at places of their own: coincident nodes move as one.
     fixed : (F,) nodes inside that stay.
     sampled : rows of `fixed` that are data sites, at most `MOST_FIXED`, none where a moving node is.
-    sliding : nodes of each sliding patch inside that neither move nor stay.
-    paired : nodes of periodic pairs inside that neither move nor stay.
-    sampled_sliding : rows of `slid` that are data sites, at most `MOST_FIXED`.
+    bind : what binds nodes inside that neither move nor stay; None without any.
     zero : sites of zero displacement on the box, and on sections of it for some directions.
     edges : (E, 2) rows of `known` that an edge of the boundary joins, or that are near where there are no faces.
     sheared : (K,) moving nodes that the motion shears: it is not rigid beside them, whatever its amount.
@@ -59,9 +64,7 @@ class Sites:
     distinct: IntArray = field(repr=False)
     fixed: IntArray = field(repr=False)
     sampled: IntArray = field(repr=False)
-    sliding: tuple[IntArray, ...] = field(repr=False)
-    paired: IntArray = field(repr=False)
-    sampled_sliding: IntArray = field(repr=False)
+    bind: "Bind | None" = field(repr=False)
     zero: tuple[DataSites, ...] = field(repr=False)
     edges: IntArray = field(repr=False)
     sheared: BoolArray = field(repr=False)
@@ -74,7 +77,12 @@ class Sites:
     @property
     def slid(self) -> IntArray:
         """Sorted, distinct indices of all nodes inside that slide, or go with their images."""
-        return union(*self.sliding, self.paired)
+        return self.bind.nodes if self.bind else NO_ROWS
+
+    @property
+    def sampled_sliding(self) -> IntArray:
+        """Rows of `slid` that are data sites, at most `MOST_FIXED`."""
+        return self.bind.sampled if self.bind else NO_ROWS
 
     @property
     def known(self) -> IntArray:
@@ -91,25 +99,28 @@ class Sites:
         return sum(len(sites) for sites in self.zero if component in sites.components)
 
     @classmethod
-    def of(cls, boundary: PrescribedNodes, region: BoxNodes) -> "Sites":
-        """Place the sites."""
+    def of(cls, boundary: PrescribedNodes, region: BoxNodes, more: Sequence[Addition] = ()) -> "Sites":
+        """Place the sites; `more` are further additions to the method."""
         job, mesh = boundary.job, boundary.mesh
-        sliding, paired = _sliding(boundary, region)
-        distinct, sampled, sampled_sliding = _distinct(boundary, region.fixed, union(*sliding, paired))
+        bind = _bound(boundary, region)
+        slid = bind.nodes if bind else NO_ROWS
+        distinct, sampled, sampled_sliding = _distinct(boundary, region.fixed, slid)
+        bind = replace(bind, sampled=sampled_sliding) if bind else None
         if not job.near_wall:
             sampled = sampled[:0]
         edge = _surface_edge(boundary, distinct)
-        known = np.concatenate([boundary.nodes, region.fixed, union(*sliding, paired)])
+        known = np.concatenate([boundary.nodes, region.fixed, slid])
         around = known if job.near_wall else boundary.nodes
-        spacing, zero = _placed(boundary, region, mesh.points[around], edge)
+        additions = (*more, bind) if bind else tuple(more)
+        spacing, zero = _placed(boundary, region, additions, mesh.points[around], edge)
         tolerance = job.fitting.tolerance or TOLERANCE * edge
         radius = _radius(job.fitting, region.hexahedron.corners, edge)
         kernel = OF_RADIUS[job.fitting.kernel](radius)
         edges = _edges(boundary, known) if job.near_wall else np.empty((0, 2), dtype=np.intp)
         sheared = _sheared(boundary, known, edges, len(boundary.nodes) + len(region.fixed))
         return cls(
-            boundary.nodes, distinct, region.fixed, sampled, sliding, paired, sampled_sliding, zero, edges, sheared,
-            spacing, edge, tolerance, kernel, radius,
+            boundary.nodes, distinct, region.fixed, sampled, bind, zero, edges, sheared, spacing, edge, tolerance,
+            kernel, radius,
         )  # fmt: skip
 
     def keeping(self, boundary: PrescribedNodes, first: LayerEdges) -> "Sites":
@@ -208,15 +219,36 @@ def _sampled(mask: BoolArray) -> IntArray:
     return rows[:: max(1, -(-len(rows) // MOST_FIXED))]
 
 
-def _sliding(boundary: PrescribedNodes, region: BoxNodes) -> tuple[tuple[IntArray, ...], IntArray]:
-    """Return the nodes inside that neither move nor stay: of each sliding patch, and of periodic pairs."""
-    known, mesh = union(boundary.nodes, region.fixed), boundary.mesh
+def _bound(boundary: PrescribedNodes, region: BoxNodes) -> "Bind | None":
+    """Return what binds the nodes inside that neither move nor stay, without data sites; None if nothing does."""
+    mesh, known = boundary.mesh, union(boundary.nodes, region.fixed)
     pairs = union(*(pair.nodes for pair in mesh.periodic if not pair.thin))
-    parts = [
-        np.setdiff1d(np.intersect1d(nodes, region.inside, assume_unique=True), known, assume_unique=True)
-        for nodes in (*(patch.nodes for patch in boundary.sliding), pairs)
-    ]
-    return tuple(parts[:-1]), parts[-1]
+    if not boundary.sliding and not len(boundary.images.nodes) and not len(pairs):
+        return None
+    from sdm_deflect.deform.around.bound import Bind
+
+    def within(nodes: IntArray) -> IntArray:
+        return np.setdiff1d(np.intersect1d(nodes, region.inside, assume_unique=True), known, assume_unique=True)
+
+    slides = tuple(Kept(one.patch, within(one.nodes), one.surface, of_patch=True) for one in boundary.sliding)
+    slid, planes = union(*(one.nodes for one in slides), within(pairs)), []
+    for section, nodes in region.sections:
+        if len(both := np.intersect1d(nodes, slid, assume_unique=True)):
+            planes.append((Plane(section.point, np.eye(3)[section.component]), both))
+    faces = tuple(planes)
+    walls = boundary.walls if mesh.normal is None else ()
+    return Bind(slid, NO_ROWS, slides, faces, boundary.images, boundary.components, _sides(boundary), walls)
+
+
+def _sides(boundary: PrescribedNodes) -> tuple[tuple[Plane, float, float], ...]:
+    """Return the planes that bound the mesh, as `Bind.sides`: those that slide, and those of pairs."""
+    sliding = [(one.surface, ZERO_LENGTH) for one in boundary.sliding if isinstance(one.surface, Plane)]
+    found = []
+    for plane, near in (*sliding, *((wall, PLANE_TOLERANCE) for wall in boundary.walls)):
+        side, tol = plane.distance(boundary.mesh.points[boundary.nodes]), near * boundary.size
+        if (side >= -tol).all() or (side <= tol).all():
+            found.append((plane, tol, float(np.copysign(1.0, side.sum()))))
+    return tuple(found)
 
 
 def _surface_edge(boundary: PrescribedNodes, distinct: IntArray) -> float:
@@ -246,7 +278,7 @@ def _spacing(region: BoxNodes, given: float, wanted: float) -> float:
 
 
 def _placed(
-    boundary: PrescribedNodes, region: BoxNodes, known: FloatArray, edge: float
+    boundary: PrescribedNodes, region: BoxNodes, additions: Sequence[Addition], known: FloatArray, edge: float
 ) -> tuple[float, tuple[DataSites, ...]]:
     """Return the distance of the sites on the box, and these, which keep apart from known nodes (K, 3).
 
@@ -256,21 +288,21 @@ def _placed(
     fitting = boundary.job.fitting
     spacing = _spacing(region, fitting.spacing, fitting.spacing_edges * edge)
     for _ in range(0 if fitting.spacing else HALVINGS):
-        if len(zero_sites(_in_front(boundary, _on_box(boundary, region, spacing)), known, spacing)):
+        if len(zero_sites(_on_box(boundary, region, additions, spacing), known, spacing)):
             break
         spacing *= 0.5
-    return spacing, _zero_sites(boundary, region, known, spacing)
+    return spacing, _zero_sites(boundary, region, additions, known, spacing)
 
 
 def _zero_sites(
-    boundary: PrescribedNodes, region: BoxNodes, known: FloatArray, spacing: float
+    boundary: PrescribedNodes, region: BoxNodes, additions: Sequence[Addition], known: FloatArray, spacing: float
 ) -> tuple[DataSites, ...]:
     """Return the zero sites, apart from the nodes of known displacement (K, 3).
 
     All faces of the box carry sites for all directions, but its open ones. On the section of a block's face they are
     for its normal direction alone if nodes slide in its plane (section 5.2).
     """
-    inner = _in_front(boundary, _on_box(boundary, region, spacing))
+    inner = _on_box(boundary, region, additions, spacing)
     faces = zero_sites(inner, known, spacing)
     if not len(faces) and region.box.open_faces != FACES.keys():
         if not len(inner):
@@ -292,34 +324,14 @@ def _zero_sites(
     return tuple(sites)
 
 
-def _on_box(boundary: PrescribedNodes, region: BoxNodes, spacing: float) -> FloatArray:
+def _on_box(boundary: PrescribedNodes, region: BoxNodes, additions: Sequence[Addition], spacing: float) -> FloatArray:
     """Return points (P, 3) on all faces of the box but its open ones; in a plane mesh on its outline there."""
-    mesh = boundary.mesh
+    mesh, box = boundary.mesh, region.hexahedron
     if mesh.normal is None:
-        sites = region.hexahedron.face_sites(spacing, skip=region.box.open_faces)
-        around = _around_walls(boundary, region, spacing)
-        return np.vstack([zero_sites(sites, around, spacing), around]) if len(around) else sites
-    sites = border_sites(region.hexahedron.section(mesh.points[0], mesh.normal), spacing)
-    sites[:, mesh.across] = mesh.points[0, mesh.across]
+        sites = box.face_sites(spacing, skip=region.box.open_faces)
+    else:
+        sites = border_sites(box.section(mesh.points[0], mesh.normal), spacing)
+        sites[:, mesh.across] = mesh.points[0, mesh.across]
+    for one in additions:
+        sites = one.on_box(box, sites, spacing)
     return sites
-
-
-def _around_walls(boundary: PrescribedNodes, region: BoxNodes, spacing: float) -> FloatArray:
-    """Return points (P, 3) where the box cuts the planes of pairs: there may be less than a spacing between two."""
-    points = [np.empty((0, 3))]
-    for plane in boundary.walls:
-        heights = plane.distance(region.hexahedron.corners)
-        if heights.min() < 0.0 < heights.max():
-            points.append(border_sites(region.hexahedron.section(plane.point, plane.normal), spacing))
-    return np.vstack(points)
-
-
-def _in_front(boundary: PrescribedNodes, sites: FloatArray) -> FloatArray:
-    """Drop sites behind a plane that bounds the mesh, a sliding one or of a pair: nothing is there to be held."""
-    sliding = [(patch.surface, ZERO_LENGTH) for patch in boundary.sliding if isinstance(patch.surface, Plane)]
-    for plane, near in (*sliding, *((wall, PLANE_TOLERANCE) for wall in boundary.walls)):
-        side = plane.distance(boundary.mesh.points[boundary.nodes])
-        tol = near * boundary.size
-        if (side >= -tol).all() or (side <= tol).all():
-            sites = sites[plane.distance(sites) * np.copysign(1.0, side.sum()) >= -tol]
-    return np.ascontiguousarray(sites)

@@ -16,7 +16,7 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import Progress
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
-from sdm_deflect.deform.rbf.fitting import RepairMode
+from sdm_deflect.deform.options import RepairMode
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.geometry.deflected import CadTurn
 from sdm_deflect.geometry.parameters import LARGEST_TURN

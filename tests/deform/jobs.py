@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sdm_deflect.deform.rbf.fitting import Repair
+from sdm_deflect.deform.options import Repair
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Moving, Rotation
 from sdm_deflect.deform.surface.surface import OnPatches

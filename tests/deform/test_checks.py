@@ -113,7 +113,7 @@ def test_a_node_off_its_shape_fails(inboard_wing):
     w = inboard_wing
     result = turn(w.mesh, WING, w.hinge, slide={"symmetry": "plane"})
     assert named(result)["on_symmetry"].passed
-    (nodes,) = result.plan.boxes[0].sites.sliding
+    ((_, nodes, *_),) = result.plan.boxes[0].sites.bind.slides
     points = result.points.copy()
     points[nodes[0], 1] += 1e-6
     check = named(placed(result, points))["on_symmetry"]

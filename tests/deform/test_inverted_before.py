@@ -9,7 +9,7 @@ from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.mesh.cells import Cells, Patch
 from sdm_deflect.deform.mesh.compiled_quality import CORNERS
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.rbf.fitting import Repair
+from sdm_deflect.deform.options import Repair
 from sdm_deflect.deform.surface.motions import Moving, Table
 from sdm_deflect.deform.volume.box import Given
 from sdm_deflect.deform.volume.deflection import deflect

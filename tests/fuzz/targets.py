@@ -117,7 +117,8 @@ def _plan(mesh, random: Random) -> None:
     import numpy as np
 
     from sdm_deflect.cases.settings.job_settings import settings_of
-    from sdm_deflect.deform.checks import checks_of, run
+    from sdm_deflect.deform.checks import checks_of
+    from sdm_deflect.deform.loop import run
     from sdm_deflect.deform.volume.plan import Plan
 
     if not mesh.patches:

@@ -5,7 +5,8 @@ import pytest
 
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import silent
-from sdm_deflect.deform.checks import checks_of, run
+from sdm_deflect.deform.checks import checks_of
+from sdm_deflect.deform.loop import run
 from sdm_deflect.deform.mesh.cells import Cells
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.rbf.fitting import Fitting

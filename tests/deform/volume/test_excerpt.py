@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.checks import run
+from sdm_deflect.deform.loop import run
 from sdm_deflect.deform.mesh.cells import Cells, Patch
 from sdm_deflect.deform.mesh.mesh import Mesh, MeshInPieces, Threads
 from sdm_deflect.deform.volume import excerpt

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.checks import checks_of, run
+from sdm_deflect.deform.checks import checks_of
+from sdm_deflect.deform.loop import run
 from sdm_deflect.deform.surface.motions import Moving, Rotation
 from sdm_deflect.deform.surface.surface import Surface
 from sdm_deflect.deform.volume.deflection import deflect
