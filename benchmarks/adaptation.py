@@ -10,8 +10,9 @@ from benchmarks.lapack import best_solve
 from benchmarks.measure import Times, exponent, side_by_side, warm
 from benchmarks.results import Result
 from benchmarks.workloads import Workload, aileron, chimera, tail
-from sdm_deflect.deform.rbf.greedy import Adaptation, GreedyOptions, Rule, Separated, Worst, adapt
+from sdm_deflect.deform.rbf.greedy import Adaptation, adapt
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
+from sdm_deflect.deform.rbf.rules import GreedyOptions, Rule, Separated, Worst
 from studies.loop import DirectBasis, Gmres
 
 UNREACHABLE = 1e-12  # m: the adaptation ends at its limit of centres

@@ -15,10 +15,11 @@ from sdm_deflect.deform.base.threads import Progress, silent, single_threaded_bl
 from .hexahedron import Hexahedron
 from .rbf.factor import CholeskyBasis
 from .rbf.fitting import RuleName, Strategy
-from .rbf.greedy import Adaptation, GreedyOptions, Rule, Separated, Worst, adapt, fused
+from .rbf.greedy import Adaptation, adapt, fused
 from .rbf.interpolant import Interpolant
 from .rbf.kernels import Kernel
 from .rbf.problem import DIRECTIONS, DataSites, multivariate, univariate
+from .rbf.rules import GreedyOptions, Rule, Separated, Worst
 
 APART = 0.5
 """Least distance of a zero site from a node of known displacement, as a share of the distance between zero sites."""

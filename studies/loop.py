@@ -12,10 +12,11 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IndexArray
 from sdm_deflect.deform.base.threads import single_threaded_blas
-from sdm_deflect.deform.rbf.greedy import GreedyOptions, Stop
+from sdm_deflect.deform.rbf.greedy import Stop
 from sdm_deflect.deform.rbf.interpolant import Solve, coefficient_matrix, direct
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline, kernel_sum
 from sdm_deflect.deform.rbf.problem import Coefficients, DataSites, Problem
+from sdm_deflect.deform.rbf.rules import GreedyOptions
 
 Choice = Callable[[FloatArray, IndexArray, GreedyOptions], IndexArray]
 """Step (5): the sites that become centres, by residuals (N,), the rows of the centres so far, and the options."""

@@ -167,11 +167,11 @@ BUDGETS = {
     "cases/report": (2181, 11),
     "cases/run": (2185, 10),
     "cases/settings": (1005, 5),
-    "deform": (1291, 7),
+    "deform": (1292, 7),
     "deform/around": (613, 6),
     "deform/base": (812, 6),
     "deform/mesh": (4761, 18),
-    "deform/rbf": (1566, 7),
+    "deform/rbf": (1594, 8),
     "deform/repair": (1575, 6),
     "deform/surface": (1233, 7),
     "deform/volume": (3256, 12),
@@ -181,7 +181,7 @@ BUDGETS = {
     "meshing/generate": (1566, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 8_685, 450
+MOST_COMPLEXITY, LONGEST = 8_688, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

@@ -13,7 +13,7 @@ Data sites: where displacements are known, and for which directions (paper secti
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, Self
+from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 from scipy.linalg import qr
@@ -268,3 +268,24 @@ def _unisolvent(polynomials: FloatArray, initial: IndexArray) -> IndexArray:
             "that do not lie in one plane"
         )
     return np.asarray(initial[pivots[:count]])
+
+
+class Basis(Protocol):
+    """Interpolants on growing centres: all that the greedy loop knows of linear algebra."""
+
+    @property
+    def chosen(self) -> IndexArray:
+        """Rows (C,) of the sites: the centres."""
+        ...
+
+    def extended(self, block: IndexArray) -> Self:
+        """Return the basis with these rows of the sites as further centres."""
+        ...
+
+    def coefficients(self) -> Coefficients:
+        """Return the coefficients on the chosen centres."""
+        ...
+
+    def refined(self) -> Coefficients:
+        """Return the final coefficients, as exact as this basis can."""
+        ...

@@ -20,7 +20,7 @@ from sdm_deflect.deform.mesh.mesh import EVERY_BIT, HERE, Mesh, Precision, Runne
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.mesh.sliding import SlidingSurface
 from sdm_deflect.deform.mesh.touched import TouchedCells, layers
-from sdm_deflect.deform.rbf.greedy import GreedyOptions
+from sdm_deflect.deform.rbf.rules import GreedyOptions
 from sdm_deflect.deform.repair.freedom import Columns, FreeNodes
 from sdm_deflect.deform.surface.motions import Moving
 from sdm_deflect.deform.surface.surface import Surface

@@ -12,9 +12,10 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, farthest
-from sdm_deflect.deform.rbf.greedy import Adaptation, GreedyOptions, adapt
+from sdm_deflect.deform.rbf.greedy import Adaptation, adapt
 from sdm_deflect.deform.rbf.kernels import FORMULAS, Kernel, Rescaling, ThinPlateSpline
 from sdm_deflect.deform.rbf.problem import DataSites
+from sdm_deflect.deform.rbf.rules import GreedyOptions
 
 
 class InverseMultiquadricCode(NamedTuple):

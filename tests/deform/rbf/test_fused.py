@@ -6,9 +6,10 @@ import pytest
 from sdm_deflect.deform.base.arrays import farthest
 from sdm_deflect.deform.hexahedron import box
 from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.rbf.greedy import GreedyOptions, adapt, fused
+from sdm_deflect.deform.rbf.greedy import adapt, fused
 from sdm_deflect.deform.rbf.kernels import Multiquadric, ThinPlateSpline
 from sdm_deflect.deform.rbf.problem import DataSites, joined, multivariate, pinned, univariate
+from sdm_deflect.deform.rbf.rules import GreedyOptions
 
 REGION = box(np.array([0.0, -1.0, -1.0]), np.array([2.0, 2.0, 1.0]))
 OPTIONS = GreedyOptions(n_add=6, tol_add=1e-3, tol_stop=1e-3)

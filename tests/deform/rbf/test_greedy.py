@@ -5,10 +5,11 @@ import pytest
 
 from sdm_deflect.deform.base.arrays import farthest
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
-from sdm_deflect.deform.rbf.greedy import GreedyOptions, Separated, Stop, Worst, adapt
+from sdm_deflect.deform.rbf.greedy import Stop, adapt
 from sdm_deflect.deform.rbf.interpolant import SolveError, fit
 from sdm_deflect.deform.rbf.kernels import Multiquadric, ThinPlateSpline
 from sdm_deflect.deform.rbf.problem import DataSites
+from sdm_deflect.deform.rbf.rules import GreedyOptions, Separated, Worst
 from studies.loop import DirectBasis
 
 KERNELS = [ThinPlateSpline(), Multiquadric(50.0)]
@@ -43,7 +44,7 @@ def test_the_grown_factor_chooses_what_solving_afresh_chooses(kernel, columns, r
 
 @pytest.mark.parametrize("columns", [1, 3])
 def test_looking_ahead_changes_nothing_but_the_time(monkeypatch, columns):
-    monkeypatch.setattr("sdm_deflect.deform.rbf.greedy.WORTH_GUESSING", 0)
+    monkeypatch.setattr("sdm_deflect.deform.rbf.rules.WORTH_GUESSING", 0)
     sites = _sites(columns=columns)
     initial = farthest(sites.points, 10)
     plain, ahead, far = (adapt(sites, KERNELS[0], initial, _options(), rule=Worst(n)) for n in (1, 8, 20))

@@ -3,9 +3,10 @@
 import numpy as np
 
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
-from sdm_deflect.deform.rbf.greedy import GreedyOptions, adapt
+from sdm_deflect.deform.rbf.greedy import adapt
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.rbf.problem import DataSites, Problem
+from sdm_deflect.deform.rbf.rules import GreedyOptions
 
 rng = np.random.default_rng(8)
 POINTS = rng.random((400, 3))

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
 
-from sdm_deflect.deform.rbf.greedy import TIE, GreedyOptions, Separated, Worst
+from sdm_deflect.deform.rbf.rules import TIE, GreedyOptions, Separated, Worst
 
 
 def _options(**changes):
