@@ -171,7 +171,7 @@ BUDGETS = {
     "deform/around": (613, 6),
     "deform/base": (812, 6),
     "deform/mesh": (4761, 18),
-    "deform/rbf": (1594, 8),
+    "deform/rbf": (1615, 8),
     "deform/repair": (1575, 6),
     "deform/surface": (1233, 7),
     "deform/volume": (3256, 12),
@@ -181,7 +181,7 @@ BUDGETS = {
     "meshing/generate": (1566, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 8_688, 450
+MOST_COMPLEXITY, LONGEST = 8_692, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

@@ -4,14 +4,14 @@ Every kernel is a function of the squared distance and is used together with a l
 another one is asked for. The multiquadric would be solvable without one (paper section 2.1), but only with it does the
 surface blending of appendix A keep planar faces planar.
 
-The compiled loops take `kernel.compiled()`: a named tuple of the kernel's numbers, on whose *type* the
-compiled function `phi` is overloaded. A new kernel brings its own tuple and overload; no loop is written
-again. The logarithm is our own: LLVM vectorises it, which it cannot do with a call into the C library.
+The compiled loops take `kernel.compiled()`: a named tuple of the kernel's numbers, whose *type* says by which formula
+the compiled function `phi` is. A kernel is one class with its tuple; no loop is written again. The logarithm is our
+own: LLVM vectorises it, which it cannot do with a call into the C library.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
-from typing import Any, ClassVar, NamedTuple, Protocol, cast
+from dataclasses import asdict, dataclass, fields
+from typing import Any, ClassVar, NamedTuple, cast
 
 import numpy as np
 from numba.cpython.unsafe.tuple import tuple_setitem
@@ -25,6 +25,12 @@ from sdm_deflect.deform.base.threads import Progress, in_chunks, silent
 
 from .fitting import KernelName
 
+WIDTHS = (1, 3, 8)
+"""Columns of one pass: one machine code for each, the narrowest that fits is taken."""
+PADDING = 32
+"""Centres are filled up to a multiple of this with weight zero: whole vectors, no remainder loop."""
+BLOCK = 8_192
+"""Centres summed over before the next: as many as a core's own cache holds with their weights."""
 LOG_UNIT = float(np.log(2.0)) / 2.0**52
 """log x = LOG_UNIT * scaled_log(x): callers take the constant out of their loops."""
 
@@ -68,6 +74,14 @@ def scaled_log(x: float) -> float:  # pragma: no cover - machine code
     return exponent + t * p
 
 
+FORMULAS: dict[Any, Callable[[Any, Any], Any]] = {}
+"""Compiled formulas by the type of the numbers that select them."""
+STORED: dict[str, "type[Kernel]"] = {}
+"""Kernels by their names in files."""
+KERNEL = "kernel"
+"""Name of the array in a file that holds the kernel's name."""
+
+
 class Rescaling(NamedTuple):
     """phi(length * rho) = factor * kernel(rho) + square * rho**2: a kernel in other units of length."""
 
@@ -76,70 +90,86 @@ class Rescaling(NamedTuple):
     square: float
 
 
-class Kernel(Protocol):
-    """A conditionally positive definite radial function, of order 2 or less up to its sign."""
+class Kernel:
+    """A conditionally positive definite radial function, of order 2 or less up to its sign.
 
-    sign: ClassVar[float]
-    """+1 or -1: sign * phi is the conditionally positive definite one."""
+    Attributes
+    ----------
+    sign : +1 or -1: sign * phi is the conditionally positive definite one.
+    unit : phi = unit * formula: a constant factor that the loops need not repeat.
+    numbers : type of the named tuple of numbers that the formula needs.
+    stored : name in files; none of a kernel that no file holds.
+    """
 
-    unit: ClassVar[float]
-    """phi = unit * compiled phi: a constant factor that the loops need not repeat."""
+    __slots__ = ()
+    sign: ClassVar[float] = 1.0
+    unit: ClassVar[float] = 1.0
+    numbers: ClassVar[type]
+    stored: ClassVar[str] = ""
+
+    def __init_subclass__(cls) -> None:
+        FORMULAS[cls.numbers] = cls.formula
+        if cls.stored:
+            STORED[cls.stored] = cls
+
+    @classmethod
+    def of_radius(cls, radius: float) -> "Kernel":
+        """Return the kernel of a radius, which most have no use for."""
+        del radius
+        return cls()
 
     def __call__(self, r2: FloatArray) -> FloatArray:
         """Return phi for squared distances r2 of any shape."""
-        ...
+        raise NotImplementedError
+
+    @staticmethod
+    def formula(code: Any, r2: Any) -> Any:
+        """Return phi / unit at a squared distance; it is compiled, and its arguments must have these names."""
+        raise NotImplementedError
 
     def compiled(self) -> tuple[float, ...]:
-        """Return the named tuple that selects the compiled phi."""
-        ...
+        """Return the numbers of the formula."""
+        return cast(tuple[float, ...], self.numbers())
 
     def rescaled(self, length: float) -> Rescaling:
         """Return the kernel for distances measured in units of `length`."""
-        ...
+        raise NotImplementedError
 
 
 class ThinPlateSplineCode(NamedTuple):
-    """Selects the compiled thin plate spline."""
+    """The thin plate spline has no number."""
+
+
+@dataclass(frozen=True, slots=True)
+class ThinPlateSpline(Kernel):
+    """phi(r) = r**2 log r, zero at r = 0 (eq. 8)."""
+
+    unit: ClassVar[float] = 0.5 * LOG_UNIT
+    numbers: ClassVar[type] = ThinPlateSplineCode
+    stored: ClassVar[str] = "thin_plate_spline"
+
+    def __call__(self, r2: FloatArray) -> FloatArray:
+        """See `Kernel`."""
+        return np.asarray(0.5 * xlogy(r2, r2), dtype=np.float64)
+
+    @staticmethod
+    def formula(code: Any, r2: Any) -> Any:  # pragma: no cover - machine code
+        """See `Kernel`."""
+        return r2 * scaled_log(r2)  # zero at r = 0 because the logarithm there is finite
+
+    def rescaled(self, length: float) -> Rescaling:
+        """See `Kernel`."""
+        return Rescaling(self, length**2, length**2 * float(np.log(length)))
 
 
 class MultiquadricCode(NamedTuple):
-    """Selects the compiled multiquadric."""
+    """Number of the multiquadric."""
 
     epsilon2: float
 
 
-class WendlandC2Code(NamedTuple):
-    """Selects the compiled Wendland function."""
-
-    inverse2: float  # 1 / radius**2
-
-
-class CubicCode(NamedTuple):
-    """Selects the compiled cubic."""
-
-
 @dataclass(frozen=True, slots=True)
-class ThinPlateSpline:
-    """phi(r) = r**2 log r, zero at r = 0 (eq. 8)."""
-
-    sign: ClassVar[float] = 1.0
-    unit: ClassVar[float] = 0.5 * LOG_UNIT
-
-    def __call__(self, r2: FloatArray) -> FloatArray:
-        """Return phi for squared distances r2 of any shape."""
-        return np.asarray(0.5 * xlogy(r2, r2), dtype=np.float64)
-
-    def compiled(self) -> ThinPlateSplineCode:
-        """Return what selects the compiled phi."""
-        return ThinPlateSplineCode()
-
-    def rescaled(self, length: float) -> Rescaling:
-        """Return the kernel for distances measured in units of `length`."""
-        return Rescaling(self, length**2, length**2 * float(np.log(length)))
-
-
-@dataclass(frozen=True, slots=True)
-class Multiquadric:
+class Multiquadric(Kernel):
     """phi(r) = sqrt(1 + (epsilon r)**2) (eq. 9).
 
     Parameters
@@ -150,27 +180,44 @@ class Multiquadric:
 
     epsilon: float
     sign: ClassVar[float] = -1.0
-    unit: ClassVar[float] = 1.0
+    numbers: ClassVar[type] = MultiquadricCode
+    stored: ClassVar[str] = "multiquadric"
 
     def __post_init__(self) -> None:
         if not 0.0 < self.epsilon < np.inf:
             raise ValueError(f"epsilon = {self.epsilon} must be a positive number of 1/metre")
 
+    @classmethod
+    def of_radius(cls, radius: float) -> Kernel:
+        """See `Kernel`."""
+        return cls(1.0 / radius)
+
     def __call__(self, r2: FloatArray) -> FloatArray:
-        """Return phi for squared distances r2 of any shape."""
+        """See `Kernel`."""
         return np.asarray(np.sqrt(1.0 + self.epsilon**2 * r2), dtype=np.float64)
 
+    @staticmethod
+    def formula(code: Any, r2: Any) -> Any:  # pragma: no cover - machine code
+        """See `Kernel`."""
+        return np.sqrt(1.0 + code.epsilon2 * r2)
+
     def compiled(self) -> MultiquadricCode:
-        """Return what selects the compiled phi."""
+        """See `Kernel`."""
         return MultiquadricCode(self.epsilon**2)
 
     def rescaled(self, length: float) -> Rescaling:
-        """Return the kernel for distances measured in units of `length`."""
+        """See `Kernel`."""
         return Rescaling(Multiquadric(self.epsilon * length), 1.0, 0.0)
 
 
+class WendlandC2Code(NamedTuple):
+    """Number of Wendland's function."""
+
+    inverse2: float  # 1 / radius**2
+
+
 @dataclass(frozen=True, slots=True)
-class WendlandC2:
+class WendlandC2(Kernel):
     """phi(r) = (1 - r / radius)**4 (4 r / radius + 1), zero beyond the radius (Wendland 1995, in three dimensions).
 
     Parameters
@@ -179,79 +226,84 @@ class WendlandC2:
     """
 
     radius: float
-    sign: ClassVar[float] = 1.0
-    unit: ClassVar[float] = 1.0
+    numbers: ClassVar[type] = WendlandC2Code
+    stored: ClassVar[str] = "wendland_c2"
 
     def __post_init__(self) -> None:
         if not 0.0 < self.radius < np.inf:
             raise ValueError(f"radius = {self.radius} must be a positive length")
 
+    @classmethod
+    def of_radius(cls, radius: float) -> Kernel:
+        """See `Kernel`."""
+        return cls(radius)
+
     def __call__(self, r2: FloatArray) -> FloatArray:
-        """Return phi for squared distances r2 of any shape."""
+        """See `Kernel`."""
         rho = np.sqrt(r2) / self.radius
         return np.asarray(np.maximum(1.0 - rho, 0.0) ** 4 * (4.0 * rho + 1.0), dtype=np.float64)
 
+    @staticmethod
+    def formula(code: Any, r2: Any) -> Any:  # pragma: no cover - machine code
+        """See `Kernel`."""
+        rho = np.sqrt(r2 * code.inverse2)
+        left = max(1.0 - rho, 0.0)
+        return left * left * left * left * (4.0 * rho + 1.0)
+
     def compiled(self) -> WendlandC2Code:
-        """Return what selects the compiled phi."""
+        """See `Kernel`."""
         return WendlandC2Code(self.radius**-2)
 
     def rescaled(self, length: float) -> Rescaling:
-        """Return the kernel for distances measured in units of `length`."""
+        """See `Kernel`."""
         return Rescaling(WendlandC2(self.radius / length), 1.0, 0.0)
 
 
+class CubicCode(NamedTuple):
+    """The cubic has no number."""
+
+
 @dataclass(frozen=True, slots=True)
-class Cubic:
+class Cubic(Kernel):
     """phi(r) = r**3."""
 
-    sign: ClassVar[float] = 1.0
-    unit: ClassVar[float] = 1.0
+    numbers: ClassVar[type] = CubicCode
+    stored: ClassVar[str] = "cubic"
 
     def __call__(self, r2: FloatArray) -> FloatArray:
-        """Return phi for squared distances r2 of any shape."""
+        """See `Kernel`."""
         return np.asarray(r2 * np.sqrt(r2), dtype=np.float64)
 
-    def compiled(self) -> CubicCode:
-        """Return what selects the compiled phi."""
-        return CubicCode()
+    @staticmethod
+    def formula(code: Any, r2: Any) -> Any:  # pragma: no cover - machine code
+        """See `Kernel`."""
+        return r2 * np.sqrt(r2)
 
     def rescaled(self, length: float) -> Rescaling:
-        """Return the kernel for distances measured in units of `length`."""
+        """See `Kernel`."""
         return Rescaling(self, length**3, 0.0)
 
 
-OF_RADIUS: dict[KernelName, Callable[[float], Kernel]] = {
-    "tps": lambda _: ThinPlateSpline(),
-    "mq": lambda radius: Multiquadric(1.0 / radius),
-    "wendland": WendlandC2,
-    "cubic": lambda _: Cubic(),
-}
-"""The kernels of `Fitting` by name, given their radius, which two of them have no use for."""
+def kernel_of(name: KernelName, radius: float) -> Kernel:
+    """Return a kernel of `Fitting` by its name there; `KERNELS` says whether it has a radius."""
+    kinds: dict[KernelName, type[Kernel]] = {
+        "tps": ThinPlateSpline, "mq": Multiquadric, "wendland": WendlandC2, "cubic": Cubic,
+    }  # fmt: skip
+    return kinds[name].of_radius(radius)
 
 
-KERNEL = "kernel"
-"""Name of the array in a file that holds the kernel's name."""
-IN_FILES: dict[str, Callable[..., Kernel]] = {
-    "thin_plate_spline": ThinPlateSpline,
-    "multiquadric": Multiquadric,
-    "wendland_c2": WendlandC2,
-    "cubic": Cubic,
-}
-
-
-def arrays_of(kernel: Any, tag: str = "") -> dict[str, NDArray[Any]]:
+def arrays_of(kernel: Kernel, tag: str = "") -> dict[str, NDArray[Any]]:
     """Return what `stored_kernel` makes the same kernel of: its name, and its number, if it has one, with a tag."""
-    name = next(name for name, kind in IN_FILES.items() if kind is type(kernel))
-    numbers = {f"kernel_{one.name}{tag}": np.array(getattr(kernel, one.name)) for one in fields(kernel)}
-    return {KERNEL: np.array(name), **numbers}
+    numbers = {f"kernel_{name}{tag}": np.array(value) for name, value in asdict(cast(Any, kernel)).items()}
+    return {KERNEL: np.array(kernel.stored), **numbers}
 
 
 def stored_kernel(arrays: Mapping[str, NDArray[Any]], tag: str = "") -> Kernel:
     """Return the kernel that arrays of a file tell of; ValueError or KeyError if they tell of none."""
     name = str(arrays[KERNEL])
-    if name not in IN_FILES:
-        raise ValueError(f"the kernel {name} is none of {', '.join(IN_FILES)}")
-    kind: Any = IN_FILES[name]
+    if name not in STORED:
+        raise ValueError(f"the kernel {name} is none of {', '.join(STORED)}")
+    kind: Any = STORED[name]
     return cast(Kernel, kind(**{one.name: float(arrays[f"kernel_{one.name}{tag}"]) for one in fields(kind)}))
 
 
@@ -260,43 +312,12 @@ def phi(code: tuple[float, ...], r2: float) -> float:
     raise NotImplementedError("phi is compiled: call it from compiled code, or call the kernel itself")
 
 
-def _thin_plate_spline(code: Any, r2: Any) -> Any:  # pragma: no cover - machine code
-    return r2 * scaled_log(r2)  # zero at r = 0 because the logarithm there is finite
-
-
-def _multiquadric(code: Any, r2: Any) -> Any:  # pragma: no cover - machine code
-    return np.sqrt(1.0 + code.epsilon2 * r2)
-
-
-def _wendland_c2(code: Any, r2: Any) -> Any:  # pragma: no cover - machine code
-    rho = np.sqrt(r2 * code.inverse2)
-    left = max(1.0 - rho, 0.0)
-    return left * left * left * left * (4.0 * rho + 1.0)
-
-
-def _cubic(code: Any, r2: Any) -> Any:  # pragma: no cover - machine code
-    return r2 * np.sqrt(r2)
-
-
-FORMULAS: dict[Any, Callable[[Any, Any], Any]] = {
-    ThinPlateSplineCode: _thin_plate_spline,
-    MultiquadricCode: _multiquadric,
-    WendlandC2Code: _wendland_c2,
-    CubicCode: _cubic,
-}
-
-
 def _formula(code: Any, r2: Any) -> Callable[[Any, Any], Any] | None:  # pragma: no cover - compiling
     """Choose the formula from the type of `code`, when a loop is compiled."""
     return FORMULAS.get(getattr(code, "instance_class", None))
 
 
 overload(phi, jit_options={"fastmath": True, "error_model": "numpy"})(_formula)
-
-
-WIDTHS = (1, 3, 8)  # columns of one pass: one machine code for each, the narrowest that fits is taken
-PADDING = 32  # centres are filled up to a multiple of this with weight zero: whole vectors, no remainder loop
-BLOCK = 8_192  # centres summed over before the next: as many as a core's own cache holds with their weights
 
 
 def kernel_sum(

@@ -223,9 +223,9 @@ class LookingAhead(Sweep):
     def extended(self, basis: Basis, block: IndexArray, residual: FloatArray) -> tuple[Basis, FloatArray]:
         """See `Sweep`."""
         if not self.waiting or not np.array_equal(block, self.waiting[0][0].chosen[len(basis.chosen) :]):
-            trials = self._guessed(basis, block, residual)
-            errors = self.problem.errors(trials[-1].basis.chosen, [trial.coefficients for trial in trials])
-            self.waiting[:] = zip((trial.basis for trial in trials), errors, strict=True)
+            guesses = self._guessed(basis, block, residual)
+            errors = self.problem.errors(guesses[-1].basis.chosen, [guess.coefficients for guess in guesses])
+            self.waiting[:] = zip((guess.basis for guess in guesses), errors, strict=True)
         return self.waiting.pop(0)
 
     def _guessed(self, basis: Basis, block: IndexArray, residual: FloatArray) -> list[Guess]:
@@ -233,15 +233,15 @@ class LookingAhead(Sweep):
 
         A residual that comes to be among the worst was large before, or is near a new centre, where it may grow.
         """
-        problem, count, trials = self.problem, len(basis.chosen), [Guess.of(basis.extended(block))]
+        problem, count, guesses = self.problem, len(basis.chosen), [Guess.of(basis.extended(block))]
         residual = np.where(residual > BAD * residual[block].min(), residual, -1.0)
-        while len(trials) < self.rule.look_ahead and len(residual) * count > WORTH_GUESSING:
-            new, coefficients = trials[-1]
+        while len(guesses) < self.rule.look_ahead and len(residual) * count > WORTH_GUESSING:
+            new, coefficients = guesses[-1]
             residual[problem.neighbours(block)] = 0.0
             rows = np.flatnonzero(residual >= 0.0)
             residual[rows] = combined(problem.errors(new.chosen, [coefficients], rows)[0])
             block = self.rule.choose(problem.points, residual, new.chosen, self.options)
             if not len(block):
                 break
-            trials.append(Guess.of(new.extended(block)))
-        return trials
+            guesses.append(Guess.of(new.extended(block)))
+        return guesses

@@ -19,7 +19,7 @@ from sdm_deflect.deform.mesh.images import PLANE_TOLERANCE
 from sdm_deflect.deform.mesh.sliding import Plane
 from sdm_deflect.deform.mesh.touched import LAYER_CHANGE, THICK_CHANGE, LayerEdges
 from sdm_deflect.deform.rbf.fitting import KERNELS, Fitting
-from sdm_deflect.deform.rbf.kernels import OF_RADIUS, Kernel
+from sdm_deflect.deform.rbf.kernels import Kernel, kernel_of
 from sdm_deflect.deform.rbf.problem import DataSites, pinned
 
 from .boundary import ZERO_LENGTH, PrescribedNodes
@@ -115,7 +115,7 @@ class Sites:
         spacing, zero = _placed(boundary, region, additions, mesh.points[around], edge)
         tolerance = job.fitting.tolerance or TOLERANCE * edge
         radius = _radius(job.fitting, region.hexahedron.corners, edge)
-        kernel = OF_RADIUS[job.fitting.kernel](radius)
+        kernel = kernel_of(job.fitting.kernel, radius)
         edges = _edges(boundary, known) if job.near_wall else np.empty((0, 2), dtype=np.intp)
         sheared = _sheared(boundary, known, edges, len(boundary.nodes) + len(region.fixed))
         return cls(

@@ -1,7 +1,6 @@
 """A kernel of one's own: the inverse multiquadric, positive definite, so that it needs no polynomial.
 
-Compiled loops know a kernel by the type of the named tuple that `compiled()` returns, and find its formula in
-`sdm_deflect.deform.rbf.kernels.FORMULAS`:
+A kernel is one class: phi for NumPy, and its formula for the compiled loops with the numbers that it needs:
 
     python docs/examples/own_kernel.py
 """
@@ -13,44 +12,40 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, farthest
 from sdm_deflect.deform.rbf.greedy import Adaptation, adapt
-from sdm_deflect.deform.rbf.kernels import FORMULAS, Kernel, Rescaling, ThinPlateSpline
+from sdm_deflect.deform.rbf.kernels import Kernel, Rescaling, ThinPlateSpline
 from sdm_deflect.deform.rbf.problem import DataSites
 from sdm_deflect.deform.rbf.rules import GreedyOptions
 
 
 class InverseMultiquadricCode(NamedTuple):
-    """Selects the compiled inverse multiquadric, and holds its number."""
+    """Number of the inverse multiquadric."""
 
     inverse2: float  # 1 / radius**2
 
 
 @dataclass(frozen=True, slots=True)
-class InverseMultiquadric:
+class InverseMultiquadric(Kernel):
     """phi(r) = 1 / sqrt(1 + (r / radius)**2)."""
 
     radius: float
-    sign: ClassVar[float] = 1.0
-    unit: ClassVar[float] = 1.0
+    numbers: ClassVar[type] = InverseMultiquadricCode
 
     def __call__(self, r2: FloatArray) -> FloatArray:
         """Return phi for squared distances r2 of any shape."""
         return np.asarray(1.0 / np.sqrt(1.0 + r2 / self.radius**2))
 
+    @staticmethod
+    def formula(code: Any, r2: Any) -> Any:  # pragma: no cover - machine code
+        """Return phi at a squared distance, compiled; names and annotations of the arguments must be these."""
+        return 1.0 / np.sqrt(1.0 + code.inverse2 * r2)
+
     def compiled(self) -> InverseMultiquadricCode:
-        """Return what selects the compiled phi."""
+        """Return the number of the formula."""
         return InverseMultiquadricCode(self.radius**-2)
 
     def rescaled(self, length: float) -> Rescaling:
         """Return the kernel for distances in units of `length`."""
         return Rescaling(InverseMultiquadric(self.radius / length), 1.0, 0.0)
-
-
-def _inverse_multiquadric(code: Any, r2: Any) -> Any:  # pragma: no cover - machine code
-    """Return phi at a squared distance; names and annotations of the arguments must be these."""
-    return 1.0 / np.sqrt(1.0 + code.inverse2 * r2)
-
-
-FORMULAS[InverseMultiquadricCode] = _inverse_multiquadric
 
 
 def wave() -> DataSites:

@@ -12,7 +12,7 @@ import pytest
 
 from sdm_deflect.deform.base.compiled import for_code
 from sdm_deflect.deform.rbf.kernels import (
-    FORMULAS,
+    Kernel,
     MultiquadricCode,
     ThinPlateSplineCode,
     _sum_rows,
@@ -24,21 +24,17 @@ ROOT = Path(__file__).parents[3]
 FOREIGN = """
 from typing import Any, NamedTuple
 import numpy as np
-from sdm_deflect.deform.rbf.kernels import FORMULAS
+from sdm_deflect.deform.rbf.kernels import Kernel
 
 class CubicCode(NamedTuple):
     pass
 
-class Cubic:
-    sign = unit = 1.0
+class Cubic(Kernel):
+    numbers = CubicCode
 
-    def compiled(self):
-        return CubicCode()
-
-def cubic(code: Any, r2: Any) -> Any:
-    return r2 * np.sqrt(r2)
-
-FORMULAS[CubicCode] = cubic
+    @staticmethod
+    def formula(code: Any, r2: Any) -> Any:
+        return r2 * np.sqrt(r2)
 """
 PROGRAM = """
 import numpy as np
@@ -129,24 +125,21 @@ def test_where_no_folder_can_be_written_functions_are_compiled_all_the_same(sums
 
 
 class LinearCode(NamedTuple):
-    """Selects the compiled linear kernel."""
+    """The linear kernel has no number."""
 
 
-class Linear:
+class Linear(Kernel):
     """phi(r) = r, of a module outside the package."""
 
-    sign, unit = -1.0, 1.0
+    sign = -1.0
+    numbers = LinearCode
 
-    def compiled(self):
-        return LinearCode()
-
-
-def _linear(code: Any, r2: Any) -> Any:
-    return np.sqrt(r2)
+    @staticmethod
+    def formula(code: Any, r2: Any) -> Any:
+        return np.sqrt(r2)
 
 
-def test_a_foreign_kernel_is_summed_like_any(monkeypatch):
-    monkeypatch.setitem(FORMULAS, LinearCode, _linear)
+def test_a_foreign_kernel_is_summed_like_any():
     rng = np.random.default_rng(0)
     points, centers, beta = rng.random((300, 3)), rng.random((90, 3)), rng.random((90, 3))
     distances = np.linalg.norm(points[:, None] - centers, axis=2)

@@ -8,7 +8,8 @@ from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.fitting import KERNELS, ORDERS, Fitting
 from sdm_deflect.deform.rbf.greedy import Stop, adapt
 from sdm_deflect.deform.rbf.interpolant import UnitBox
-from sdm_deflect.deform.rbf.kernels import OF_RADIUS, kernel_matrix
+from sdm_deflect.deform.rbf.kernels import kernel_matrix
+from sdm_deflect.deform.rbf.kernels import kernel_of as of_radius
 from sdm_deflect.deform.rbf.problem import DataSites, Problem
 from sdm_deflect.deform.rbf.rules import GreedyOptions
 from studies.loop import DirectBasis
@@ -21,7 +22,7 @@ TOGETHER = [pair for pair in PAIRS if ORDERS[pair[1]] >= KERNELS[pair[0]].order]
 
 
 def kernel_of(name):
-    return OF_RADIUS[name](RADIUS)
+    return of_radius(name, RADIUS)
 
 
 def least(name, polynomial):
@@ -81,10 +82,10 @@ def test_a_radius_belongs_to_kernels_that_have_one():
     for name, needs in KERNELS.items():
         if needs.radius:
             assert Fitting(kernel=name, kernel_radius=0.1).kernel_radius == 0.1
-            assert kernel_of(name) != OF_RADIUS[name](2.0 * RADIUS)
+            assert kernel_of(name) != of_radius(name, 2.0 * RADIUS)
         else:
             with pytest.raises(
                 ValueError, match=rf"kernel_radius = 0\.1: the {needs.name} has none; .* mq or wendland"
             ):
                 Fitting(kernel=name, kernel_radius=0.1)
-            assert kernel_of(name) == OF_RADIUS[name](2.0 * RADIUS)
+            assert kernel_of(name) == of_radius(name, 2.0 * RADIUS)
