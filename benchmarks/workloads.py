@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.measure import FloatArray
 from sdm_deflect.deform.base.arrays import IndexArray, farthest
-from sdm_deflect.deform.hexahedron import Hexahedron, box
+from sdm_deflect.deform.box.hexahedron import Hexahedron, box
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.rbf.problem import DataSites, joined, pinned
 

@@ -23,10 +23,9 @@ from sdm_deflect.cases.settings.keywords import Options
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, shortened
 from sdm_deflect.deform.base.schema import described
-from sdm_deflect.deform.base.threads import Progress, silent
+from sdm_deflect.deform.base.threads import Progress, Threads, silent
 from sdm_deflect.deform.checks import Check, checks_of
 from sdm_deflect.deform.loop import run
-from sdm_deflect.deform.mesh.mesh import Threads
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.volume.deflection import Deflection

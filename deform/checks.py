@@ -17,7 +17,8 @@ from sdm_deflect.deform.mesh.crossing import Crossings
 from sdm_deflect.deform.mesh.edges import edges_of, polygons_of
 from sdm_deflect.deform.mesh.faces import faces_of
 from sdm_deflect.deform.mesh.images import plane_of
-from sdm_deflect.deform.mesh.mesh import EVERY_BIT, Mesh
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.precision import EVERY_BIT
 from sdm_deflect.deform.mesh.quality import inverted_of
 from sdm_deflect.deform.mesh.standard import type_of
 from sdm_deflect.deform.mesh.touched import Layers, first_layer

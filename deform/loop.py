@@ -4,9 +4,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple, Protocol
 
+from sdm_deflect.deform.mesh.precision import Precision
+
 from .base.threads import Stage, unseen
 from .checks import Check, checks_of
-from .mesh.mesh import Precision
 from .volume.deflection import Deflection, deflect
 from .volume.plan import Plan
 

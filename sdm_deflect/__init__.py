@@ -13,9 +13,9 @@ if not Path(__file__).with_name("deform").is_dir():  # a clone without symbolic 
 if TYPE_CHECKING:
     from sdm_deflect.cases.api import Result, deflect, plan, read, sweep
     from sdm_deflect.deform.base.errors import InputError
+    from sdm_deflect.deform.box.hexahedron import Hexahedron
     from sdm_deflect.deform.checks import Check
     from sdm_deflect.deform.held import HeldPlan
-    from sdm_deflect.deform.hexahedron import Hexahedron
     from sdm_deflect.deform.mesh.cells import Cells, Patch
     from sdm_deflect.deform.mesh.mesh import Mesh
     from sdm_deflect.deform.mesh.quality import Quality
@@ -57,7 +57,7 @@ _MODULES = {
     "deform.surface.blended": ("Blended",),
     "deform.surface.motions": ("Rotation", "Table"),
     "deform.surface.surface": ("Listed", "OnPatches", "TrailingEdge"),
-    "deform.hexahedron": ("Hexahedron",),
+    "deform.box.hexahedron": ("Hexahedron",),
     "deform.held": ("HeldPlan",),
 }
 

@@ -161,27 +161,28 @@ def test_no_class_has_the_name_of_another():
 
 
 BUDGETS = {
-    "cases": (927, 7),
+    "cases": (926, 7),
     "cases/aircraft": (2124, 13),
     "cases/cli": (1408, 7),
     "cases/report": (2181, 11),
-    "cases/run": (2185, 10),
-    "cases/settings": (1005, 5),
-    "deform": (1292, 7),
-    "deform/around": (613, 6),
-    "deform/base": (812, 6),
-    "deform/mesh": (4761, 18),
+    "cases/run": (2190, 10),
+    "cases/settings": (1012, 5),
+    "deform": (1043, 6),
+    "deform/around": (614, 6),
+    "deform/box": (495, 4),
+    "deform/base": (896, 7),
+    "deform/mesh": (4706, 20),
     "deform/rbf": (1615, 8),
-    "deform/repair": (1575, 6),
+    "deform/repair": (1581, 6),
     "deform/surface": (1233, 7),
-    "deform/volume": (3256, 12),
+    "deform/volume": (3035, 11),
     "geometry": (2120, 13),
     "meshing": (573, 5),
-    "meshing/formats": (9004, 37),
+    "meshing/formats": (9019, 37),
     "meshing/generate": (1566, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 8_692, 450
+MOST_COMPLEXITY, LONGEST = 8_706, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

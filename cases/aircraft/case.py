@@ -50,7 +50,7 @@ class Confinement:
     def __post_init__(self) -> None:
         check_settings(self)
         if self.corners:
-            from sdm_deflect.deform.hexahedron import Hexahedron  # compiled code: most settings need none
+            from sdm_deflect.deform.box.hexahedron import Hexahedron  # compiled code: most settings need none
 
             try:
                 Hexahedron(np.array(self.corners, dtype=np.float64))

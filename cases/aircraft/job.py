@@ -8,7 +8,8 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError, nearest
 from sdm_deflect.deform.base.threads import Progress, silent
-from sdm_deflect.deform.hexahedron import Hexahedron
+from sdm_deflect.deform.box.automatic import Given
+from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.axis import Axis, Cylinder
 from sdm_deflect.deform.mesh.edges import median_edge
 from sdm_deflect.deform.mesh.mesh import Mesh
@@ -17,7 +18,6 @@ from sdm_deflect.deform.surface.blended import Blended, Rib
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation
 from sdm_deflect.deform.surface.surface import Listed
 from sdm_deflect.deform.surface.tail_root import RootOnCylinder, root_on
-from sdm_deflect.deform.volume.box import Given
 from sdm_deflect.deform.volume.job import Job, Section, Sliding
 from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.geometry import datum

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from sdm_deflect.cases.run.limit import Search
     from sdm_deflect.cases.run.mesh_files import Targets
     from sdm_deflect.cases.run.progress import Stopwatch
-    from sdm_deflect.deform.mesh.mesh import Runner
+    from sdm_deflect.deform.base.threads import Runner
     from sdm_deflect.deform.options import RepairMode
     from sdm_deflect.deform.volume.job import Job
     from sdm_deflect.deform.volume.plan import Plan
@@ -278,7 +278,7 @@ def _search_of_mesh(name: str, watch: "Stopwatch", given: dict[str, Any]) -> Fou
 
 def _runner(helpers: Sequence[Any], *where: Any) -> AbstractContextManager["Runner"]:
     """Return the workers that are asked for, or the threads of this process."""
-    from sdm_deflect.deform.mesh.mesh import HERE
+    from sdm_deflect.deform.base.threads import HERE
 
     if not any(helper is not None for helper in helpers):
         return nullcontext(HERE)

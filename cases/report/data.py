@@ -16,9 +16,9 @@ from sdm_deflect.cases.run.metrics import Json
 from sdm_deflect.cases.run.output import text_of
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError, damaged, read_arrays
+from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.held import HeldPlan
-from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import MEASURES, Quality, quality_of

@@ -17,8 +17,8 @@ from matplotlib.colors import Normalize, to_rgb
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from sdm_deflect.deform import hexahedron
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.box import hexahedron
 from sdm_deflect.deform.mesh.cells import PLANE, Cells, Faces, Volume
 from sdm_deflect.deform.mesh.edges import are_lines, edges_of, polygons_of
 from sdm_deflect.deform.mesh.faces import FACES

@@ -10,10 +10,11 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, short_list
+from sdm_deflect.deform.base.states import check_unchanged, states_of
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.held import HeldPlan
 from sdm_deflect.deform.mesh.cells import Zone
-from sdm_deflect.deform.mesh.mesh import DOUBLE, check_unchanged, states_of
+from sdm_deflect.deform.mesh.precision import DOUBLE
 from sdm_deflect.deform.volume.field import FieldBox
 from sdm_deflect.meshing.files import permitted_as
 from sdm_deflect.meshing.formats.format import MeshFileError

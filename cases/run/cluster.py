@@ -21,7 +21,7 @@ from time import monotonic, sleep
 from typing import Any
 
 from sdm_deflect.deform.base.errors import InputError, LostError
-from sdm_deflect.deform.mesh.mesh import HERE, Runner
+from sdm_deflect.deform.base.threads import HERE, Runner
 from sdm_deflect.meshing.files import hidden_folder
 
 from .progress import Stopwatch

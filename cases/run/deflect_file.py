@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 
 from sdm_deflect.deform.base import threads
 from sdm_deflect.deform.base.errors import InputError, short_list
-from sdm_deflect.deform.base.threads import Progress, Stage
+from sdm_deflect.deform.base.states import check_unchanged, held
+from sdm_deflect.deform.base.threads import HERE, Progress, Runner, Stage
 from sdm_deflect.deform.checks import Check, layers_of, verdict
 from sdm_deflect.deform.loop import run
-from sdm_deflect.deform.mesh.mesh import HERE, Mesh, Runner, check_unchanged, held
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.mesh.touched import Layers
 from sdm_deflect.deform.volume.deflection import Deflection

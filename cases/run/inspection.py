@@ -10,9 +10,9 @@ from sdm_deflect.cases.settings.jobs import selection
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, printable
 from sdm_deflect.deform.mesh.cells import Polyhedra
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.mesh import MARK, Mesh
 from sdm_deflect.deform.mesh.quality import by_shape, check_most, oriented
-from sdm_deflect.deform.mesh.selection import MARK, Part, selected
+from sdm_deflect.deform.mesh.selection import Part, selected
 from sdm_deflect.deform.mesh.standard import POLYHEDRON
 from sdm_deflect.meshing.formats.registry import read
 

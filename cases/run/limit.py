@@ -13,8 +13,9 @@ from sdm_deflect.deform.base.errors import InputError, short_list
 from sdm_deflect.deform.base.threads import Progress
 from sdm_deflect.deform.loop import run
 from sdm_deflect.deform.mesh.cells import Polyhedra
-from sdm_deflect.deform.mesh.mesh import EVERY_BIT, Mesh, Precision
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.polyhedra import nodes_of
+from sdm_deflect.deform.mesh.precision import EVERY_BIT, Precision
 from sdm_deflect.deform.mesh.quality import quality_and_inverted
 from sdm_deflect.deform.options import LARGEST_ANGLE, RepairMode
 from sdm_deflect.deform.volume.deflection import Deflection

@@ -14,8 +14,11 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, printable
-from sdm_deflect.deform.base.threads import Progress, silent
-from sdm_deflect.deform.mesh.mesh import DOUBLE, EVERY_BIT, HERE, Mesh, Precision, Runner, check_unchanged, gathered
+from sdm_deflect.deform.base.states import check_unchanged
+from sdm_deflect.deform.base.threads import HERE, Progress, Runner, silent
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.pieces import gathered
+from sdm_deflect.deform.mesh.precision import DOUBLE, EVERY_BIT, Precision
 from sdm_deflect.meshing.formats.format import MeshFileError, only_rewritten
 from sdm_deflect.meshing.formats.registry import ending, format_of, in_pieces
 

@@ -10,8 +10,7 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.checks import Check, verdict
 from sdm_deflect.deform.mesh.mesh import Warned
-from sdm_deflect.deform.mesh.orthogonality import SEVERE, SKEW
-from sdm_deflect.deform.mesh.quality import Quality
+from sdm_deflect.deform.mesh.quality import SEVERE, SKEW, Quality
 from sdm_deflect.deform.rbf.fitting import KERNELS, ORDERS
 from sdm_deflect.deform.rbf.problem import DIRECTIONS
 from sdm_deflect.deform.surface.placement import Reached

@@ -13,10 +13,10 @@ from sdm_deflect.deform.options import LARGEST_ANGLE, JobOptions
 from .conversion import Nested, assigned, read_toml, spelled, structured
 
 if TYPE_CHECKING:
-    from sdm_deflect.deform.hexahedron import Hexahedron
+    from sdm_deflect.deform.box.automatic import BoxRule
+    from sdm_deflect.deform.box.hexahedron import Hexahedron
     from sdm_deflect.deform.surface.motions import Motion
     from sdm_deflect.deform.surface.surface import NodeSet
-    from sdm_deflect.deform.volume.box import BoxRule
 else:  # known by what they have: settings are read, and help is shown, before any code is compiled
 
     def _with(name: str, *parts: str) -> Any:

@@ -8,31 +8,34 @@ import shlex
 from dataclasses import dataclass, fields, replace
 from math import isnan
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, shortened
-from sdm_deflect.deform.hexahedron import Hexahedron
+from sdm_deflect.deform.box.automatic import Automatic, BoxRule, Given, Outline
+from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.images import PeriodicPatches
-from sdm_deflect.deform.mesh.selection import Before, Component, Condition, Selection, Within
 from sdm_deflect.deform.options import JobOptions
 from sdm_deflect.deform.surface.blended import Blended, Rib
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, TrailingEdge
-from sdm_deflect.deform.volume.box import Automatic, BoxRule, Given, Outline
 from sdm_deflect.deform.volume.job import Job, Section, Sliding
 
 from .conversion import read_toml, structured
 from .job_settings import SELECTION, Corner, JobSettings, PeriodicSettings, SectionSettings, SurfaceSettings
+
+if TYPE_CHECKING:
+    from sdm_deflect.deform.mesh.selection import Condition, Selection
 
 Point = tuple[float, float, float]
 SHARP = "sharp"
 NUMBERS = {"box": "two opposite corners, box:x,y,z,x,y,z", "side": "a point and a normal, side:x,y,z,nx,ny,nz"}
 
 
-def selection(name: str, text: str) -> Selection:
+def selection(name: str, text: str) -> "Selection":
     """Return the selection that a name and an expression describe; InputError if it is of another form."""
     if not re.fullmatch(r"[\w.+-]+", name):
         raise InputError(f"select = {shortened(name)}: a new patch is named by letters, digits and . _ + - alone")
@@ -42,11 +45,15 @@ def selection(name: str, text: str) -> Selection:
         raise InputError(f"select.{name} = {text}: a quotation mark is not closed") from None
     if not words:
         raise InputError(f"select.{name} is empty; it must be {SELECTION}")
+    from sdm_deflect.deform.mesh.selection import Selection
+
     sharp = _degrees(name, words.pop()) if words[-1].startswith(f"{SHARP}:") and len(words) > 1 else None
     return Selection(name, words[0], tuple(_condition(name, word) for word in words[1:]), sharp, text)
 
 
-def _condition(name: str, word: str) -> Condition:
+def _condition(name: str, word: str) -> "Condition":
+    from sdm_deflect.deform.mesh.selection import Before, Component, Within
+
     kind, _, rest = word.partition(":")
     if word[0] == "#" and word[1:].isascii() and word[1:].isdigit():
         return Component(int(word[1:]))

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict
 from numpy.typing import ArrayLike
 
 if TYPE_CHECKING:
-    from sdm_deflect.deform.hexahedron import Hexahedron
+    from sdm_deflect.deform.box.automatic import BoxRule
+    from sdm_deflect.deform.box.hexahedron import Hexahedron
     from sdm_deflect.deform.surface.motions import Motion
     from sdm_deflect.deform.surface.surface import NodeSet
-    from sdm_deflect.deform.volume.box import BoxRule
 
 
 class Options(TypedDict, total=False):

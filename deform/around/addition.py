@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.hexahedron import Hexahedron
+from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.sliding import SlidingSurface
 from sdm_deflect.deform.rbf.problem import DataSites
 

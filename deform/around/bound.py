@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.box.face_sites import border_sites
+from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.confined import zero_sites
-from sdm_deflect.deform.hexahedron import Hexahedron, border_sites
 from sdm_deflect.deform.mesh.images import Images
 from sdm_deflect.deform.mesh.sliding import Plane, SlidingSurface
 from sdm_deflect.deform.rbf.problem import DataSites

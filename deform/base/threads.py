@@ -5,11 +5,13 @@ threads that survives a fork badly, and an interrupt is noticed between two chun
 """
 
 import os
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import cache
+from typing import Any, Protocol
 
 import numba
 import scipy.linalg  # noqa: F401 - loads SciPy's BLAS, so that the controller below finds it
@@ -57,6 +59,43 @@ def in_chunks(
 def available_threads() -> int:
     """Return how many threads work is shared among: the cores, or what NUMBA_NUM_THREADS says."""
     return int(numba.config.NUMBA_NUM_THREADS)
+
+
+class Runner(Protocol):
+    """Whoever works on pieces; whether that is done in the memory of this process."""
+
+    @property
+    def shares_memory(self) -> bool:
+        """Whether arrays are not sent anywhere."""
+
+    def map(self, work: Callable[[Any, Any], Any], shared: Any, items: Sequence[Any]) -> Iterator[Any]:
+        """Yield work(shared, item) for each item, in their order; `shared` is sent once."""
+
+
+class Threads:
+    """Threads of this process; only as many results as there are threads wait to be taken."""
+
+    shares_memory = True
+
+    def map(self, work: Callable[[Any, Any], Any], shared: Any, items: Sequence[Any]) -> Iterator[Any]:
+        """See `Runner.map`."""
+        count = available_threads()
+        waiting: deque[Future[Any]] = deque()
+        with ThreadPoolExecutor(count, thread_name_prefix="pieces") as pool:
+            try:
+                for item in items:
+                    waiting.append(pool.submit(work, shared, item))
+                    if len(waiting) > count:
+                        yield waiting.popleft().result()
+                while waiting:
+                    yield waiting.popleft().result()
+            finally:
+                for future in waiting:
+                    future.cancel()
+
+
+HERE = Threads()
+"""The default runner."""
 
 
 def _wait(jobs: list[Future[None]], progress: Progress) -> None:

@@ -1,232 +1,25 @@
-"""A mesh of any cells with named boundary patches, as CFD files hold it: in memory, or read in pieces.
-
-Also: the runner that works on pieces, how a file rounds coordinates, and whether it has changed since it was read.
-"""
+"""A mesh: points, cells of any shape, named boundary patches, zones."""
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
-from pathlib import Path
-from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.base import threads
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray, union
 from sdm_deflect.deform.base.errors import InputError, nearest, short_list
-from sdm_deflect.deform.base.threads import Progress, available_threads, silent
+from sdm_deflect.deform.base.states import States
 
 from .cells import LARGEST, PLANE, Cells, Faces, Patch, Periodic, Polyhedra, Volume, Zone, real, several
-from .polyhedra import SomePolyhedra
+from .pieces import Whole
 
-DOUBLE = np.dtype(np.float64)
-
-
-@dataclass(frozen=True, slots=True)
-class Precision:
-    """How the file that is to be written keeps coordinates.
-
-    Attributes
-    ----------
-    real : type of its numbers; of a file that has several types, the one with the fewest bits.
-    every : whether all coordinates are rounded: those of a file that is a copy of the one that was read keep their
-        bits where they do not change.
-    advice : where coordinates of more bits could be written.
-    """
-
-    real: np.dtype[Any] = DOUBLE
-    every: bool = False
-    advice: str = ""
-
-    @property
-    def is_double(self) -> bool:
-        """True if the file keeps every bit."""
-        return self.real.itemsize >= DOUBLE.itemsize
-
-    def rounded(self, points: FloatArray, before: FloatArray) -> FloatArray:
-        """Return points (N, 3) as the file holds them; `before` (N, 3) are those of the undeflected mesh.
-
-        Raises InputError for coordinates that are too large for its numbers.
-        """
-        if self.is_double:
-            return points
-        with np.errstate(over="ignore"):
-            stored = points.astype(self.real).astype(np.float64)
-        if not np.isfinite(stored).all():
-            raise InputError(f"coordinates up to {np.abs(points).max():.3g} are too large for {self}")
-        return stored if self.every else np.where(points == before, before, stored)
-
-    def resolution(self, points: FloatArray) -> float:
-        """Return how far rounding moves any of some points (N, 3) at most, in any direction; 0 in double precision."""
-        return 0.0 if self.is_double else float(np.finfo(self.real).eps * np.abs(points).max(initial=0.0))
-
-    def __str__(self) -> str:
-        return f"coordinates of {8 * self.real.itemsize} bits, which the file keeps; {self.advice}"
-
-
-EVERY_BIT = Precision()
-"""That of a file in double precision."""
-
-
-State = tuple[int, int, int, int]
-"""Bytes, time of the last change in nanoseconds, number of the file, device."""
-States = Mapping[str, State | None]
-"""By path; None: there was no such file."""
-HELD = 64
-"""Files that are held open, at most: a process may have no more than some hundreds."""
-
-
-def states_of(paths: Iterable[Path]) -> dict[str, State | None]:
-    """Return how files are now."""
-    return {str(path.absolute()): _state(str(path)) for path in paths}
-
-
-def check_unchanged(files: States, elsewhere: bool = False) -> None:
-    """Raise InputError if a file is no longer what it was; `elsewhere`: seen from another machine, maybe."""
-    for path, state in files.items():
-        now = _state(path)
-        if now != state and not (elsewhere and now and state and now[:2] == state[:2]):
-            raise InputError(f"{path}: was changed or replaced while it was in use; run the command again")
-
-
-@contextmanager
-def held(paths: Iterable[Path]) -> Iterator[None]:
-    """Hold files open for the block, so that no new file can get the number of one of them."""
-    with ExitStack() as stack:
-        for path in list(paths)[:HELD]:
-            with suppress(OSError):  # reading it says what is wrong
-                stack.enter_context(path.open("rb"))
-        yield
-
-
-def _state(path: str) -> State | None:
-    try:
-        state = Path(path).stat()
-    except OSError:
-        return None
-    return state.st_size, state.st_mtime_ns, state.st_ino, state.st_dev
-
-
-class Runner(Protocol):
-    """Whoever works on pieces; whether that is done in the memory of this process."""
-
-    @property
-    def shares_memory(self) -> bool:
-        """Whether arrays are not sent anywhere."""
-
-    def map(self, work: Callable[[Any, Any], Any], shared: Any, items: Sequence[Any]) -> Iterator[Any]:
-        """Yield work(shared, item) for each item, in their order; `shared` is sent once."""
-
-
-class Threads:
-    """Threads of this process; only as many results as there are threads wait to be taken."""
-
-    shares_memory = True
-
-    def map(self, work: Callable[[Any, Any], Any], shared: Any, items: Sequence[Any]) -> Iterator[Any]:
-        """See `Runner.map`."""
-        count = available_threads()
-        waiting: deque[Future[Any]] = deque()
-        with ThreadPoolExecutor(count, thread_name_prefix="pieces") as pool:
-            try:
-                for item in items:
-                    waiting.append(pool.submit(work, shared, item))
-                    if len(waiting) > count:
-                        yield waiting.popleft().result()
-                while waiting:
-                    yield waiting.popleft().result()
-            finally:
-                for future in waiting:
-                    future.cancel()
-
-
-HERE = Threads()
-"""The default runner."""
-
-
-class Pieces(Protocol):
-    """Points and cells of a mesh file, none of them in memory: a small value, which other processes can be sent."""
-
-    @property
-    def source(self) -> str:
-        """Path of the file."""
-
-    @property
-    def files(self) -> States:
-        """The files that are read, as they were at first (`check_unchanged`)."""
-
-    @property
-    def points(self) -> int:
-        """Number of points."""
-
-    @property
-    def blocks(self) -> tuple[tuple[str, int], ...]:
-        """Shape and number of the cells of each block; the shape of polyhedra is ``"polyhedron"``."""
-
-    def coordinates(self, start: int, stop: int) -> FloatArray:
-        """Return the coordinates (stop - start, 3) of points start to stop - 1."""
-
-    def places(self, nodes: IntArray) -> FloatArray:
-        """Return the coordinates (K, 3) of points in any order, as often as they are named."""
-
-    def cells_of(self, block: int, start: int, stop: int) -> Cells | SomePolyhedra:
-        """Return cells start to stop - 1 of a block, with the mesh's numbers of nodes, counted from 0."""
-
-    def rewrite(
-        self, nodes: IntArray, points: FloatArray, out: Path, progress: Progress = silent, runner: Runner = HERE
-    ) -> None:
-        """Write a copy of the file with sorted nodes (K,) at `points` (K, 3); all other bytes stay.
-
-        `out` appears whole or not at all. Coordinates that did not change keep their bytes.
-        """
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MeshInPieces:
-    """A mesh of which the boundary is in memory, and all else in a file.
-
-    Attributes
-    ----------
-    name : the file, for messages.
-    pieces : points and cells.
-    patches, zones, notes, periodic : those of `Mesh`, as reading the whole file gives them.
-    """
-
-    name: str
-    pieces: Pieces
-    patches: tuple[Patch, ...] = field(repr=False)
-    zones: tuple[Zone, ...]
-    notes: tuple[str, ...] = ()
-    periodic: tuple[Periodic, ...] = field(default=(), repr=False)
-
-
+MARK = "#"
+"""Stands between the name of a patch and the number of its component."""
 ABSENT = "patch {} is absent: "
 """Beginning of a note of a mesh on a patch that the file has, but that could not be read."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Whole:
-    """The mesh that an excerpt was taken from, which may be larger than memory.
-
-    Parameters
-    ----------
-    pieces : Its points and cells, in a file.
-    nodes : (N,) rising index in it of each point of the excerpt.
-    rows : For each block, the rising index in it of each cell of the excerpt.
-    orientation, inverted : For each block, those of `TouchedCells`: of all its cells.
-    """
-
-    pieces: Pieces
-    nodes: IntArray = field(repr=False)
-    rows: tuple[IntArray, ...] = field(default=(), repr=False)
-    orientation: tuple[float, ...] = ()
-    inverted: tuple[int, ...] = ()
 
 
 class Warned(str):
@@ -405,16 +198,5 @@ class Mesh:
 def meant(wildcard: str, patch: str) -> bool:
     """True if the wildcard stands for the patch, for its name without that of its zone, or for the whole of a part."""
     name = patch.rpartition("/")[2]
-    whole = wildcard != name and (fnmatchcase(name, wildcard) or name.startswith(f"{wildcard}#"))
+    whole = wildcard != name and (fnmatchcase(name, wildcard) or name.startswith(f"{wildcard}{MARK}"))
     return fnmatchcase(patch, wildcard) or whole
-
-
-def gathered(pieces: Pieces, nodes: IntArray) -> FloatArray:
-    """Return the coordinates (K, 3) of sorted nodes, range by range."""
-    points = np.empty((len(nodes), 3))
-    for start in range(0, pieces.points, threads.LIMITS.points) if len(nodes) else ():
-        first, end = np.searchsorted(nodes, (start, start + threads.LIMITS.points))
-        if end > first:
-            low = int(nodes[first])
-            points[first:end] = pieces.coordinates(low, int(nodes[end - 1]) + 1)[nodes[first:end] - low]
-    return points

@@ -19,13 +19,11 @@ from .edges import rows_of
 from .faces import face_keys, node_keys
 from .mesh import Mesh
 from .polyhedra import PARTS, ROWS, WEIGHT, judge_faces, measured_cells, spans_of
-from .quality import oriented
+from .quality import SEVERE, SKEW, oriented
 from .touched import TouchedCells
 
-SEVERE, SKEW = 70.0, 4.0
-"""checkMesh counts faces of a larger non-orthogonality (degrees), and finds fault with faces of a larger skewness."""
 ERROR = 1e-15
-"""It finds fault with a face if the cosine of its non-orthogonality is not larger."""
+"""checkMesh finds fault with a face if the cosine of its non-orthogonality is not larger."""
 LARGEST_ANGLE = 85.0
 """Non-orthogonality (degrees) up to which a deflected mesh passes, unless it had a larger one before."""
 

@@ -34,6 +34,8 @@ MEASURES = {
     POLYHEDRON: "orthogonal quality",
 }
 """What the quality of each type of cell is."""
+SEVERE, SKEW = 70.0, 4.0
+"""checkMesh counts faces of a larger non-orthogonality (degrees), and finds fault with faces of a larger skewness."""
 
 
 def signed_volumes(points: FloatArray, tets: IntArray) -> FloatArray:

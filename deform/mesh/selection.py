@@ -17,10 +17,10 @@ from sdm_deflect.deform.base.errors import InputError, short_list
 
 from .cells import Cells, Faces, Patch, Polygons, taken
 from .edges import Joints, polygons_of
-from .mesh import Mesh, meant
+from .mesh import MARK, Mesh, meant
 
-MARK, REGION = "#", "~"
-"""Between the name of a patch and the number of its component, and between that of a selection and its region."""
+REGION = "~"
+"""Stands between the name of a selection and the number of its region."""
 LISTED = 6
 """Parts that a message lists."""
 MOST_PARTS = 1000

@@ -244,8 +244,11 @@ class FreeNodes:
     def closed(self, nodes: IntArray, size: int) -> IntArray:
         """Return sorted nodes (K,) with all that move with them; `size` is the number of nodes of the mesh."""
         while True:
-            found = self.images.closed(self.columns.closed(nodes, size), size)
-            if len(found) == len(nodes) or not len(self.images.nodes):
+            found = self.columns.closed(nodes, size)
+            if not len(self.images.nodes):
+                return found
+            found = self.images.closed(found, size)
+            if len(found) == len(nodes):
                 return found
             nodes = found
 
@@ -267,16 +270,18 @@ class FreeNodes:
             levels.append(pairs[kept])
         first = np.concatenate([columns.forked, *(pairs[:, 0] for pairs in columns.levels[:1])])
         stay = np.setdiff1d(first, levels[0][:, 0]) if levels else first
-        if len(self.images.nodes):
-            stay = self.images.closed(stay, len(points))
+        images = self.images
+        if len(images.nodes):
+            stay = images.closed(stay, len(points))
             levels = [pairs[np.isin(pairs[:, 0], stay, invert=True)] for pairs in levels]
             anywhere[:] = True
             anywhere[stay] = False
+            images = images.within(anywhere)
         slides = tuple(
             Slide(np.setdiff1d(one.nodes, stay, assume_unique=True), one.shape, one.faces) for one in self.slides
         )
         free = np.setdiff1d(self.free, stay, assume_unique=True)
-        return FreeNodes(free, slides, Columns(tuple(levels)), self.images.within(anywhere))
+        return FreeNodes(free, slides, Columns(tuple(levels)), images)
 
 
 def _pieces(

@@ -276,14 +276,14 @@ class Chart:
     slides : rows (K,) of nodes that slide, and their shapes.
     edges : rows (K,) of nodes that slide along edges, and these.
     heights : of the layers, kept after that.
-    images : rows of nodes that go alike.
+    images : rows of nodes that go alike; None without any.
     """
 
     base: FloatArray = field(repr=False)
     slides: tuple[tuple[IntArray, SlidingSurface], ...] = field(repr=False)
     edges: tuple[IntArray, Tracks] = field(repr=False)
     heights: Heights
-    images: Images = field(default_factory=Images)
+    images: Images | None = None
 
     @classmethod
     def of(cls, points: FloatArray, nodes: IntArray, freedom: FreeNodes) -> Chart:
@@ -298,7 +298,8 @@ class Chart:
                 slides.append((rows, one.shape))
         rows = np.concatenate([np.empty(0, dtype=np.intp), *(rows for rows, _ in edges)])
         tracks = Tracks.joined([tracks for _, tracks in edges])
-        heights, images = Heights.of(freedom.columns, points, nodes), freedom.images.among(nodes)
+        heights = Heights.of(freedom.columns, points, nodes)
+        images = freedom.images.among(nodes) if len(freedom.images.nodes) else None
         return cls(points[nodes], tuple(slides), (rows, tracks), heights, images)
 
     def place(self, way: FloatArray) -> FloatArray:
@@ -314,11 +315,11 @@ class Chart:
         rows, tracks = self.edges
         along = np.einsum("ij,ij->i", gradient[rows], tracks.slope(way[rows]))
         gradient[rows] = along[:, None] * tracks.tangent
-        return self.images.projected(gradient)
+        return self.images.projected(gradient) if self.images else gradient
 
     def _placed(self, way: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the places (U, 3), and the arms (K, 3) of the layers' nodes."""
-        out = self.base + self.images.projected(way)
+        out = self.base + (self.images.projected(way) if self.images else way)
         for rows, shape in self.slides:
             out[rows] = self.base[rows] + shape.projected(self.base[rows], way[rows])
         rows, tracks = self.edges

@@ -7,7 +7,7 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.hexahedron import Hexahedron, box
+from sdm_deflect.deform.box.hexahedron import Hexahedron, box
 from sdm_deflect.deform.mesh.axis import Axis, Cylinder
 from sdm_deflect.deform.rbf.kernels import Multiquadric
 

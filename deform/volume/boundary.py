@@ -94,7 +94,7 @@ class PrescribedNodes:
         nodes = union(*(surface.nodes for surface in surfaces))
         sliding = tuple(SlidingPatch.of(mesh, name, shape) for name, shape in slides.items())
         fixed_nodes = np.setdiff1d(mesh.on(*fixed), nodes, assume_unique=True)
-        bound = Images.of(mesh, flat), _without(pairs, fixed), _without(sides, fixed), _walls(mesh)
+        bound = _images(mesh, flat), _without(pairs, fixed), _without(sides, fixed), _walls(mesh)
         covered = _covered(mesh, (*moves, *fixed, *slides, *pairs))
         size = _size(mesh, nodes)
         return cls(job, mesh, surfaces, laws, nodes, fixed, fixed_nodes, sliding, size, *bound, covered, thin)
@@ -284,6 +284,10 @@ class PrescribedNodes:
         normals = [patch.surface.normal] if isinstance(patch.surface, Plane) else []
         axes = [moving.motion.axis for moving in self.job.surfaces]
         return all(axis and abs(float(axis.direction @ n)) < ACROSS for n in normals for axis in axes) and bool(normals)
+
+
+def _images(mesh: Mesh, flat: tuple[str, ...]) -> Images:
+    return Images.of(mesh, flat) if mesh.periodic or flat else Images()
 
 
 def _thin(mesh: Mesh, job: Job) -> "tuple[ThinMesh | None, Mesh]":

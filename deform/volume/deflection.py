@@ -13,7 +13,7 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import Progress, silent, single_threaded_blas
 from sdm_deflect.deform.mesh.cells import Polygons
 from sdm_deflect.deform.mesh.edges import are_lines, edges_of, polygons_of
-from sdm_deflect.deform.mesh.mesh import Precision
+from sdm_deflect.deform.mesh.precision import Precision
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.mesh.touched import Least, TouchedCells
 from sdm_deflect.deform.rbf.interpolant import SolveError

@@ -14,11 +14,12 @@ import numpy as np
 from sdm_deflect.deform.base import threads
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, distinct, union
 from sdm_deflect.deform.base.errors import InputError, short_list
-from sdm_deflect.deform.base.threads import Progress, silent
-from sdm_deflect.deform.hexahedron import Hexahedron
+from sdm_deflect.deform.base.threads import Progress, Runner, silent
+from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.cells import CORNERS, LARGEST, Cells, Faces, Patch, Polyhedra, Volume
 from sdm_deflect.deform.mesh.faces import Keys, cell_face_keys, face_keys, node_keys, patch_keys
-from sdm_deflect.deform.mesh.mesh import Mesh, MeshInPieces, Pieces, Runner, Whole, gathered
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.pieces import MeshInPieces, Pieces, Whole, gathered
 from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra, joined
 from sdm_deflect.deform.mesh.quality import inverted_of, other_hand, other_handed
 from sdm_deflect.deform.mesh.standard import POLYHEDRON

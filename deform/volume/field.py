@@ -16,7 +16,7 @@ from sdm_deflect.deform.around.near_wall import FollowingWalls, Nearby, NearWall
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import Progress, silent
-from sdm_deflect.deform.hexahedron import Hexahedron
+from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.cells import bounded
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.rbf.kernels import arrays_of, stored_kernel

@@ -3,20 +3,22 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from operator import is_
+from typing import TYPE_CHECKING
 
 from sdm_deflect.deform.base.arrays import FloatArray, distinct
 from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.box.automatic import Automatic, BoxRule
 from sdm_deflect.deform.mesh.images import PeriodicPatches, paired, plane_of
-from sdm_deflect.deform.mesh.mesh import Mesh, meant
+from sdm_deflect.deform.mesh.mesh import MARK, Mesh, meant
 from sdm_deflect.deform.mesh.quality import one_hand
-from sdm_deflect.deform.mesh.selection import MARK, Part, Selection
 from sdm_deflect.deform.mesh.sliding import NAMES, SHAPES
 from sdm_deflect.deform.options import JobOptions
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Motion, Moving
 from sdm_deflect.deform.surface.surface import OnPatches
 
-from .box import Automatic, BoxRule
+if TYPE_CHECKING:
+    from sdm_deflect.deform.mesh.selection import Selection
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +78,7 @@ class Job(JobOptions):
     box: BoxRule = field(default_factory=Automatic)
     sections: tuple[Section, ...] = ()
     repair_slides: tuple[Sliding, ...] = ()
-    selections: tuple[Selection, ...] = ()
+    selections: "tuple[Selection, ...]" = ()
     periodic: tuple[PeriodicPatches, ...] = ()
 
     def __post_init__(self) -> None:
@@ -170,13 +172,17 @@ def prepared(mesh: Mesh, jobs: Sequence[Job]) -> Mesh:
         from sdm_deflect.deform.mesh.selection import selected
 
         mesh = selected(mesh, jobs[0].selections, names)
-    mesh = paired(mesh, jobs[0].periodic)
+    mesh = paired(mesh, jobs[0].periodic) if jobs[0].periodic or mesh.periodic else mesh
     planes = set.intersection(*(_planes(mesh, job) for job in jobs))
     if len(planes) > 1:
         from sdm_deflect.deform.mesh.thin import with_sides
 
         mesh = with_sides(mesh, planes)
-    cells = tuple(one_hand(mesh.points, block) for block in mesh.cells) if not mesh.whole else mesh.cells
+    return mesh if mesh.whole else _of_one_hand(mesh)
+
+
+def _of_one_hand(mesh: Mesh) -> Mesh:
+    cells = tuple(one_hand(mesh.points, block) for block in mesh.cells)
     return mesh if all(map(is_, cells, mesh.cells)) else replace(mesh, cells=cells)
 
 
@@ -191,6 +197,8 @@ def _in_planes(mesh: Mesh, job: Job) -> Iterator[str]:
     for patch in mesh.patches:
         wanted = any(meant(text, patch.name) for text in slide) or patch.constraint == "symmetry"
         if wanted and len(patch) and not plane_of(mesh, patch.nodes):
+            from sdm_deflect.deform.mesh.selection import Part
+
             whole = Part.of(mesh, patch)
             parts = whole.cut(whole.components(), MARK)
             if all(plane_of(mesh, distinct(part.faces.nodes)) for part in parts):

@@ -11,12 +11,13 @@ import numpy as np
 from sdm_deflect.deform.around.addition import Addition
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray, union
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.threads import Progress, silent
+from sdm_deflect.deform.base.threads import HERE, Progress, Runner, silent
+from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.confined import Choice
-from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.cells import Polyhedra
 from sdm_deflect.deform.mesh.faces import BoundaryGaps
-from sdm_deflect.deform.mesh.mesh import EVERY_BIT, HERE, Mesh, Precision, Runner
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.precision import EVERY_BIT, Precision
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.mesh.sliding import SlidingSurface
 from sdm_deflect.deform.mesh.touched import TouchedCells, layers
@@ -160,11 +161,13 @@ class BoxPlan:
         free = inside.copy()
         others = {*mesh.names}.difference(self.boundary.pairs, self.boundary.sides)
         free[mesh.on(*others)] = False
-        free = images.complete(free)
-        bound = images.within(free)
-        inside[np.setdiff1d(images.nodes, bound.nodes, assume_unique=True)] = False
+        if len(images.nodes):
+            free = images.complete(free)
+            bound = images.within(free)
+            inside[np.setdiff1d(images.nodes, bound.nodes, assume_unique=True)] = False
+            images = bound
         within = [(one.nodes, one.shape) for one in kept if not isinstance(one.shape, str) and not one.of_patch]
-        freedom = FreeNodes.of(mesh, points, inside, np.flatnonzero(free), shapes, bound, within)
+        freedom = FreeNodes.of(mesh, points, inside, np.flatnonzero(free), shapes, images, within)
         return freedom.with_columns(Columns.of(self.touched, self.walls), points)
 
     def moved(self, places: FloatArray) -> FloatArray:

@@ -9,13 +9,13 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, union
 from sdm_deflect.deform.base.errors import InputError, short_list
+from sdm_deflect.deform.box.automatic import BoxScene, Chosen
+from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.confined import inside
-from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.cells import Patch, Zone
 from sdm_deflect.deform.mesh.mesh import Mesh
 
 from .boundary import ZERO_LENGTH, Amounts, PrescribedNodes
-from .box import BoxScene, Chosen
 from .job import Section
 
 POSES = 4  # positions between rest and the full angle that the box has to hold

@@ -12,8 +12,9 @@ from sdm_deflect.deform.around.local_rotation import LocalRotation
 from sdm_deflect.deform.around.near_wall import Nearby
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, distinct, first_coincident, union
 from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.box.face_sites import border_sites, polygon_sites
+from sdm_deflect.deform.box.hexahedron import FACES
 from sdm_deflect.deform.confined import zero_sites
-from sdm_deflect.deform.hexahedron import FACES, border_sites, polygon_sites
 from sdm_deflect.deform.mesh.edges import edges_of, median_edge, polygons_of
 from sdm_deflect.deform.mesh.images import PLANE_TOLERANCE
 from sdm_deflect.deform.mesh.sliding import Plane
@@ -32,14 +33,11 @@ NO_ROWS = np.empty(0, dtype=np.intp)
 NEIGHBOURS = 7
 TOLERANCE = 0.01  # of the median edge: largest error at a site, unless the job says otherwise
 MOST_FIXED = 30_000  # sites on fixed patches; a larger patch is thinned, and verified as a whole
-MOST_ZERO = 12_000  # sites on the box, about: beyond, they stand farther apart
-MOST_EDGE = 3_000  # of them on an edge of the box, in a box that is like a needle
 MOST_RADIUS = 1e4  # of a kernel: diagonals of the box; at least a median edge of the surface over this
 HALVINGS = 6  # of the distance of sites on the box at most, while none is left
 SHEARED = 0.01  # strain of the moving surface, times its size over its largest displacement: above, it shears
 CLOSE = 0.5  # distance from one part over that from the next: above, a node hardly follows either
 SMALL = 0.01  # deg, or share of a table, at which the shear is measured: it changes by 1e-4 of itself up to there
-FINER = 0.1  # of that distance: sites on the box may not stand closer, even if they shall
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -263,20 +261,6 @@ def _surface_edge(boundary: PrescribedNodes, distinct: IntArray) -> float:
     return float(np.median(cKDTree(points).query(points, 2)[0][:, 1]))
 
 
-def _spacing(region: BoxNodes, given: float, wanted: float) -> float:
-    """Return the distance of sites on the box: as given, else as wanted unless that takes too many.
-
-    Raises InputError if the given one takes far too many.
-    """
-    faces = [region.hexahedron.face(name) for name in ("x-", "x+", "y-", "y+", "z-", "z+")]
-    area = sum(float(np.linalg.norm(np.cross(f[2] - f[0], f[3] - f[1]))) / 2.0 for f in faces)
-    longest = max(float(np.linalg.norm(f - np.roll(f, 1, axis=0), axis=1).max()) for f in faces)
-    usual = max(float(np.sqrt(area / MOST_ZERO)), longest / MOST_EDGE)
-    if 0.0 < given < (least := FINER * usual):
-        raise InputError(f"spacing = {given:g} puts too many sites on the box: at least {least:.2g} is possible")
-    return given or max(wanted, usual)
-
-
 def _placed(
     boundary: PrescribedNodes, region: BoxNodes, additions: Sequence[Addition], known: FloatArray, edge: float
 ) -> tuple[float, tuple[DataSites, ...]]:
@@ -286,7 +270,7 @@ def _placed(
     cells may be as long as the box.
     """
     fitting = boundary.job.fitting
-    spacing = _spacing(region, fitting.spacing, fitting.spacing_edges * edge)
+    spacing = region.hexahedron.spacing(fitting.spacing, fitting.spacing_edges * edge)
     for _ in range(0 if fitting.spacing else HALVINGS):
         if len(zero_sites(_on_box(boundary, region, additions, spacing), known, spacing)):
             break

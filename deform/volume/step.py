@@ -8,9 +8,8 @@ import numpy as np
 from sdm_deflect.deform.around.addition import Acting
 from sdm_deflect.deform.base import threads
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.threads import Progress, silent
+from sdm_deflect.deform.base.threads import HERE, Progress, Runner, silent
 from sdm_deflect.deform.confined import Choice, Confined
-from sdm_deflect.deform.mesh.mesh import HERE, Runner
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.rbf.problem import DataSites
 

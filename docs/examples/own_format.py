@@ -9,7 +9,8 @@ import numpy as np
 
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import Cells, Patch, Zone
-from sdm_deflect.deform.mesh.mesh import Mesh, MeshInPieces
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about
 from sdm_deflect.meshing.formats.known import registered

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 import sdm_deflect as sd
 from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.hexahedron import box
+from sdm_deflect.deform.box.hexahedron import box
 from sdm_deflect.deform.mesh.axis import Axis
 
 CHORD, SPAN = 0.10, 0.30

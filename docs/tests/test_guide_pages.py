@@ -7,7 +7,7 @@ from signatures import shorten
 from sphinx.util.inspect import signature, stringify_signature
 
 import sdm_deflect
-from sdm_deflect.deform.hexahedron import box
+from sdm_deflect.deform.box.hexahedron import box
 from sdm_deflect.meshing.formats.adapters import Accepted
 
 

@@ -19,7 +19,9 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import MIRRORED, VOLUMES, Polyhedra, Zone
-from sdm_deflect.deform.mesh.mesh import DOUBLE, Mesh, MeshInPieces
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.pieces import MeshInPieces
+from sdm_deflect.deform.mesh.precision import DOUBLE
 from sdm_deflect.meshing.files import fresh
 
 from .cgns_boundary import NumberedFaces, notes_of, without, zone_border

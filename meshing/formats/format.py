@@ -11,7 +11,7 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import sentence
-from sdm_deflect.deform.mesh.mesh import DOUBLE
+from sdm_deflect.deform.mesh.precision import DOUBLE
 
 FLUENT = (
     "write it as .cas.h5 or .msh.h5 in Fluent, or convert it, as text, to an OpenFOAM case: fluentMeshToFoam "

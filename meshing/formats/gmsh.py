@@ -15,7 +15,9 @@ from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import check_unpacked
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import MIRRORED, Cells, Patch, Periodic, Zone
-from sdm_deflect.deform.mesh.mesh import DOUBLE, Mesh, MeshInPieces
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.pieces import MeshInPieces
+from sdm_deflect.deform.mesh.precision import DOUBLE
 from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.mesh import VOLUME
 

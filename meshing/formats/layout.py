@@ -11,7 +11,9 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import PLANE, Cells, Zone
-from sdm_deflect.deform.mesh.mesh import DOUBLE, Mesh, MeshInPieces
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.pieces import MeshInPieces
+from sdm_deflect.deform.mesh.precision import DOUBLE
 
 from .fitted import expanded, simple
 from .format import about, check_points, fewest_bits, only_rewritten

@@ -12,9 +12,10 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.base.threads import Progress, silent
+from sdm_deflect.deform.base.states import check_unchanged
+from sdm_deflect.deform.base.threads import HERE, Progress, Runner, silent
 from sdm_deflect.deform.mesh.cells import OWNERS, RISING, Cells, Polygons, Polyhedra, Zone, taken
-from sdm_deflect.deform.mesh.mesh import HERE, MeshInPieces, Runner, check_unchanged
+from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra, joined
 from sdm_deflect.deform.mesh.standard import POLYHEDRON
 

@@ -10,8 +10,7 @@ from typing import BinaryIO
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.threads import Progress, silent
-from sdm_deflect.deform.mesh.mesh import HERE, Runner
+from sdm_deflect.deform.base.threads import HERE, Progress, Runner, silent
 from sdm_deflect.meshing.files import fresh
 
 from .format import MeshFileError, about, write_errors

@@ -10,9 +10,11 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import short_list
-from sdm_deflect.deform.base.threads import Progress, silent
+from sdm_deflect.deform.base.threads import HERE, Progress, Runner, silent
 from sdm_deflect.deform.mesh.cells import Polyhedra, Zone
-from sdm_deflect.deform.mesh.mesh import DOUBLE, HERE, Mesh, MeshInPieces, Runner
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.pieces import MeshInPieces
+from sdm_deflect.deform.mesh.precision import DOUBLE
 from sdm_deflect.meshing.files import fresh
 
 from .format import MeshFileError, about, check_points, fitting_names
@@ -52,7 +54,8 @@ class Su2(Format):
             source = Su2File.opened(file, partial(progress, f"reading {path.name}"))
             zones = zones_of(source.sections)
             parts = [whole(_layout(path, source, name, own), lambda _: None) for name, own in zones.items()]
-            return replace(joined(list(zones), parts), notes=notes_of(source.sections))
+            mesh = joined(list(zones), parts) if len(parts) > 1 else parts[0]
+            return replace(mesh, notes=notes_of(source.sections))
 
     def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
         return DOUBLE

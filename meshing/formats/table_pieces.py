@@ -8,9 +8,9 @@ from typing import Self
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.threads import Progress, silent
+from sdm_deflect.deform.base.states import States, check_unchanged
+from sdm_deflect.deform.base.threads import HERE, Progress, Runner, silent
 from sdm_deflect.deform.mesh.cells import CORNERS, MIRRORED, PLANE, Cells
-from sdm_deflect.deform.mesh.mesh import HERE, Runner, States, check_unchanged
 from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra
 
 from .format import MeshFileError, about

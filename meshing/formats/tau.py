@@ -15,7 +15,8 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import CORNERS, MIRRORED, Cells, Patch, Zone
-from sdm_deflect.deform.mesh.mesh import Mesh, MeshInPieces
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.meshing.files import fresh
 
 from .format import MeshFileError, about, check_points

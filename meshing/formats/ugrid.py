@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.threads import Progress, silent
+from sdm_deflect.deform.base.threads import HERE, Progress, Runner, silent
 from sdm_deflect.deform.mesh.cells import CORNERS, MIRRORED, Cells, Patch, Zone
-from sdm_deflect.deform.mesh.mesh import HERE, Mesh, MeshInPieces, Runner
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.meshing.files import fresh
 
 from .format import MeshFileError, about, check_points, fewest_bits, fitting_names

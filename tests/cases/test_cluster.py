@@ -27,7 +27,7 @@ from sdm_deflect.cases.run import cluster, deflect_file
 from sdm_deflect.cases.run.cluster import Cluster, Wanted, workers
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.errors import InputError, LostError
-from sdm_deflect.deform.mesh.mesh import HERE
+from sdm_deflect.deform.base.threads import HERE
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.volume.step import evaluated

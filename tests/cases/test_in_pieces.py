@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sdm_deflect.deform.base.threads import Threads
 from sdm_deflect.deform.mesh import polyhedra
 from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.mesh import Mesh, Threads
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.volume import excerpt
 from sdm_deflect.meshing.formats import openfoam_pieces, rewriting, tables
 from sdm_deflect.meshing.formats.registry import format_of, in_pieces

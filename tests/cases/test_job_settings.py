@@ -17,11 +17,11 @@ from sdm_deflect.cases.settings.job_settings import (
 )
 from sdm_deflect.cases.settings.jobs import jobs_of
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.hexahedron import box
+from sdm_deflect.deform.box.automatic import Automatic
+from sdm_deflect.deform.box.hexahedron import box
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.surface.surface import Listed, OnPatches, TrailingEdge
-from sdm_deflect.deform.volume.box import Automatic
 
 HINGE = [[0.7, 0, 0], [0.7, 1, 0]]
 OWN = Rotation.about(*np.array(HINGE))

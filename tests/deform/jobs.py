@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from sdm_deflect.deform.box.automatic import Automatic, Given
 from sdm_deflect.deform.options import Repair
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Moving, Rotation
 from sdm_deflect.deform.surface.surface import OnPatches
-from sdm_deflect.deform.volume.box import Automatic, Given
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.job import Job, Sliding
 from sdm_deflect.deform.volume.plan import Plan

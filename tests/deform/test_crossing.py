@@ -5,12 +5,12 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from sdm_deflect.deform.box.automatic import Automatic
 from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.mesh.cells import Cells, Patch, Polygons, Zone
 from sdm_deflect.deform.mesh.crossing import Crossings
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.surface.motions import Moving, Table
-from sdm_deflect.deform.volume.box import Automatic
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.plan import Plan

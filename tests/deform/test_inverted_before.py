@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sdm_deflect.deform.box.automatic import Given
 from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.mesh.cells import Cells, Patch
 from sdm_deflect.deform.mesh.compiled_quality import CORNERS
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.options import Repair
 from sdm_deflect.deform.surface.motions import Moving, Table
-from sdm_deflect.deform.volume.box import Given
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.job import Job

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.base.arrays import farthest
-from sdm_deflect.deform.hexahedron import box
+from sdm_deflect.deform.box.hexahedron import box
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.rbf.greedy import adapt, fused
 from sdm_deflect.deform.rbf.kernels import Multiquadric, ThinPlateSpline

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.hexahedron import box
+from sdm_deflect.deform.box.hexahedron import box
 from sdm_deflect.deform.mesh.axis import Axis, Cylinder
 from sdm_deflect.deform.surface.appendix_a import blend, blend_strip, elongate, slide_panel
 

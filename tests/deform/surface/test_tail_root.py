@@ -7,7 +7,7 @@ import pytest
 from numpy.polynomial import chebyshev
 
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.hexahedron import box
+from sdm_deflect.deform.box.hexahedron import box
 from sdm_deflect.deform.mesh.axis import Axis, Cylinder
 from sdm_deflect.deform.mesh.cells import Patch
 from sdm_deflect.deform.mesh.mesh import Mesh

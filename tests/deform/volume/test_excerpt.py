@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.threads import Threads
+from sdm_deflect.deform.box.automatic import Automatic
 from sdm_deflect.deform.loop import run
 from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.mesh import Mesh, MeshInPieces, Threads
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.deform.volume import excerpt
-from sdm_deflect.deform.volume.box import Automatic
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.plan import Plan
 from tests.deform.blocks import block_with_body, joined, two_bodies

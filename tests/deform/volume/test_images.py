@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.box.automatic import Outline
 from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.mesh.cells import Cells, Patch, Periodic
 from sdm_deflect.deform.mesh.images import Images
@@ -14,7 +15,6 @@ from sdm_deflect.deform.repair import patch as goal
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.surface.surface import OnPatches
-from sdm_deflect.deform.volume.box import Outline
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.field import Field
 from sdm_deflect.deform.volume.plan import Plan

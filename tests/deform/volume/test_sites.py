@@ -8,6 +8,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 
 from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.box import hexahedron
 from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.confined import zero_sites
 from sdm_deflect.deform.mesh.cells import Patch
@@ -112,7 +113,7 @@ def test_no_zero_site_is_behind_a_plane_that_bounds_the_mesh(plan):
 def test_zero_sites_are_no_more_than_a_solve_takes(monkeypatch, block):
     fine = Fitting(spacing_edges=0.1)
     many = box_plan(block, job(("body",), box=TIGHT, fitting=fine)).sites
-    monkeypatch.setattr(places, "MOST_ZERO", 500)
+    monkeypatch.setattr(hexahedron, "MOST_SITES", 500)
     few = box_plan(block, job(("body",), box=TIGHT, fitting=fine)).sites
     assert many.zero_sites(0) > 2000
     assert 400 < few.zero_sites(0) < 600

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.threads import HERE
 from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.mesh import HERE, Mesh
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.thin import Halfway, ThinMesh
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Rotation

@@ -5,7 +5,8 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 from scipy.spatial.distance import cdist
 
-from sdm_deflect.deform.hexahedron import FACES, Hexahedron, box, polygon_sites
+from sdm_deflect.deform.box.face_sites import polygon_sites
+from sdm_deflect.deform.box.hexahedron import FACES, Hexahedron, box
 
 UNIT = box(np.zeros(3), np.ones(3))
 # A frustum: planar faces, none of the side faces parallel to another.

@@ -7,9 +7,10 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.hexahedron import FACES, Hexahedron, box
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.cells import LARGEST, bounded
+
+from .hexahedron import FACES, Hexahedron, box
 
 GROWTH = 3.0  # margins are at least this multiple of the largest displacement
 GAP = 0.9  # a face that gives way to a patch stops at this share of the distance to it

@@ -1,4 +1,4 @@
-"""The confinement hexahedron (paper section 3), and near-equidistant points on its faces."""
+"""The confinement hexahedron (paper section 3)."""
 
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field
@@ -13,83 +13,7 @@ from sdm_deflect.deform.base.threads import in_chunks
 from sdm_deflect.deform.mesh.cells import bounded
 from sdm_deflect.deform.rbf.kernels import check_points
 
-CLEARANCE = 0.5  # of the spacing: inner points nearer than this to an edge are left out
-
-
-def polygon_sites(polygon: FloatArray, spacing: float) -> FloatArray:
-    """Return points (P, 3) on a convex planar polygon, its border included, about `spacing` apart.
-
-    Edges are divided evenly; the inside is filled with rows parallel to the longest edge, evenly spaced across
-    the polygon and evenly divided between its borders.
-
-    Parameters
-    ----------
-    polygon : (n, 3) corners in order, n >= 3.
-    spacing : Wanted distance of neighbours in metres.
-    """
-    return np.vstack([border_sites(polygon, spacing), inner_sites(polygon, spacing)])
-
-
-def border_sites(polygon: FloatArray, spacing: float) -> FloatArray:
-    """Return points (P, 3) that divide each edge evenly, corners included."""
-    _check(polygon, spacing)
-    return np.vstack([divided(a, b, spacing) for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True)])
-
-
-def inner_sites(polygon: FloatArray, spacing: float) -> FloatArray:
-    """Return points (P, 3) that fill the inside in rows."""
-    _check(polygon, spacing)
-    origin, axes = plane_axes(polygon)
-    u, v = _inner_rows((polygon - origin) @ axes.T, spacing).T[:, :, None]
-    return np.asarray(origin + u * axes[0] + v * axes[1])
-
-
-def divided(a: FloatArray, b: FloatArray, spacing: float) -> FloatArray:
-    """Return points (n, 3) that divide the edge evenly, a included and b not."""
-    n = max(1, round(float(np.linalg.norm(b - a)) / spacing))
-    return np.asarray(a + np.arange(n)[:, None] / n * (b - a))
-
-
-def plane_axes(polygon: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the first corner of the longest edge and orthonormal axes (2, 3), the first along that edge."""
-    edges = np.roll(polygon, -1, axis=0) - polygon
-    longest = int(np.argmax(np.linalg.norm(edges, axis=1)))
-    u = edges[longest] / np.linalg.norm(edges[longest])
-    normal = np.sum(np.cross(polygon, np.roll(polygon, -1, axis=0)), axis=0)
-    v = np.cross(normal / np.linalg.norm(normal), u)
-    return polygon[longest], np.vstack([u, v])
-
-
-def _inner_rows(flat: FloatArray, spacing: float) -> FloatArray:
-    """Fill a convex polygon (n, 2), counter-clockwise, whose longest edge is its base."""
-    height = float(flat[:, 1].max())
-    count = max(1, round(height / spacing))
-    rows = [_row(flat, height * i / count, spacing) for i in range(1, count)]
-    points = np.vstack([np.empty((0, 2)), *rows])
-    clear = np.full(len(points), np.inf)
-    for corner, end in zip(flat, np.roll(flat, -1, axis=0), strict=True):
-        u, v = (end - corner) / np.linalg.norm(end - corner)
-        np.minimum(clear, u * (points[:, 1] - corner[1]) - v * (points[:, 0] - corner[0]), out=clear)
-    return np.asarray(points[clear >= CLEARANCE * spacing])
-
-
-def _row(flat: FloatArray, level: float, spacing: float) -> FloatArray:
-    """Divide the chord of the polygon at this level evenly, without its ends."""
-    a, b = flat, np.roll(flat, -1, axis=0)
-    crossing = (a[:, 1] <= level) != (b[:, 1] <= level)
-    a, b = a[crossing], b[crossing]
-    x = a[:, 0] + (level - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0])
-    n = max(1, round(float(x.max() - x.min()) / spacing))
-    inner = x.min() + np.arange(1, n) / n * (x.max() - x.min())
-    return np.column_stack([inner, np.full(len(inner), level)])
-
-
-def _check(polygon: FloatArray, spacing: float) -> None:
-    if not 0.0 < spacing < np.inf:
-        raise ValueError(f"spacing = {spacing} m must be a positive length")
-    if polygon.ndim != 2 or polygon.shape[1] != 3 or len(polygon) < 3:
-        raise ValueError(f"polygon {polygon.shape} must be (n, 3) with at least 3 corners")
-
+from .face_sites import border_sites, inner_sites, polygon_sites
 
 FACES = {
     "x-": (0, 4, 6, 2),
@@ -105,6 +29,9 @@ EDGES = tuple((i, i | bit) for bit in (1, 2, 4) for i in range(8) if not i & bit
 
 PLANAR = 1e-6  # largest distance of a corner from its face's plane, as a share of the hexahedron's size
 COINCIDENT = 1e-9  # closest corners, likewise
+MOST_SITES = 12_000  # about, on all faces: more stand farther apart
+MOST_ON_EDGE = 3_000  # sites on one edge, which count in a box that is like a needle
+FINEST = 0.1  # of the spacing that these two allow: no site may be closer to the next
 SAME_SITE = 1e-6  # of the spacing: sites of two faces on their common edge
 
 
@@ -171,6 +98,19 @@ class Hexahedron:
         inner = np.vstack([nothing, *(inner_sites(face, spacing) for face in faces)])
         distinct = first_coincident(borders, SAME_SITE * spacing) == np.arange(len(borders))
         return np.vstack([borders[distinct], inner])
+
+    def spacing(self, given: float, wanted: float) -> float:
+        """Return the distance of sites on the faces: as given, else as wanted unless that takes too many.
+
+        Raises InputError if the given one takes far too many.
+        """
+        faces = [self.face(name) for name in FACES]
+        area = sum(float(np.linalg.norm(np.cross(f[2] - f[0], f[3] - f[1]))) / 2.0 for f in faces)
+        longest = max(float(np.linalg.norm(f - np.roll(f, 1, axis=0), axis=1).max()) for f in faces)
+        usual = max(float(np.sqrt(area / MOST_SITES)), longest / MOST_ON_EDGE)
+        if 0.0 < given < (least := FINEST * usual):
+            raise InputError(f"spacing = {given:g} puts too many sites on the box: at least {least:.2g} is possible")
+        return given or max(wanted, usual)
 
     def section(self, point: FloatArray, normal: FloatArray) -> FloatArray:
         """Return the polygon (k, 3) in which a plane cuts the hexahedron.

@@ -1,0 +1,45 @@
+"""States of files: whether one has changed since it was read."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+
+from .errors import InputError
+
+State = tuple[int, int, int, int]
+"""Bytes, time of the last change in nanoseconds, number of the file, device."""
+States = Mapping[str, State | None]
+"""By path; None: there was no such file."""
+HELD = 64
+"""Files that are held open, at most: a process may have no more than some hundreds."""
+
+
+def states_of(paths: Iterable[Path]) -> dict[str, State | None]:
+    """Return how files are now."""
+    return {str(path.absolute()): _state(str(path)) for path in paths}
+
+
+def check_unchanged(files: States, elsewhere: bool = False) -> None:
+    """Raise InputError if a file is no longer what it was; `elsewhere`: seen from another machine, maybe."""
+    for path, state in files.items():
+        now = _state(path)
+        if now != state and not (elsewhere and now and state and now[:2] == state[:2]):
+            raise InputError(f"{path}: was changed or replaced while it was in use; run the command again")
+
+
+@contextmanager
+def held(paths: Iterable[Path]) -> Iterator[None]:
+    """Hold files open for the block, so that no new file can get the number of one of them."""
+    with ExitStack() as stack:
+        for path in list(paths)[:HELD]:
+            with suppress(OSError):  # reading it says what is wrong
+                stack.enter_context(path.open("rb"))
+        yield
+
+
+def _state(path: str) -> State | None:
+    try:
+        state = Path(path).stat()
+    except OSError:
+        return None
+    return state.st_size, state.st_mtime_ns, state.st_ino, state.st_dev

@@ -1,0 +1,1 @@
+"""The confining hexahedron: given or chosen, and the sites on its faces (section 3)."""
