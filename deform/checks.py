@@ -1,4 +1,4 @@
-"""Checks that can fail: what must hold of a deflected mesh; and the loop that deflects and judges."""
+"""Checks that can fail: what must hold of a deflected mesh."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -27,13 +27,13 @@ from sdm_deflect.deform.surface.surface import OnPatches
 from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 
-ROUNDED = 0.01  # of an edge's length: largest change by a file with fewer digits
-ON_SHAPE = 1e-9  # of the moving surface's size: how far sliding nodes may be from where they slid
-ON_IMAGE = 1e-14  # of a pair's size: how far nodes may be from the images of others
-WORSE = 4.0  # times as far as they were, in files with fewer digits
-SAME_PLACE = 1e-9  # of the box: nodes that are nearer are the same place
+ROUNDED = 0.01  # of an edge's length: largest change by rounding
+ON_SHAPE = 1e-9  # of the moving surface's size: largest distance of sliding nodes from their shape
+ON_IMAGE = 1e-14  # of a pair's size: largest distance of nodes from their images
+WORSE = 4.0  # times the distance before: allowed in files with fewer digits
+SAME_PLACE = 1e-9  # of the box: nearer nodes are at the same place
 
-POOR, POOR_SHARE = 0.1, 0.5  # quality of a worst cell: newly below it, or below that share of what it was, is poor
+POOR, POOR_SHARE = (0.1, 0.5)  # a worst cell is poor if newly below this quality, or below this share of its own
 
 Judgement = Literal["at most", "at least", "information"]
 Verdict = Literal["passed", "poor", "FAILED", "information", "not applicable"]
@@ -41,20 +41,20 @@ Verdict = Literal["passed", "poor", "FAILED", "information", "not applicable"]
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One check: a measured value and its limit.
+    """A measured value beside its limit.
 
     Attributes
     ----------
-    name : fixed name; with the surface appended where it is of one box of several.
-    value, limit : what was measured and what was asked, in `unit`.
-    unit : of both; none for shares, and for lengths in the mesh's own unit.
-    where : what was measured, over how many nodes, and where the worst one lies.
+    name : fixed name; with several boxes the surface is appended.
+    value, limit : measured value and limit, in `unit`.
+    unit : unit of both; empty for shares, and for lengths in the mesh's own unit.
+    where : what was measured, on how many nodes, and where the worst one is.
     judgement : the check passes if value <= limit (``"at most"``) or value >= limit (``"at least"``);
-        ``"information"`` has no limit, but what is expected.
-    over : number of nodes or cells that were measured; over none the check is not applicable.
-    nodes, distances : (K,) the nodes and what was measured at each, where a map of it is worth drawing.
-    figures : what was measured of each part, by its name.
-    poor : True of a worst cell that passes, but lost more than half of its quality, or newly fell below .1.
+            ``"information"`` has an expected value, but no limit.
+    over : number of nodes or cells measured; with none the check is not applicable.
+    nodes, distances : (K,) nodes and the value at each, if a map of them is worth drawing.
+    figures : measured value of each part, by name.
+    poor : whether a worst cell passes but lost more than half of its quality, or newly fell below 0.1.
     """
 
     name: str
@@ -71,25 +71,25 @@ class Check:
 
     @property
     def is_judged(self) -> bool:
-        """True if there was something to measure, and a limit."""
+        """True if the check has a limit, and something was measured."""
         return bool(self.over) and self.judgement != "information"
 
     @property
     def passed(self) -> bool:
-        """True if the value keeps its limit, or there was nothing to measure; nan never does."""
+        """True if the value keeps its limit or nothing was measured; nan never passes."""
         if not self.is_judged:
             return True
         return self.value <= self.limit if self.judgement == "at most" else self.value >= self.limit
 
     @property
     def verdict(self) -> Verdict:
-        """The outcome in a word or two."""
+        """The result in a word or two."""
         if not self.is_judged:
             return "information" if self.over else "not applicable"
         return "FAILED" if not self.passed else "poor" if self.poor else "passed"
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the check as JSON has it; a value that is no number is null."""
+        """Return the check for JSON; values that are not finite are null."""
         value = self.value if self.over and np.isfinite(self.value) else None
         return {
             "name": self.name,
@@ -106,7 +106,7 @@ class Check:
 
 
 def verdict(checks: Sequence[Check]) -> str:
-    """Return the verdict on all checks in words."""
+    """Return the verdict on all checks as a text."""
     judged = [check for check in checks if check.is_judged]
     if failed := [check.name for check in judged if not check.passed]:
         return f"FAILED: {len(failed)} of {len(judged)} checks: {', '.join(dict.fromkeys(failed))}"
@@ -114,7 +114,7 @@ def verdict(checks: Sequence[Check]) -> str:
 
 
 def worst(distances: FloatArray, points: FloatArray) -> str:
-    """Describe the largest of distances (N,) at points (N, 3): rms, count and place."""
+    """Describe the largest of distances (N,) at points (N, 3), with rms and count."""
     if not distances.any():
         return f"{len(distances)} nodes"
     x, y, z = points[int(np.argmax(distances))]
@@ -123,14 +123,14 @@ def worst(distances: FloatArray, points: FloatArray) -> str:
 
 
 def layers_of(deflection: Deflection) -> Layers | None:
-    """Return how the first prism layer's height changed; None without prisms."""
+    """Return the change of the first layer's height; None without a layer."""
     return first_layer(deflection.plan.touched, deflection.plan.walls, deflection.points)
 
 
 def checks_of(deflection: Deflection, unit: str = "") -> tuple[Check, ...]:
-    """Check the mesh at one angle as the file will hold it; a check that only rounding breaks says so.
+    """Check the mesh at one angle as the file will hold it; a check that fails by rounding alone says so.
 
-    `unit` is that of lengths, where the mesh's is known.
+    `unit` is the unit of lengths, if it is known.
     """
     checks = tuple(_checks(deflection, unit))
     precision = deflection.plan.precision
@@ -181,7 +181,7 @@ def _checks(deflection: Deflection, unit: str) -> Iterator[Check]:
 
 
 def left_behind(deflection: Deflection, unit: str = "") -> Check:
-    """Check that no other zone or patch holds a copy of the moving surface that stays behind."""
+    """Check that no other zone or patch has a copy of the moving surface that stays behind."""
     mesh, moved = deflection.plan.mesh, np.linalg.norm(deflection.points - deflection.plan.undeflected, axis=1)
     behind: dict[str, int] = {}
     largest, stay, over = 0.0, 0, 0
@@ -209,7 +209,7 @@ def left_behind(deflection: Deflection, unit: str = "") -> Check:
 
 
 def _staying(box: BoxPlan, still: BoolArray, near: float) -> Iterator[tuple[str, FloatArray]]:
-    """Yield the patches and zones, also those in the file alone, with nodes (K, 3) in the box that are `still` (N,)."""
+    """Yield the patches and zones of the file, with their nodes (K, 3) in the box that are `still` (N,)."""
     mesh, job, region = box.mesh, box.job, box.region
     held = [surface.motion.held for surface in job.surfaces if isinstance(surface.motion, Blended)]
     names = [name for nodes in held if isinstance(nodes, OnPatches) for name in mesh.named(nodes.names, "held")]
@@ -234,11 +234,11 @@ def _staying(box: BoxPlan, still: BoolArray, near: float) -> Iterator[tuple[str,
 
 
 def _sliding(deflection: Deflection, unit: str) -> Iterator[Check]:
-    """Check that nodes which slide are on their shapes."""
+    """Check that sliding nodes are on their shapes."""
     for box in deflection.boxes:
         checks, thin = [], box.plan.boundary.thin
         for name, nodes, shape, _ in (one for addition in box.plan.additions for one in addition.shapes()):
-            if not isinstance(shape, str):  # each plane face of a patch: the mesh before says which
+            if not isinstance(shape, str):  # the mesh before says which plane face
                 states = (at[nodes] for at in (box.plan.mesh.points, box.points))
                 before, now = map(shape.distance, map(thin.halfway.places, states) if thin else states)
                 drift, where = float(np.abs(now - before).max(initial=0.0)), f"{len(nodes)} sliding nodes"
@@ -247,7 +247,7 @@ def _sliding(deflection: Deflection, unit: str) -> Iterator[Check]:
 
 
 def _first_layer(deflection: Deflection) -> Iterator[Check]:
-    """Check that the first layers off the walls kept their heights."""
+    """Check that first layers on walls kept their heights."""
     layers = layers_of(deflection)
     if layers:
         kind = "thick" if layers.thick else "thin"
@@ -256,7 +256,7 @@ def _first_layer(deflection: Deflection) -> Iterator[Check]:
 
 
 def _pairs(deflection: Deflection) -> Iterator[Check]:
-    """Check that periodic nodes in the box still fit to their images, and nodes of thin cases to their plane."""
+    """Check that periodic nodes in the box still match their images, and that thin cases stay in their planes."""
     mesh, points = deflection.plan.mesh, deflection.points
     may_move = np.zeros(len(points), dtype=np.bool_)
     may_move[deflection.plan.changed] = True
@@ -279,7 +279,7 @@ def _pairs(deflection: Deflection) -> Iterator[Check]:
 
 
 def _inverted_cells(deflection: Deflection) -> Check:
-    """Check that no cell is inverted that was not before."""
+    """Check that no cell is newly inverted."""
     touched = deflection.plan.touched
     before = sum(quality.inverted for quality in deflection.plan.before)
     where = f"of {touched.count} cells with a node in the box"
@@ -290,7 +290,7 @@ def _inverted_cells(deflection: Deflection) -> Check:
 
 
 def surfaces_crossed(mesh: Mesh, points: FloatArray) -> Check:
-    """Check that no face newly intersects another face when the nodes move to points (N, 3)."""
+    """Check that no face newly intersects another one, with the nodes at points (N, 3)."""
     crossings = Crossings.of(mesh, points)
     where = f"of {crossings.moved} faces that moved, beside {crossings.near - crossings.moved} near them"
     where += f"; {crossings.where}" if crossings.faces else ""
@@ -298,7 +298,7 @@ def surfaces_crossed(mesh: Mesh, points: FloatArray) -> Check:
 
 
 def slid_nodes(deflection: Deflection) -> IntArray:
-    """Return the sorted nodes (K,) of fixed patches that the repair moved on their shapes, as it may."""
+    """Return the sorted nodes (K,) of fixed patches that the repair slid on their shapes."""
     slid = (np.intersect1d(repair.moved, repair.freedom.sliding, assume_unique=True) for repair in deflection.repairs)
     return np.intersect1d(deflection.plan.fixed, union(*slid), assume_unique=True)
 
@@ -316,18 +316,18 @@ def _slid_on_surfaces(deflection: Deflection, slid: IntArray, unit: str) -> Chec
 
 
 def _on_shape(deflection: BoxDeflection) -> float:
-    """Return the allowed distance of sliding nodes from their shape, no less than the file's precision."""
+    """Return the allowed distance of sliding nodes from their shape: at least the file's precision."""
     plan = deflection.plan
     return max(ON_SHAPE * plan.boundary.size, plan.precision.resolution(plan.mesh.points))
 
 
 def with_surface(checks: Iterable[Check], box: BoxPlan, plan: Plan) -> list[Check]:
-    """Add the surface to the names of a box's checks if there are several boxes."""
+    """Append the surface to the names of a box's checks, if there are several boxes."""
     return [replace(check, name=f"{check.name}:{box.surface}") if len(plan.boxes) > 1 else check for check in checks]
 
 
 def first_inverted(deflection: Deflection) -> str:
-    """Describe the first newly inverted cell: its number, its patches, whether the repair could move it."""
+    """Describe the first newly inverted cell: number, patches, and whether the repair could move it."""
     plan, mesh, row = deflection.plan, deflection.plan.mesh, 0
     numbers = mesh.whole.rows if mesh.whole else tuple(np.arange(len(block)) for block in mesh.cells)
     for i, (block, rows, sign) in enumerate(zip(mesh.cells, plan.touched.rows, plan.touched.orientation, strict=True)):
@@ -342,7 +342,7 @@ def first_inverted(deflection: Deflection) -> str:
 
 
 def cell_text(deflection: Deflection, row: int, nodes: IntArray, shape: str) -> str:
-    """Describe an inverted cell by its row in the mesh, its type, and the patches that its nodes are on."""
+    """Describe an inverted cell: row in the mesh, type, and patches of its nodes."""
     plan, repairs = deflection.plan, deflection.repairs
     on = [patch.name for patch in plan.mesh.patches if np.isin(nodes, patch.nodes).any()]
     text = f"the first is cell {row} ({shape})" + (f" with nodes on {short_list(on)}" if on else "")
@@ -353,7 +353,7 @@ def cell_text(deflection: Deflection, row: int, nodes: IntArray, shape: str) -> 
 
 
 def _rounding(deflection: Deflection) -> Check:
-    """Check that rounding to a file of fewer bits does not distort the undeflected mesh."""
+    """Check that rounding to fewer bits does not distort the undeflected mesh."""
     plan, largest, count = deflection.plan, 0.0, 0
     for block in plan.mesh.cells:
         faces = [block.faces] if isinstance(block, Polyhedra) else faces_of(block, np.arange(len(block)))
@@ -368,7 +368,7 @@ def _rounding(deflection: Deflection) -> Check:
 
 
 def _boundary_checks(deflection: Deflection) -> Iterator[Check]:
-    """Check that patches cover the boundary where nodes may move, and hold nothing else."""
+    """Check that patches cover the boundary where nodes may move, and have no other faces."""
     gaps = [box.unheld for box in deflection.plan.boxes]
     faces, loose, inner = (sum(getattr(gap, name) for gap in gaps) for name in ("faces", "loose", "inner"))
     if faces:
@@ -380,9 +380,9 @@ def _boundary_checks(deflection: Deflection) -> Iterator[Check]:
 
 
 def _quality_checks(deflection: Deflection) -> Iterator[Check]:
-    """Check that the touched cells of each type keep a share of the least quality that they had.
+    """Check that the touched cells of each type keep a share of their least quality before.
 
-    Cells that were inverted, or of quality 0, are left out.
+    Cells that were inverted or of quality 0 before are left out.
     """
     for of, (old, new) in zip(deflection.quality, deflection.least, strict=True):
         where = f"{of.measure} of {new.cells} cells ({of.shape}), {old.quality:.3f} before"
@@ -394,5 +394,5 @@ def _quality_checks(deflection: Deflection) -> Iterator[Check]:
 
 
 def _unmoved(name: str, moved: FloatArray, what: str, unit: str) -> Check:
-    """Check that distances (K,) are all zero to the last bit."""
+    """Check that distances (K,) are exactly zero."""
     return Check(name, float(moved.max(initial=0.0)), 0.0, unit, f"{len(moved)} {what}", over=len(moved))

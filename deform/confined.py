@@ -1,6 +1,6 @@
-"""The paper's method, in its order: displacements in a hexahedron, by radial basis functions on adaptive centres.
+"""The paper's method in its order: interpolate displacements in a hexahedron by radial basis functions.
 
-Section numbers are the paper's. What the product adds to the method is in `deform.around`.
+Section numbers are the paper's. `deform.around` holds what we add to the method.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,7 +22,7 @@ from .rbf.problem import DIRECTIONS, DataSites, multivariate, univariate
 from .rbf.rules import GreedyOptions, Rule, Separated, Worst
 
 APART = 0.5
-"""Least distance of a zero site from a node of known displacement, as a share of the distance between zero sites."""
+"""Least distance of a zero site from a known node, as a share of the spacing of zero sites."""
 GROUPINGS: dict[Strategy, Callable[[Sequence[DataSites]], tuple[DataSites, ...]]] = {
     "squv": univariate,
     "mv": multivariate,
@@ -30,7 +30,7 @@ GROUPINGS: dict[Strategy, Callable[[Sequence[DataSites]], tuple[DataSites, ...]]
 RULES: dict[RuleName, Rule] = {"separated": Separated(), "worst": Worst()}
 
 
-# Section 3: only nodes in the hexahedron move; zero sites on its faces hold all others.
+# Section 3: only nodes in the hexahedron move; zero sites on its faces hold the mesh there.
 
 
 def inside(hexahedron: Hexahedron, points: FloatArray) -> IntArray:
@@ -39,17 +39,17 @@ def inside(hexahedron: Hexahedron, points: FloatArray) -> IntArray:
 
 
 def zero_sites(on_faces: FloatArray, known: FloatArray, spacing: float) -> FloatArray:
-    """Return the points (P, 3) on the faces that keep `APART` spacings from nodes of known displacement (K, 3)."""
+    """Return the points (P, 3) on the faces that are at least `APART` spacings from every known node (K, 3)."""
     nearest, _ = cKDTree(known).query(on_faces)
     return np.ascontiguousarray(on_faces[nearest >= APART * spacing])
 
 
-# Section 4: centres for each direction (SQUV) or for all (MV) are added until all sites are within the tolerance.
+# Section 4: add centres, for each direction (SQUV) or jointly (MV), until every site is within the tolerance.
 
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """How centres are chosen; `initial` is their number at the start, on the moving surface and on all other sites."""
+    """How centres are chosen; `initial` counts those at the start: on the moving surface, and elsewhere."""
 
     kernel: Kernel
     strategy: Strategy
@@ -60,7 +60,7 @@ class Choice:
     def adapted(
         self, group: DataSites, surface: int, earlier: CholeskyBasis | None, progress: Progress = silent
     ) -> Adaptation:
-        """Fit one group of directions; the centres of an earlier fit come first, and every site is checked."""
+        """Fit one group of directions; start from the centres of an earlier fit, if given, and check every site."""
         initial = earlier.chosen if earlier else initial_centers(group, surface, self.initial)
         basis = (lambda problem, _: earlier.with_values(problem.values)) if earlier else CholeskyBasis.of
         names = "".join(DIRECTIONS[c] for c in group.components)
@@ -72,17 +72,17 @@ class Choice:
 
 
 def initial_centers(group: DataSites, surface: int, count: tuple[int, int]) -> IntArray:
-    """Return the rows of the initial centres: so many of the first `surface` sites, and of the others."""
+    """Return the rows of the initial centres: `count[0]` of the first `surface` sites, `count[1]` of the others."""
     moving, others = group.points[:surface], group.points[surface:]
     return np.concatenate([farthest(moving, count[0]), surface + farthest(others, count[1])])
 
 
-# Section 2: the displacement interpolates the sites (eqs. 2 to 6), and is evaluated at the nodes inside (eq. 7).
+# Section 2: interpolate at the sites (eqs. 2 to 6), and evaluate at the nodes inside (eq. 7).
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Confined:
-    """The displacement in the hexahedron: a fit for each group of directions, and one interpolant of them all."""
+    """The displacement in the hexahedron: one fit for each group of directions, joined in one interpolant."""
 
     adaptations: tuple[Adaptation, ...]
     interpolant: Interpolant = field(repr=False)
@@ -92,14 +92,14 @@ class Confined:
         cls, sites: Sequence[DataSites], surface: int, how: Choice, earlier: "Confined | None" = None,
         progress: Progress = silent,
     ) -> "Confined":  # fmt: skip
-        """Interpolate at the sites, of which the first `surface` are on the moving surface; SolveError if singular."""
+        """Interpolate at the sites; the first `surface` are on the moving surface. SolveError if singular."""
         groups = GROUPINGS[how.strategy](sites)
         pairs = zip(groups, earlier.factors if earlier else (None,) * len(groups), strict=True)
         fits = tuple(how.adapted(group, surface, known, progress) for group, known in pairs)
         return cls(fits, fused(fits))
 
     def refit(self, sites: Sequence[DataSites], strategy: Strategy) -> "Confined":
-        """Interpolate other values at the same sites, on the same centres."""
+        """Interpolate other values at the same sites with the same centres."""
         with single_threaded_blas():
             groups = zip(GROUPINGS[strategy](sites), self.factors, self.adaptations, strict=True)
             fits = tuple(Adaptation.on(factor.with_values(one.values), fit.stop) for one, factor, fit in groups)
@@ -111,10 +111,10 @@ class Confined:
 
     @property
     def factors(self) -> tuple[CholeskyBasis, ...]:
-        """The factor of each fit."""
+        """Factor of each fit."""
         return tuple(fit.basis for fit in self.adaptations if isinstance(fit.basis, CholeskyBasis))
 
     @property
     def error(self) -> float:
-        """Largest error at any data site."""
+        """Largest error at any data site, as a length."""
         return max(fit.max_error for fit in self.adaptations)

@@ -1,4 +1,4 @@
-"""A plan, held: the mesh at any amounts of its surfaces, and its derivatives, as sums of fixed fields."""
+"""A held plan: the mesh at any amounts of its surfaces, and its derivatives, as sums of fixed fields."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -32,24 +32,24 @@ from .checks import Check, checks_of
 
 FILE = "plan of sdm-deflect, 1"
 MEASURED = 9
-"""Number of amounts of each surface at which the mesh is judged."""
+"""Number of amounts of each surface at which the mesh is checked."""
 KINDS: dict[str, Any] = {"turn": Turn, "powers": Powers, "fixed": Fixed}
-"""Functions by their names in a file."""
+"""Functions of the amount by their names in a file."""
 Wanted = float | Mapping[str, float] | Sequence[float]
-"""Amounts: of the only surface, by name (0 of those that are left out), or of all in their order."""
+"""Amounts: of the only surface; by name, 0 where left out; or of all surfaces in order."""
 
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """The mesh with one surface at an amount, and the others where they are.
+    """Checks of the mesh with one surface at an amount and the others where they stand.
 
     Attributes
     ----------
-    amount : of the surface.
-    least : least quality of the cells that the box of the surface may change; nan without cells.
-    inverted : number of these that are inverted and were not before.
+    amount : amount of the surface.
+    least : least quality of the cells that the surface's box may change; nan without cells.
+    inverted : number of these cells that are newly inverted.
     site_error : largest error at a data site of the box, a length.
-    failed : names of the checks that fail, of the whole mesh.
+    failed : names of the failed checks of the whole mesh.
     """
 
     amount: float
@@ -60,9 +60,9 @@ class Measured:
 
 
 class PlacedFields(NamedTuple):
-    """The deflections that were read of one surface as functions of place, and the weights (k, r) of each.
+    """Deflections of one surface as functions of place, and their weights (k, r).
 
-    A plan of one amount has one, and no weights.
+    A plan for one amount has one deflection and no weights.
     """
 
     fields: tuple[Field, ...]
@@ -73,7 +73,7 @@ class PlacedFields(NamedTuple):
         return combined(self.weights, points, [one.apply(points) for one in self.fields])
 
     def move(self, points: FloatArray, values: FloatArray, out: FloatArray) -> None:
-        """Add the displacement of undeflected points (N, 3), at values (k,) of the functions, to `out` (N, 3)."""
+        """Add the displacement of undeflected points (N, 3) to `out` (N, 3), at values (k,) of the functions."""
         for value, one in zip(values, self.on(points), strict=True):
             out += value * one
 
@@ -85,15 +85,15 @@ class PlacedFields(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class HeldPlan:
-    """Everything that moves a mesh to any amounts of its surfaces within their ranges.
+    """All that moves a mesh to any amounts of its surfaces within their ranges.
 
     Attributes
     ----------
     controls : the surfaces and their ranges.
-    amounts : of the surfaces: where the others stand while one is measured.
-    measured : of each surface what was found at some amounts; empty until `judged`.
-    placed : of each surface what moves points by their place; None until it is asked for.
-    mesh : the plan at the nodes of its mesh; None if it was loaded from a file.
+    amounts : where the other surfaces stand while one is measured.
+    measured : for each surface the checks at some amounts; empty until `judged`.
+    placed : for each surface its fields as functions of place; None until needed.
+    mesh : the plan at the nodes of its mesh; None for a plan from a file.
     """
 
     controls: tuple[Control, ...]
@@ -104,12 +104,12 @@ class HeldPlan:
 
     @classmethod
     def of(cls, plan: Plan, progress: Progress = silent, known: Deflection | None = None) -> "HeldPlan":
-        """Deflect each surface of a plan to the amounts that are read; those without a range stay.
+        """Deflect each surface of a plan to the amounts to be read; surfaces without a range stay.
 
-        A deflection that is `known` is not made again.
+        A `known` deflection is used as it is.
 
-        Raises InputError if no surface has a range, one cannot move so far, or sums of fields miss a deflection by more
-        than a tenth of the tolerance, as on a triangulated slide.
+        Raises InputError if no surface has a range, if one cannot move so far, or if the fields miss a deflection by
+        more than a tenth of the tolerance, as on a triangulated slide.
         """
         plan = plan.keeping(EVERY_BIT)
         readings, places = [], []
@@ -128,7 +128,7 @@ class HeldPlan:
 
     @classmethod
     def of_one_amount(cls, found: Deflection, failed: Sequence[str]) -> "HeldPlan":
-        """Hold a deflection, unrounded, and the names of the checks that it failed; it serves its own amounts alone."""
+        """Hold an unrounded deflection and the names of its failed checks; it serves these amounts alone."""
         plan, controls, placed = found.plan, [], []
         first = next((i for i, amount in enumerate(found.amounts) if amount), 0)
         for i, ((moving, surface), amount) in enumerate(zip(plan.moving, found.amounts, strict=True)):
@@ -143,7 +143,7 @@ class HeldPlan:
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> "HeldPlan":
-        """Read what `save` has written; InputError if the file is missing, damaged or another one."""
+        """Read a file of `save`; InputError if it is missing, damaged or of another kind."""
         stored = read_arrays(Path(path))
         with damaged(Path(path), FILE):
             if str(stored["kind"]) != FILE:
@@ -162,7 +162,7 @@ class HeldPlan:
             return cls(tuple(controls), tuple(known["amounts"]), tuple(measured), tuple(placed))
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write it to a file, whole or not at all; `load` reads it, to the bit."""
+        """Write the plan to a file, completely or not at all; `load` restores it exactly."""
         arrays: dict[str, Any] = {"kind": np.array(FILE)}
         names = {kind: name for name, kind in KINDS.items()}
         controls = [asdict(one) for one in self.controls]
@@ -189,16 +189,17 @@ class HeldPlan:
 
     @cached_property
     def by_place(self) -> tuple[PlacedFields, ...]:
-        """Of each surface what moves points by their place; InputError if nodes at one place move apart."""
+        """Fields of each surface as functions of place; InputError if nodes at one place move differently."""
         if self.placed is not None:
             return self.placed
         readings = self._on_mesh.readings
         return tuple(PlacedFields(tuple(Field.of([one]) for one in own.deflections), own.weights) for own in readings)
 
     def on(self, points: FloatArray) -> Modes:
-        """Return the fields at undeflected points (N, 3), any part of the mesh; they have `at`, `jvp` and `vjp`.
+        """Return the modes at undeflected points (N, 3), any part of the mesh.
 
-        Points are known by their places, to the last bit. InputError if they are no finite numbers (N, 3).
+        Nodes with prescribed places are found by their exact coordinates. InputError if the points are not finite (N,
+        3).
         """
         rows, fields = [], []
         for own in self.by_place:
@@ -208,35 +209,35 @@ class HeldPlan:
         return Modes(self.controls, points, tuple(rows), tuple(fields))
 
     def at_nodes(self, points: FloatArray) -> Modes:
-        """Return the fields at the nodes (N, 3) of the mesh, which is the plan's own if it has one."""
+        """Return the modes at the nodes (N, 3) of the mesh: the plan's own, if it has them."""
         return self.mesh.modes if self.mesh else self.on(points)
 
     def at(self, amounts: Wanted) -> FloatArray:
-        """Return the coordinates (N, 3) of the mesh at amounts; at 0 they are its own to the bit.
+        """Return the coordinates (N, 3) of the mesh at amounts; at 0 they equal the mesh's exactly.
 
         Parameters
         ----------
-        amounts : A number for a single surface; or numbers by the surfaces' names, 0 for those that are left out; or of
-            all surfaces in their order. Degrees, or shares of a table.
+        amounts : One number for a single surface; numbers by name, 0 where left out; or numbers of all surfaces in
+            order. Degrees, or shares of a table.
 
-        Raises InputError for an amount outside its range, or a plan from a file, which has no mesh: see `on`.
+        Raises InputError for an amount outside its range, or for a plan from a file, which has no mesh: see `on`.
         """
         return self._on_mesh.modes.at(self.named(amounts))
 
     def jvp(self, amounts: Wanted, speeds: Wanted) -> FloatArray:
-        """Return the derivative (N, 3) of the coordinates where the amounts change at `speeds`, given like them."""
+        """Return the derivative (N, 3) of the coordinates along `speeds`, which are given like amounts."""
         return self._on_mesh.modes.jvp(self.named(amounts), self.named(speeds))
 
     def vjp(self, amounts: Wanted, gradient: ArrayLike) -> FloatArray:
-        """Return the derivative (n,) by the amounts of a function with the `gradient` (N, 3) by the coordinates."""
+        """Return the derivative (n,) by the amounts of a function whose gradient by the coordinates is (N, 3)."""
         return self._on_mesh.modes.vjp(self.named(amounts), np.asarray(gradient, dtype=np.float64))
 
     def deflection(self, amounts: Wanted, precision: Precision = EVERY_BIT) -> Deflection:
-        """Return the mesh at amounts as a deflection; its steps are those of a reading."""
+        """Return the mesh at amounts as a deflection, with the steps of the nearest reading."""
         return self._on_mesh.deflection(self.named(amounts), precision)
 
     def turned(self, angle: float, precision: Precision = EVERY_BIT) -> Deflection:
-        """Return the mesh at an angle of the first surface, the others in proportion, as a file would keep it."""
+        """Return the mesh at an angle of the first surface, the others in proportion, rounded for a file."""
         return self._on_mesh.deflection(self._on_mesh.pose(angle), precision)
 
     def rate(self, angle: float) -> FloatArray:
@@ -248,7 +249,7 @@ class HeldPlan:
         return checks_of(self.deflection(amounts))
 
     def judged(self, progress: Progress = silent, count: int = MEASURED) -> "HeldPlan":
-        """Return the same, its mesh judged at so many amounts of each surface, the others where they stand."""
+        """Return the plan with its mesh checked at `count` amounts of each surface, the others where they stand."""
         measured = []
         for i, control in enumerate(self.controls):
             rows = []
@@ -264,7 +265,7 @@ class HeldPlan:
         return replace(self, measured=tuple(measured))
 
     def passed(self, row: int) -> tuple[float, float] | None:
-        """Return the ends of the amounts of a surface that passed around where it stands; None if none did."""
+        """Return the range of a surface's amounts around where it stands that passed; None if none did."""
         good, bad = ([one.amount for one in self.measured[row] if bool(one.failed) is fails] for fails in (False, True))
         here = min(good, key=lambda amount: abs(amount - self.amounts[row]), default=None)
         if here is None:
@@ -274,7 +275,7 @@ class HeldPlan:
         return min(around), max(around)
 
     def faults(self, amounts: Amounts) -> tuple[str, ...]:
-        """Return a sentence for each surface whose amount is not among those that passed."""
+        """Return a sentence for each surface whose amount is outside of those that passed."""
         out = []
         for i, (control, amount) in enumerate(zip(self.controls, amounts, strict=True)):
             rows = self.measured[i] if self.measured else ()
@@ -291,11 +292,11 @@ class HeldPlan:
             control.check(amount)
 
     def is_measured(self, amounts: Amounts) -> bool:
-        """Return whether at most one surface is away from where it stood while the others were measured."""
+        """Return whether at most one surface is away from where it stood during the checks."""
         return sum(one != other for one, other in zip(amounts, self.amounts, strict=True)) <= 1
 
     def named(self, amounts: Wanted) -> Amounts:
-        """Return amounts in the order of the surfaces; InputError for a name or a number of them that is wrong."""
+        """Return the amounts in the order of the surfaces; InputError for a wrong name or number of them."""
         if isinstance(amounts, Mapping):
             out = [0.0] * len(self.controls)
             for name, amount in amounts.items():
@@ -320,7 +321,7 @@ class HeldPlan:
         return self.mesh
 
     def figures(self) -> list[dict[str, Any]]:
-        """Return range, what passed, and what was measured of each surface, as JSON has it."""
+        """Return range, passed amounts and measurements of each surface, for JSON."""
         out = []
         for i, one in enumerate(self.controls):
             rows = [asdict(row) | {"least": row.least if isfinite(row.least) else None} for row in self.measured[i]]
@@ -330,7 +331,7 @@ class HeldPlan:
 
     @property
     def lines(self) -> list[str]:
-        """Range, what passed, and the least quality of each surface, as a text."""
+        """Range, passed amounts and least quality of each surface, as text."""
         lines = []
         for i, one in enumerate(self.controls):
             passed = self.passed(i) if self.measured else None
@@ -346,14 +347,14 @@ class HeldPlan:
 
 @dataclass(frozen=True, eq=False)
 class OnMesh:
-    """A held plan at the nodes of its mesh: what was decided before, and the deflections that were read."""
+    """A held plan at the nodes of its mesh: the plan, and the deflections that were read."""
 
     plan: Plan
     readings: tuple[Readings, ...]
 
     @cached_property
     def modes(self) -> Modes:
-        """The fields at all nodes."""
+        """Modes at all nodes."""
         start, rows, fields = self.plan.mesh.points, [], []
         for own in self.readings:
             rows.append(own.box.changed)
@@ -363,17 +364,17 @@ class OnMesh:
 
     @cached_property
     def residuals(self) -> tuple[FloatArray, ...]:
-        """Of each surface by how much its fields miss the sites of its box in each step (k, steps, S, 3)."""
+        """For each surface the errors of its fields at the data sites in each step (k, steps, S, 3)."""
         most = max(len(one.steps) for own in self.readings for one in own.deflections)
         missed = ([residuals(one, most) for one in own.deflections] for own in self.readings)
         return tuple(fields_of(own.weights, some) for own, some in zip(self.readings, missed, strict=True))
 
     def box_of(self, row: int) -> int:
-        """Return the number of the box of a surface."""
+        """Return the index of a surface's box."""
         return next(b for b, box in enumerate(self.plan.boxes) if box is self.readings[row].box)
 
     def pose(self, angle: float) -> Amounts:
-        """Return the amount of each surface when that of the first of all is `angle`."""
+        """Return the amount of each surface at an angle of the first one."""
         return tuple(self.plan.amounts_of(own.box, angle)[own.row] for own in self.readings)
 
     def deflection(self, amounts: Amounts, precision: Precision) -> Deflection:
@@ -393,15 +394,15 @@ class OnMesh:
 
 
 def _name(moving: Moving, surface: Surface) -> str:
-    """Return a name for a surface, without the panel that follows its root."""
+    """Return a name for a surface, without the panel that moves with its root."""
     following = moving.motion.panel if isinstance(moving.motion, RootOnCylinder) else ()
     return name_of([name for name in surface.patches if name not in following])
 
 
 def combined(weights: FloatArray | None, points: FloatArray, ends: Sequence[FloatArray]) -> FloatArray:
-    """Return the fields (k, M, 3) at points (M, 3), given where each reading brings these.
+    """Return the fields (k, M, 3) at points (M, 3), given their places (M, 3) in each reading.
 
-    Of a plan of one amount they are two, whose sum with the points is the end to the bit.
+    A plan for one amount has two fields; with the points they add up exactly to the final places.
     """
     if weights is not None:
         return fields_of(weights, [end - points for end in ends])

@@ -1,4 +1,4 @@
-"""The loop over angles: each mesh is deflected and judged."""
+"""The loop over angles: deflect the mesh and judge it."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -13,38 +13,38 @@ from .volume.plan import Plan
 
 
 class Judged(NamedTuple):
-    """The mesh at one angle, and the verdict on it."""
+    """The mesh at one angle, and its checks."""
 
     deflection: Deflection
     checks: tuple[Check, ...]
 
     @property
     def passed(self) -> bool:
-        """True if every check holds."""
+        """True if every check passes."""
         return all(check.passed for check in self.checks)
 
 
 class Turnable(Protocol):
-    """What brings a mesh to any angle of the first surface by itself."""
+    """Brings a mesh to any angle of the first surface without a fit."""
 
     def turned(self, angle: float, precision: Precision) -> Deflection:
-        """Return the mesh at an angle of the first surface, for a file that keeps coordinates so."""
+        """Return the mesh at an angle of the first surface, rounded for a file."""
 
 
 def run(
     plan: Plan, angles: Sequence[float], stage: Stage = unseen, unit: str = "", held: Turnable | None = None
 ) -> Iterator[Judged]:
-    """Bring the mesh to several angles, the largest first: its centres and factors serve for all of them.
+    """Deflect the mesh to several angles, the largest first: the other angles reuse its centres and factors.
 
-    Each angle is checked at every data site; centres are added where one is off by more than the tolerance.
+    Every angle is checked at all data sites; centres are added where the error exceeds the tolerance.
 
     Parameters
     ----------
-    plan : What moves, and the box that holds it at all angles.
+    plan : The plan, whose boxes contain the motion at all angles.
     angles : Amounts of the first surface.
-    stage : Shows what is done.
-    unit : Of lengths, where the mesh's is known.
-    held : Brings the mesh to the angles in place of fits.
+    stage : Shows the current stage.
+    unit : Unit of lengths, if it is known.
+    held : Brings the mesh to the angles instead of fits.
     """
     largest, earlier = max(angles, key=abs), None
     for angle in dict.fromkeys((largest, *angles)):

@@ -1,4 +1,4 @@
-"""What every job can be told, as values that load nothing: settings are read before any code is compiled."""
+"""Options of a job, as values that load nothing: settings are read before any code is compiled."""
 
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
@@ -9,14 +9,14 @@ from .rbf.fitting import Fitting
 
 RepairMode = Literal["auto", "off", "always"]
 LARGEST_ANGLE = 90.0
-"""Degrees: beyond, a surface has passed its parent."""
+"""Degrees: beyond, a surface turns past its parent."""
 ROUNDING = 1e-9
-"""A cell that was turned is as good as it was to this share of its quality."""
+"""Relative difference of a cell's quality that turning it may cause."""
 
 
 @dataclass(frozen=True, slots=True)
 class Repair:
-    """When cells are mended that a deflection has spoiled, and how good they must be."""
+    """When cells are repaired that a deflection has spoiled, and how good they must become."""
 
     # fmt: off
     mode: Annotated[RepairMode, Spelling("repair"), Doc(
@@ -33,13 +33,13 @@ class Repair:
 
     @property
     def wanted(self) -> float:
-        """Share of the least quality before, below which cells are mended: less than 1 by rounding."""
+        """Share of the least quality before, below which cells are repaired; less than 1 by rounding."""
         return min(1.0 if self.mode == "always" else self.share, 1.0 - ROUNDING)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JobOptions:
-    """What a job and the settings of a user have in common."""
+    """Options that a job and a user's settings share."""
 
     # fmt: off
     fixed: Annotated[tuple[str, ...], Option(metavar="NAME"), Doc(

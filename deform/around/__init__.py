@@ -1,1 +1,1 @@
-"""What the product adds to the paper's method, a file for each addition."""
+"""Additions to the paper's method, one in each file."""

@@ -1,7 +1,8 @@
-"""The seam between the paper's method and what is added to it.
+"""The interface between the paper's method and an addition to it.
 
-A step solves for the free nodes. *Bound* nodes slide, or are images of others: their displacement is known only after a
-first fit without them. Where there are any, a step has two passes: for the bound nodes, and then for the free ones.
+A step interpolates the displacement of the *free* nodes. *Bound* nodes slide on a shape or move like their image: their
+displacement is known only after a first fit without them. If there are any, a step has two passes: one for the bound
+nodes, then one for the free nodes.
 """
 
 from collections.abc import Sequence
@@ -14,7 +15,7 @@ from sdm_deflect.deform.rbf.problem import DataSites
 
 
 class Acting:
-    """An addition in one step: what it has no word for, it leaves as it is."""
+    """An addition in one step. By default it changes nothing."""
 
     __slots__ = ()
 
@@ -23,27 +24,27 @@ class Acting:
 
         Parameters
         ----------
-        known : Displacements (B, 3) of the known nodes; before the last pass those of bound nodes are zero.
-        last : Whether the pass is for the free nodes; the one before is for the bound nodes.
+        known : Displacements (B, 3) of the known nodes; those of bound nodes are zero in the first of two passes.
+        last : Whether the pass is for the free nodes.
         """
         del known, last
         return ()
 
     def corrected(self, u: FloatArray, known: FloatArray, last: bool) -> FloatArray:
-        """Return what becomes of displacements u (M, 3) of the free nodes or, before the last pass, the bound ones."""
+        """Return the corrected displacements u (M, 3): of the free nodes in the last pass, else of the bound nodes."""
         del known, last
         return u
 
 
 class Kept(NamedTuple):
-    """Nodes that stay on a shape, which a repair keeps and a check measures.
+    """Nodes that stay on a shape. A repair keeps them there, and a check measures it.
 
     Attributes
     ----------
-    name : of their patch, or of what they have in common.
+    name : their patch, or what they have in common.
     nodes : (K,) sorted indices.
-    shape : the shape; ``"plane"`` for each plane face of the patch, wherever that is.
-    of_patch : whether `name` is a patch, all of whose nodes are kept; else the nodes are within the flow.
+    shape : the shape, or ``"plane"``: each plane face of the patch, wherever it is.
+    of_patch : whether `name` is a patch, all of whose nodes are kept; if not, the nodes are inside the flow.
     """
 
     name: str
@@ -53,19 +54,19 @@ class Kept(NamedTuple):
 
 
 class Addition:
-    """Something that is added to the paper's method, for all steps in one box."""
+    """An addition to the paper's method, for all steps in one box."""
 
     __slots__ = ()
 
     def on_box(self, hexahedron: Hexahedron, sites: FloatArray, spacing: float) -> FloatArray:
-        """Return the points (P, 3) on the faces that become zero sites, given those at the usual spacing."""
+        """Return the zero sites (P, 3) on the faces, given those at the usual spacing."""
         del hexahedron, spacing
         return sites
 
     def shapes(self) -> Sequence[Kept]:
-        """Return which nodes stay on which shapes."""
+        """Return the nodes that stay on shapes."""
         return ()
 
     def at(self, points: FloatArray, free: IntArray) -> Acting:
-        """Return what acts in a step that starts with the mesh at points (N, 3), of whose nodes (Q,) are free."""
+        """Return the addition in a step that starts with the mesh at points (N, 3); `free` (Q,) are the free nodes."""
         raise NotImplementedError

@@ -1,4 +1,4 @@
-"""Bound nodes, which slide on shapes or move as images of one another, and images among the free nodes."""
+"""Nodes that slide on shapes or move like their periodic images."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -16,23 +16,24 @@ from sdm_deflect.deform.rbf.problem import DataSites
 from .addition import Acting, Addition, Kept
 
 ROUNDS = 8
-"""Number of times that nodes are put on several shapes, one after another."""
+"""How often nodes on several shapes are projected onto each in turn."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bind(Addition):
-    """What binds nodes.
+    """Bound nodes: those that slide, and those that move like their images.
 
     Attributes
     ----------
     nodes : (L,) the bound nodes.
-    sampled : rows of these that are data sites once they are known.
-    slides : patches on whose shapes bound nodes slide, with these.
-    faces : planes of faces of blocks, and the bound nodes on these, which stay in them as well.
+    sampled : rows of `nodes` that become data sites after the first pass.
+    slides : sliding patches, their shapes and their bound nodes.
+    faces : planes of block faces with the bound nodes on them, which stay in these planes too.
     images : nodes that move as images of one another.
     components : directions in which nodes move.
-    sides : planes that bound the mesh, with the length within which a point is on one, and its sign on the mesh's side.
-    walls : planes of pairs, where the box may cut them.
+    sides : planes that bound the mesh; for each the distance below which a point is on it, and the sign of the mesh's
+        side.
+    walls : planes of periodic pairs that the box may cut.
     """
 
     nodes: IntArray = field(repr=False)
@@ -45,9 +46,9 @@ class Bind(Addition):
     walls: tuple[Plane, ...] = field(repr=False)
 
     def on_box(self, hexahedron: Hexahedron, sites: FloatArray, spacing: float) -> FloatArray:
-        """Add sites where the box cuts planes of pairs, and drop those behind planes: nothing is there to be held.
+        """Add sites where the box cuts periodic planes, and drop sites behind planes that bound the mesh.
 
-        Between two planes of pairs there may be less than a spacing.
+        Two periodic planes may be less than one spacing apart.
         """
         around = [np.empty((0, 3))]
         for plane in self.walls:
@@ -61,7 +62,7 @@ class Bind(Addition):
         return np.ascontiguousarray(sites)
 
     def shapes(self) -> Sequence[Kept]:
-        """Return the patches on whose shapes nodes slide."""
+        """Return the sliding patches with their shapes."""
         return self.slides
 
     def at(self, points: FloatArray, free: IntArray) -> "Binding":
@@ -73,13 +74,13 @@ class Bind(Addition):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Binding(Acting):
-    """What binds nodes in one step.
+    """Bound nodes in one step.
 
     Attributes
     ----------
-    of : what does in all steps.
+    of : the bound nodes in any step.
     points : (L, 3) the bound nodes.
-    shapes : shapes, and the rows of the bound nodes on each.
+    shapes : shapes, each with the rows of the bound nodes on it.
     bound, free : images among the bound nodes, and among the free ones.
     """
 
@@ -90,7 +91,7 @@ class Binding(Acting):
     free: Images = field(repr=False)
 
     def sites(self, known: FloatArray, last: bool) -> Sequence[DataSites]:
-        """Return the bound nodes, once they are known."""
+        """Return the bound nodes as data sites in the last pass."""
         rows, columns = self.of.sampled, self.of.components
         if not last or not len(rows):
             return ()
@@ -98,7 +99,7 @@ class Binding(Acting):
         return (DataSites(self.points[rows], values[rows][:, columns], columns),)
 
     def corrected(self, u: FloatArray, known: FloatArray, last: bool) -> FloatArray:
-        """Put nodes on their shapes, as images of one another; those on several, on one after another."""
+        """Project nodes onto their shapes, and make images move alike."""
         del known
         if last:
             return self.free.projected(u)

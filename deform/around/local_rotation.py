@@ -1,7 +1,7 @@
-"""How a surface turns locally: the rotation at each boundary node, from the edges that meet there.
+"""Local rotation of a surface: the rotation at each boundary node, from the edges that meet there.
 
 At node j with edges a_k that become b_k, the rotation nearest to the deformation is the orthogonal factor R of
-H = sum of b_k a_k' / |a_k|**2 = R S, S symmetric. Under a rigid motion of the neighbourhood it is that motion's own.
+H = sum of b_k a_k' / |a_k|**2 = R S, S symmetric. If the neighbourhood moves rigidly, R is its rotation.
 """
 
 from dataclasses import dataclass, field
@@ -11,7 +11,7 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 
 DEGENERATE = 1e-6
-"""Second singular value, as a share of the first, of edges that determine no rotation."""
+"""Ratio of the second singular value to the first, below which the edges determine no rotation."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,9 +21,9 @@ class LocalRotation:
     Attributes
     ----------
     start, end : (E,) rows of the boundary nodes.
-    vectors : (E, 3) from start to end, divided by the squared length.
+    vectors : (E, 3) from start to end, divided by their squared length.
     count : number of boundary nodes.
-    normal : (3,) of the plane that they are in, if they are, which then turns within itself.
+    normal : (3,) unit normal, if all nodes are in one plane and turn within it.
     """
 
     start: IntArray = field(repr=False)
@@ -34,9 +34,9 @@ class LocalRotation:
 
     @classmethod
     def of(cls, points: FloatArray, edges: IntArray, certain: int, normal: FloatArray | None = None) -> "LocalRotation":
-        """Take edges (E, 2) between points (K, 3); those without length are left out.
+        """Take edges (E, 2) between points (K, 3), without those of zero length.
 
-        The first `certain` points turn among themselves, whatever the others, which follow them, do.
+        The first `certain` points turn by the edges among themselves alone; the others follow.
         """
         start, end = np.vstack([edges, edges[:, ::-1]]).T
         vectors = points[end] - points[start]
@@ -45,17 +45,17 @@ class LocalRotation:
         return cls(start[some], end[some], vectors[some] / square[some, None], len(points), normal)
 
     def rotations(self, displacement: FloatArray) -> FloatArray:
-        """Return the rotation less the identity (K, 3, 3) at each node, given displacements (K, 3)."""
+        """Return R - 1 (K, 3, 3) at each node, given displacements (K, 3)."""
         if not len(self.start):
             return np.zeros((self.count, 3, 3))
         turn = self._polar(displacement)[0] - np.eye(3)
-        turn[~self._sums(displacement).any(axis=(1, 2))] = 0.0  # no rounding where nothing turns
+        turn[~self._sums(displacement).any(axis=(1, 2))] = 0.0  # exact zeros where nothing turns
         return np.asarray(turn)
 
     def strain(self, displacement: FloatArray) -> FloatArray:
-        """Return by how much edges at each node (K,) change beyond its turn, over their length.
+        """Return the strain (K,) at each node: how much its edges change beyond the rotation, over their length.
 
-        The displacements (K, 3) are small, so that the turn w is linear in them. With S the sum of the unit edges and H
+        The displacements (K, 3) are small, so the rotation w is linear in them. With S the sum of the unit edges and H
         that of the changes, (tr S - S) w is the vector of H - H'.
         """
         if not len(self.start):
@@ -72,10 +72,10 @@ class LocalRotation:
         return out
 
     def _polar(self, displacement: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return R and S (K, 3, 3); both the identity where the edges determine no rotation."""
+        """Return R and S (K, 3, 3); both are the identity where the edges determine no rotation."""
         still = self._sums(np.zeros_like(displacement), unit=1.0)
         if self.normal is not None:
-            still += np.outer(self.normal, self.normal)  # an edge along it, as it were, that stays
+            still += np.outer(self.normal, self.normal)  # as an edge along the normal that stays
         u, s, vt = np.linalg.svd(still + self._sums(displacement))
         sign = np.linalg.det(u @ vt)
         u[:, :, 2] *= sign[:, None]

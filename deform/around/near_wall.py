@@ -1,22 +1,23 @@
-"""Near a boundary the mesh follows the boundary nodes around, and turns with them: prism layers keep their heights.
+"""Near a wall the mesh follows the wall's nodes and turns with them, so that prism layers keep their heights.
 
-The interpolant is smooth across a thin surface, but nothing makes it rigid beside one, and at boundary nodes that are
-no centres it is off by up to the tolerance. Two things mend that. Some mesh nodes beside a moving surface, the
-*layer sites*, become data sites that go where their node x_j carries them, x_j + u_j + R_j (p - x_j), R_j being the
-surface's local rotation: the field then turns with the surface. And every node p close to a boundary is moved to
+The interpolant is smooth, but it is not rigid beside a thin surface. At boundary nodes that are no centres it has
+errors up to the tolerance. Two corrections help. First, some mesh nodes beside a moving surface become data sites, the
+*layer sites*. Their displacement carries them rigidly with the nearest boundary node x_j: p becomes x_j + u_j + R_j (p
+- x_j), where R_j is the local rotation of the surface. Second, every node p near a wall moves to
 
     p + u(p) + psi (v(p) - u(p)),    v(p) = sum of w_j (u_j + (R_j - 1)(p - x_j)),
 
-with u the interpolant, v the mean of the rigid motions of the boundary nodes around (Luke, Collins and Blades, J.
-Comput. Phys. 231, 2012), and a weight psi that fades out away from the boundary, and where another one that may move
-otherwise comes as near: in the middle of a gap the interpolant is alone. The share w_j of a node at distance d is
-(1 / d - 1 / D)**`POWER`, D being the distance of the nearest node that is left out (Franke and Nielson, Int. J. Numer.
-Meth. Eng. 15, 1980): v does not jump where the nodes around change, which would invert the flat cells of a wake.
+Here u is the interpolant, and v the mean of the rigid motions of the boundary nodes around (Luke, Collins and Blades,
+J. Comput. Phys. 231, 2012). The weight psi falls to zero away from the wall, and where a wall that may move differently
+is as near: in the middle of a gap only the interpolant acts. With p = `POWER`, the share w_j of a
+node at distance d is (1 / d - 1 / D)**p, where D is the distance of the nearest node that is left out (Franke and
+Nielson, Int. J. Numer. Meth. Eng. 15, 1980). So v does not jump where the set of nodes changes; a jump would invert the
+flat cells of a wake.
 
-Both are corrections of what the interpolant misses, and reach no farther than that asks for (`Reach`): where they end,
-they shear the mesh. Layer sites stand beside nodes where the motion shears the surface, as a blended strip does: there
-the layers must turn otherwise from column to column. Where the surface turns rigidly, thin plate splines without them
-bend the mesh less in a narrow slot. `benchmarks/layers.md` has the figures, also for the constants.
+Both corrections shear the mesh where they end, so they reach no farther than the interpolant's error requires
+(`Reach`). Layer sites stand only where the motion shears the surface, as in a blended strip: there the columns of a
+layer turn by different angles. Where the surface turns rigidly, the interpolant bends the mesh in a narrow slot less
+without them. `benchmarks/layers.md` has the figures, also for the constants.
 """
 
 from collections.abc import Sequence
@@ -33,22 +34,25 @@ from sdm_deflect.deform.rbf.problem import DataSites
 from .addition import Acting, Addition
 from .local_rotation import LocalRotation
 
-NEAR = 0.2  # of the distance up to which there are layer sites: none is nearer
-FAR = 0.05, 0.5  # edges of the surface: that distance is between these, so only meshes with layers have any
-COARSE = 5.0  # times the edge over the surface's size: that distance, in edges
-LAYERS = 8.0  # first heights: that distance, at least
-ALONE = 0.5  # of the distance to another part of the boundary: layer sites are nearer to their own
-MOST_LAYER_SITES = 30_000  # layer sites
-AROUND, POWER = 32, 5  # boundary nodes whose mean a point follows, and the power of their weights
-LEAST = 2.0**-100  # distance; a power of two, so that a point on a node goes with it to the bit
-BEYOND = 1.001  # times the distance of the next node: where the weight of a node is zero
-FADE = 4.0  # times that distance: where the mesh no longer follows
-ERRORS = 10.0  # tolerances, at least: an error of one that fades shears the mesh by no more than some tenth
-KEPT = 0.005  # largest change of the first height, as a share, by an error of the tolerance that fades
+NEAR = 0.2  # of `Reach.sites`: no layer site is nearer to the wall
+FAR = (
+    0.05,
+    0.5,
+)  # least and most of `Reach.sites`, in edges of the surface: only meshes with layers have nodes that near
+COARSE = 5.0  # times the edge over the surface's size: `Reach.sites` in edges
+LAYERS = 8.0  # first heights: least of `Reach.sites`
+ALONE = 0.5  # of the distance to another part of the boundary: a layer site is nearer than this to its own part
+MOST_LAYER_SITES = 30_000  # larger sets are thinned
+AROUND, POWER = 32, 5  # number of boundary nodes that carry a point, and the power of their weights
+LEAST = 2.0**-100  # least distance; a power of two, so that a point on a node moves exactly with it
+BEYOND = 1.001  # times the distance of the first node that is left out: there the weight is zero
+FADE = 4.0  # times `Reach.follow`: beyond, the mesh no longer follows
+ERRORS = 10.0  # tolerances over which a correction fades at least: it shears the mesh by 0.1 at most
+KEPT = 0.005  # largest relative change of the first height by a correction of one tolerance that fades
 
 
 class Nearby(NamedTuple):
-    """For each of M points: the nearest boundary node, its distance, and the distance of the next part."""
+    """For each of M points: the nearest boundary node, its distance, and the distance of the nearest other part."""
 
     node: IntArray
     first: FloatArray
@@ -56,7 +60,7 @@ class Nearby(NamedTuple):
 
     @classmethod
     def of(cls, points: FloatArray, boundary: FloatArray, parts: Sequence[IntArray]) -> "Nearby":
-        """Look among boundary nodes (K, 3); `parts` are rows of those that may move differently, each in one part."""
+        """Search boundary nodes (K, 3); `parts` are the rows of each part that may move differently from the others."""
         first, second = np.full(len(points), np.inf), np.full(len(points), np.inf)
         node = np.zeros(len(points), dtype=np.intp)
         for part in parts:
@@ -70,15 +74,15 @@ class Nearby(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigidFollow:
-    """Points that boundary nodes carry along.
+    """Points that move rigidly with boundary nodes.
 
     Attributes
     ----------
     rows : (Q,) rows of the points.
     places : (Q, 3) the points.
     boundary : (K, 3) the boundary nodes.
-    nodes : (Q, A) rows of the boundary nodes that carry each point, the nearest first.
-    ends : (Q,) distance at which the weight of a node is zero; infinite where no node is left out.
+    nodes : (Q, A) rows of the boundary nodes that carry each point, nearest first.
+    ends : (Q,) distance at which a node's weight is zero; infinite if no node is left out.
     """
 
     rows: IntArray = field(repr=False)
@@ -89,24 +93,26 @@ class RigidFollow:
 
     @classmethod
     def of(cls, points: FloatArray, boundary: FloatArray, rows: IntArray, nearby: Nearby) -> "RigidFollow":
-        """Let the nearest boundary node alone carry each of some rows of the points."""
+        """Let each of the given rows of points follow its nearest boundary node alone."""
         nodes: IntArray = nearby.node[rows, None].astype(np.int32)
         return cls(rows, points[rows], boundary, nodes, np.full(len(rows), np.inf))
 
     @classmethod
     def around(cls, points: FloatArray, boundary: FloatArray, rows: IntArray, known: IntArray) -> "RigidFollow":
-        """Let the nearest of the boundary nodes `known` carry each of some rows of the points, by inverse distance."""
+        """Let each of the given rows of points follow the boundary nodes around, taken from `known`."""
         count = min(AROUND, len(known))
         nodes: IntArray = np.empty((len(rows), count), np.int32)
         ends: FloatArray = np.full(len(rows), np.inf)
         if nodes.size:
             tree, neighbours = cKDTree(boundary[known]), list(range(1, count + 2))
-            distance, nearest = tree.query(points[rows], k=neighbours, workers=-1)  # infinite beyond all nodes
+            distance, nearest = tree.query(
+                points[rows], k=neighbours, workers=-1
+            )  # distances are infinite where there are fewer nodes
             nodes[:], ends = known[nearest[:, :count]], BEYOND * distance[:, count]
         return cls(rows, points[rows], boundary, nodes, ends)
 
     def displaced(self, boundary: FloatArray, turns: FloatArray) -> FloatArray:
-        """Return the displacements (Q, 3) for those (K, 3) of the boundary, turned by R - 1 (K, 3, 3)."""
+        """Return the displacements (Q, 3), given the boundary's displacements (K, 3) and rotations R - 1 (K, 3, 3)."""
         motions = np.concatenate([boundary[:, :, None], turns], axis=2)
         return _carried(self.places, self.boundary, self.nodes, self.ends, motions)
 
@@ -115,7 +121,7 @@ class RigidFollow:
 def _carried(
     places: FloatArray, known: FloatArray, nodes: IntArray, ends: FloatArray, motions: FloatArray
 ) -> FloatArray:
-    """Return the weighted means (Q, 3) of the rigid motions (K, 3, 4) of boundary nodes: u_j, and R_j - 1."""
+    """Return the weighted means (Q, 3) of rigid motions (K, 3, 4) of boundary nodes: u_j beside R_j - 1."""
     out, offset = np.zeros((len(places), 3)), np.zeros(3)
     for q in range(len(places)):
         total = 0.0
@@ -137,7 +143,7 @@ def _carried(
 
 
 def first_height(nearby: Nearby, count: int) -> float:
-    """Return the median distance of the first of `count` boundary nodes from the point nearest to each; inf without."""
+    """Return the median distance from the first `count` boundary nodes to their nearest points; inf without points."""
     least: FloatArray = np.full(count, np.inf)
     of_these = nearby.node < count
     np.minimum.at(least, nearby.node[of_these], nearby.first[of_these])
@@ -146,12 +152,12 @@ def first_height(nearby: Nearby, count: int) -> float:
 
 
 class Reach(NamedTuple):
-    """Distances from a boundary within which its own motion is better than the interpolant.
+    """Distances from a wall, as lengths.
 
     Attributes
     ----------
-    sites : up to there layer sites are.
-    follow : up to there the mesh follows; 0: nowhere.
+    sites : layer sites are at most this far away.
+    follow : the mesh follows the wall up to here; 0 for nowhere.
     """
 
     sites: float
@@ -159,12 +165,11 @@ class Reach(NamedTuple):
 
     @classmethod
     def of(cls, height: float, edge: float, size: float, tolerance: float) -> "Reach":
-        """Take a surface of some size with median edges and a first layer of some height.
+        """Take the first layer's height, the median edge and the size of the surface, and the tolerance.
 
-        Between nodes the interpolant is off by an amount that grows with the square of the edge over the size: that is
-        how far layer sites are. An error of the tolerance t fades over at least `ERRORS` t, and changes the height h by
-        at most `KEPT` h: psi is 1 - 10 (h / L)**2 there, hence L**2 = 10 h t / `KEPT`. Nothing reaches farther than an
-        edge.
+        Between nodes the interpolant's error grows with the square of edge over size; so do layer sites reach. An error
+        of one tolerance t fades over at least `ERRORS` t, and changes the height h by at most `KEPT` h. There psi is
+        1 - 10 (h / L)**2, hence L**2 = 10 h t / `KEPT`. Nothing reaches farther than one edge.
         """
         low, high = (share * edge for share in FAR)
         sites = min(high, max(low, COARSE * edge**2 / max(size, edge), LAYERS * height))
@@ -173,13 +178,13 @@ class Reach(NamedTuple):
 
 
 def layer_sites(nearby: Nearby, nodes: IntArray, far: float) -> IntArray:
-    """Return rows of the points that become data sites: the farthest allowed one for each of some nodes.
+    """Return the rows of points that become data sites: for each node the farthest one allowed.
 
     Parameters
     ----------
-    nearby : Of the points.
+    nearby : Boundary nodes nearest to the points.
     nodes : Rows of the boundary nodes that have layer sites.
-    far : Largest distance of a layer site.
+    far : Largest distance of a layer site from its node.
     """
     first = nearby.first
     good = np.isin(nearby.node, nodes) & (first > NEAR * far) & (first < far) & (first < ALONE * nearby.second)
@@ -191,12 +196,12 @@ def layer_sites(nearby: Nearby, nodes: IntArray, far: float) -> IntArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NearWall:
-    """Points near a boundary, and how far they follow it.
+    """Points near a wall, and how closely they follow it.
 
     Attributes
     ----------
-    follow : those points.
-    weight : (Q,) psi(r) = (1 - r)**4 (4 r + 1) of Wendland: 1 at the boundary, with no slope there.
+    follow : the points.
+    weight : (Q,) psi(r) = (1 - r)**4 (4 r + 1), Wendland's function: 1 at the wall, with zero slope there.
     """
 
     follow: RigidFollow
@@ -206,14 +211,14 @@ class NearWall:
     def of(
         cls, points: FloatArray, boundary: FloatArray, nearby: Nearby, parts: Sequence[IntArray], reach: float
     ) -> "NearWall":
-        """Take the points within `reach` of boundary nodes (K, 3) of the parts, and nearer to one than to another."""
+        """Take the points within `reach` of boundary nodes (K, 3) that are nearer to one part than to any other."""
         limit = np.minimum(reach, nearby.second)
         rows = np.flatnonzero(nearby.first < limit)
         r = nearby.first[rows] / limit[rows]
         return cls(RigidFollow.around(points, boundary, rows, union(*parts)), (1.0 - r) ** 4 * (4.0 * r + 1.0))
 
     def following(self, displacement: FloatArray, boundary: FloatArray, turns: FloatArray) -> FloatArray:
-        """Return the displacement (M, 3) of points that follow a boundary displaced by (K, 3), turned by R - 1."""
+        """Return the displacement (M, 3) of points, given the boundary's displacement (K, 3) and rotations R - 1."""
         out, rows = np.array(displacement), self.follow.rows
         out[rows] += self.weight[:, None] * (self.follow.displaced(boundary, turns) - out[rows])
         return out
@@ -221,18 +226,18 @@ class NearWall:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FollowWalls(Addition):
-    """The mesh near walls follows them.
+    """Nodes near walls follow them.
 
     Attributes
     ----------
-    known : (B,) nodes of known displacement, the first `certain` of which move or stay; the others follow.
+    known : (B,) known nodes; the first `certain` move or stay, the others are bound.
     certain : number of these.
-    parts : rows of `known` that may move differently, each in one part.
+    parts : rows of `known` for each part that may move differently.
     surfaces : nodes of each moving surface.
     edges : (E, 2) rows of `known` that an edge of the boundary joins.
-    sheared : rows of `known` beside which the motion is not rigid.
-    edge, tolerance : lengths: of the surfaces' median edge, and of a site's largest error.
-    normal : (3,) of the plane of a plane mesh.
+    sheared : rows of `known` beside which the motion shears the surface.
+    edge, tolerance : lengths: the surfaces' median edge, and the largest error at a site.
+    normal : (3,) normal of a plane mesh.
     components : directions in which nodes move.
     """
 
@@ -263,15 +268,15 @@ class FollowWalls(Addition):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FollowingWalls(Acting):
-    """Near walls, in one step.
+    """Nodes near walls in one step.
 
     Attributes
     ----------
     components : directions in which nodes move.
-    reach : how far from boundary nodes the mesh follows them.
-    layers : free nodes that are data sites beside the moving surface.
-    bound, free : the nodes that follow boundary nodes nearby, of those that bind and of the free ones.
-    turning : how boundary nodes turn.
+    reach : distance up to which nodes follow walls.
+    layers : layer sites among the free nodes.
+    bound, free : points that follow walls, among the bound nodes and among the free nodes.
+    turning : local rotation of the boundary nodes.
     """
 
     components: tuple[int, ...]
@@ -282,7 +287,7 @@ class FollowingWalls(Acting):
     turning: LocalRotation = field(repr=False)
 
     def sites(self, known: FloatArray, last: bool) -> Sequence[DataSites]:
-        """Return the layer sites; what they follow is certain in both passes."""
+        """Return the layer sites; they follow moving and fixed nodes alone, so both passes have the same."""
         del last
         if not len(self.layers.places):
             return ()
@@ -290,5 +295,5 @@ class FollowingWalls(Acting):
         return (DataSites(self.layers.places, values[:, self.components], self.components),)
 
     def corrected(self, u: FloatArray, known: FloatArray, last: bool) -> FloatArray:
-        """Let nodes follow the boundary nodes nearby."""
+        """Let nodes near walls follow them."""
         return (self.free if last else self.bound).following(u, known, self.turning.rotations(known))

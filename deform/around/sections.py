@@ -1,4 +1,4 @@
-"""Faces of an overlapping block that the box cuts: their nodes stay in the plane of the face (section 5.2)."""
+"""Faces of an overlapping block that cut the box: their nodes stay in the plane of the face (section 5.2)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -12,12 +12,12 @@ from .addition import Acting, Addition, Kept
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StayInFaces(Addition):
-    """Of each face its patch, its nodes, and the direction of its normal: 0, 1 or 2."""
+    """Faces: for each its patch, its nodes, and the direction of its normal, 0, 1 or 2."""
 
     faces: tuple[tuple[str, IntArray, int], ...] = field(repr=False)
 
     def shapes(self) -> Sequence[Kept]:
-        """Return the patches: where they are plane, nodes stay in the plane."""
+        """Return the patches; plane ones keep their nodes in the plane."""
         return [Kept(patch, nodes, "plane", of_patch=True) for patch, nodes, _ in self.faces]
 
     def at(self, points: FloatArray, free: IntArray) -> "StayingInFaces":
@@ -28,12 +28,12 @@ class StayInFaces(Addition):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StayingInFaces(Acting):
-    """Which of the free nodes (Q,) are on each face."""
+    """Rows of the free nodes (Q,) on each face."""
 
     faces: tuple[tuple[int, BoolArray], ...] = field(repr=False)
 
     def corrected(self, u: FloatArray, known: FloatArray, last: bool) -> FloatArray:
-        """Leave free nodes no displacement along the normals of their faces."""
+        """Set displacements along the normals of the faces to zero."""
         del known
         for component, rows in self.faces if last else ():
             u[rows, component] = 0.0

@@ -1,7 +1,7 @@
-"""Types of arrays, sets of indices as sorted arrays, and sets of points.
+"""Types of arrays, sorted index sets, and selections of points.
 
-NumPy's `unique` and `union1d` put numbers into a hash table (since 2.3), which takes forty times as long as to sort
-them (3 million node indices: 6.1 s and .15 s), so neither is used for many of them.
+NumPy's `unique` and `union1d` use a hash table since 2.3, which takes forty times as long as sorting (3 million node
+indices: 6.1 s and .15 s). So large sets use neither.
 """
 
 from typing import Any, TypeVar
@@ -15,36 +15,35 @@ BoolArray = NDArray[np.bool_]
 
 
 Number = TypeVar("Number", bound=np.generic)
+IndexArray = NDArray[np.intp]
+DIRECTION = np.array([0.5698402909980532, 0.7548776662466927, 0.3247179572447460])
+BLOCK, FEW = 512, 65_536  # points compared at a time; up to `FEW` points all are compared
+BITS = 10  # of each coordinate in a Morton code: a thousand places
 
 
 def distinct(values: NDArray[Number]) -> NDArray[Number]:
-    """Return the distinct ones of numbers of any shape, sorted, (K,)."""
+    """Return the sorted distinct values (K,) of an array of any shape."""
     found = np.sort(values, axis=None)
     return found[np.append(True, found[1:] != found[:-1])] if len(found) else found
 
 
 def counted(values: NDArray[Number]) -> tuple[NDArray[Number], NDArray[np.intp]]:
-    """Return the distinct ones of numbers (N,), sorted, and how often each occurs, (K,); `values` is sorted, too."""
+    """Return the sorted distinct values (K,) of (N,) numbers and their counts (K,); sorts `values` in place."""
     values.sort()
     first = np.flatnonzero(np.append(True, values[1:] != values[:-1])[: len(values)])
     return values[first], np.diff(first, append=len(values))
 
 
 def union(*parts: NDArray[Any]) -> NDArray[np.intp]:
-    """Return all indices in any of the parts, each once, sorted, (K,)."""
+    """Return the sorted distinct indices (K,) of all parts."""
     return distinct(np.concatenate([np.empty(0, dtype=np.intp), *(part.ravel() for part in parts)]))
 
 
-IndexArray = NDArray[np.intp]
-
-# Along no lattice of points: distinct points of a regular grid get distinct keys.
-DIRECTION = np.array([0.5698402909980532, 0.7548776662466927, 0.3247179572447460])
-BLOCK, FEW = 512, 65_536  # points looked at together; up to so many, all are
-BITS = 10  # of each coordinate along the curve: a thousand places
+# Parallel to no lattice vector: points of a regular grid get distinct keys.
 
 
 def along_curve(points: FloatArray) -> IndexArray:
-    """Return the rows (N,) of points (N, 3) in the order of their Morton codes: neighbours stay together in memory."""
+    """Return the rows (N,) of points (N, 3) in Morton order, which keeps neighbours together in memory."""
     low = points.min(axis=0, initial=np.inf)
     size = float((points - low).max(initial=0.0)) or 1.0
     cells = ((points - low) / size * ((1 << BITS) - 1)).astype(np.int64)
@@ -56,10 +55,10 @@ def along_curve(points: FloatArray) -> IndexArray:
 
 
 def first_coincident(points: FloatArray, tol: float = 0.0) -> IndexArray:
-    """Return for each of points (N, 3) the lowest row within distance `tol` of it: itself if it is distinct.
+    """Return for each of points (N, 3) the lowest row within distance `tol`: its own, if no other is so near.
 
-    Points are sorted along a direction in which no lattice has two of them at one place; only neighbours in
-    that order can coincide. Cost: one sort.
+    Points are sorted along a direction in which points of a lattice have distinct keys, so only neighbours in that
+    order need comparing. Cost: one sort.
     """
     first = np.arange(len(points), dtype=np.intp)
     key = points @ (DIRECTION / np.linalg.norm(DIRECTION))
@@ -84,9 +83,9 @@ def first_coincident(points: FloatArray, tol: float = 0.0) -> IndexArray:
 
 
 def farthest(points: FloatArray, n: int) -> IndexArray:
-    """Return n rows of points (N, 3) by farthest-point sampling; all distinct ones if there are fewer.
+    """Return n rows of points (N, 3) by farthest-point sampling; all distinct rows if there are fewer.
 
-    The first is the point farthest from the centre of the bounding box; equal distances go to the lower row.
+    The first is farthest from the centre of the bounding box; ties go to the lower row.
     """
     if n < 1:
         raise ValueError(f"n = {n} must be at least 1")
@@ -107,7 +106,7 @@ def farthest(points: FloatArray, n: int) -> IndexArray:
 
 
 def _farthest_of_many(points: FloatArray, n: int, chosen: list[int]) -> IndexArray:
-    """Go on as `farthest` does, with the same result, but look only at blocks of points that a new one comes near."""
+    """Continue like `farthest`, with the same result, but look only at blocks of points near each new one."""
     rows = _blocks(points)
     x, y, z = np.ascontiguousarray(points[rows].transpose(2, 0, 1))
     low, high = np.array([(axis.min(axis=1), axis.max(axis=1)) for axis in (x, y, z)]).transpose(1, 0, 2)
@@ -116,7 +115,7 @@ def _farthest_of_many(points: FloatArray, n: int, chosen: list[int]) -> IndexArr
     largest = np.full(len(rows), np.inf)
     while len(chosen) < n:
         p = points[chosen[-1]][:, None]
-        gaps = np.maximum(np.maximum(low - p, p - high), 0.0)  # rounded like the distances, of which none is smaller
+        gaps = np.maximum(np.maximum(low - p, p - high), 0.0)  # rounded like the distances, which are never smaller
         near = np.flatnonzero(gaps[0] ** 2 + gaps[1] ** 2 + gaps[2] ** 2 < largest)
         squares = (x[near] - p[0]) ** 2 + (y[near] - p[1]) ** 2 + (z[near] - p[2]) ** 2
         nearest[near] = np.minimum(nearest[near], squares)
@@ -130,12 +129,12 @@ def _farthest_of_many(points: FloatArray, n: int, chosen: list[int]) -> IndexArr
 
 
 def _blocks(points: FloatArray) -> IndexArray:
-    """Rows (B, BLOCK) of points (N, 3), those of a block close together; the last row fills the last block up."""
+    """Return rows (B, BLOCK) of points (N, 3), near ones in one block; repeated rows fill the last block."""
     low = points.min(axis=0)
     extent = float((points.max(axis=0) - low).max()) or 1.0
     cells = ((points - low) / extent * 1023.0).astype(np.intp)
     key = np.zeros(len(points), dtype=np.intp)
-    for bit in range(10):  # Morton's order
+    for bit in range(10):  # Morton order
         for axis in range(3):
             key |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
     order = np.argsort(key, kind="stable")

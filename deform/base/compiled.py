@@ -1,4 +1,4 @@
-"""How this package compiles its loops, where compiled code is kept, and vectors of three numbers in such loops."""
+"""How loops are compiled, and where compiled code is kept."""
 
 import hashlib
 import os
@@ -19,24 +19,30 @@ from .arrays import FloatArray
 
 FOLDER_VARIABLE, CODE_VARIABLE = "SDM_DEFLECT_CACHE", "NUMBA_CACHE_DIR"
 WRITABLE_BY_OTHERS = 0o022
+Function = TypeVar("Function", bound=Callable[..., object])
+OPTIONS = {"fastmath": True, "error_model": "numpy", "nogil": True}
+PACKAGE = __name__.partition(".")[0]
+MARK = b"base.compiled import"
+"""Text in every source with compiled functions, and in this file."""
+Vector = tuple[float, float, float]
 
 
 def default_folder() -> Path:
-    """The folder named by the environment variable SDM_DEFLECT_CACHE, or the user's cache folder."""
+    """Folder of the environment variable SDM_DEFLECT_CACHE, or the user's cache folder."""
     named = os.environ.get(FOLDER_VARIABLE)
     return Path(named) if named else Path(platformdirs.user_cache_dir("sdm-deflect", appauthor=False))
 
 
 def code_folder() -> Path:
-    """The folder of compiled code: NUMBA_CACHE_DIR, Numba's own variable, or `numba` in the cache folder."""
+    """Folder of compiled code: that of Numba's variable NUMBA_CACHE_DIR, or `numba` in the cache folder."""
     named = os.environ.get(CODE_VARIABLE)
     return Path(named) if named else default_folder() / "numba"
 
 
 def code_complaint() -> str:
-    """Make the folder of compiled code; return why none can be kept there, empty if it can.
+    """Make the folder of compiled code; return why no code can be kept there, or an empty text.
 
-    Whoever can write there can have us run code, so a folder that the user did not name must be the user's alone.
+    Whoever can write to the folder can make us run code, so a folder that the user did not name must be private.
     """
     folder = code_folder()
     try:
@@ -51,38 +57,30 @@ def code_complaint() -> str:
 
 
 def code_files() -> list[Path]:
-    """The files of compiled code in the cache folder; none of those where NUMBA_CACHE_DIR is, which others share."""
+    """Files of compiled code in the cache folder; empty if NUMBA_CACHE_DIR is set, because others share that folder."""
     return sorted((default_folder() / "numba").glob("*/*/*.nb[ci]"))
 
 
-Function = TypeVar("Function", bound=Callable[..., object])
-
-OPTIONS = {"fastmath": True, "error_model": "numpy", "nogil": True}
-PACKAGE = __name__.partition(".")[0]
-MARK = b"base.compiled import"
-"""What stands in every source whose functions are compiled, and here."""
-
-
 def compiled(function: Function) -> Function:
-    """Compile `function` at its first call and keep the machine code on disk.
+    """Compile `function` at its first call, and keep the machine code on disk.
 
-    Reassociation (`fastmath`) lets LLVM vectorise reductions, the NumPy error model removes the branch of a
-    division by zero that would stop it, and without the interpreter lock threads run side by side.
+    Reassociation (`fastmath`) lets LLVM vectorise sums. The NumPy error model removes the branch for a division by zero
+    that would prevent it. Without the interpreter lock threads run side by side.
     """
     return cast(Function, _kept(njit(**OPTIONS)(function)))
 
 
 def compiled_exactly(function: Function) -> Function:
-    """Compile `function` like `compiled`, but as it is written: infinities are allowed, sums keep their order."""
+    """Compile `function` without reassociation: infinities are allowed, and sums keep their order."""
     return cast(Function, _kept(njit(**{**OPTIONS, "fastmath": False})(function)))
 
 
 def for_code(loop: Function, code: object) -> Function:
-    """Return the compiled `loop` for the kernel that `code` selects; its machine code is on disk if the kernel is ours.
+    """Return `loop` compiled for the kernel that `code` selects; kept on disk if the kernel is ours.
 
-    The index of machine code on disk names the type of `code` by its module, and it is read whole: a kernel of
-    another package would stop every process that cannot import that package. Nor would its machine code be renewed
-    when its formula changes.
+    Numba's index on disk names the type of `code` by its module and is read completely. A kernel of another package
+    would stop every process that cannot import that package, and its machine code would not follow changes of its
+    formula.
     """
     ours = type(code).__module__.partition(".")[0] == PACKAGE
     return loop if ours else cast(Function, _in_memory(loop))
@@ -90,12 +88,12 @@ def for_code(loop: Function, code: object) -> Function:
 
 @cache
 def _in_memory(loop: Any) -> Any:
-    """Return the twin of a compiled loop that keeps its machine code in this process alone."""
+    """Return a twin of a compiled loop whose machine code stays in this process."""
     return njit(**OPTIONS)(loop.py_func)
 
 
 class _OnDisk(FunctionCache):  # type: ignore[misc]
-    """Machine code on disk; what a full disk does not take stays in this process alone."""
+    """Machine code on disk; if the disk is full, it stays in this process."""
 
     def save_overload(self, sig: Any, data: Any) -> None:
         with suppress(OSError):
@@ -103,10 +101,10 @@ class _OnDisk(FunctionCache):  # type: ignore[misc]
 
 
 def _kept(loop: Any) -> Any:
-    """Keep the machine code of a compiled loop in the folder of compiled code, if that can be written.
+    """Keep the machine code of a compiled loop in the folder of compiled code, if possible.
 
-    Numba's own choice is the folder of the package, where pip neither expects nor removes it. What it reads from the
-    environment is for all functions of this process, ours and others'.
+    Numba's default is the folder of the package, where pip neither expects nor removes it. Numba's environment variable
+    would affect all functions of the process, not ours alone.
     """
     if folder := _folder():
         elsewhere, config.CACHE_DIR = config.CACHE_DIR, folder
@@ -119,9 +117,10 @@ def _kept(loop: Any) -> Any:
 
 @cache
 def _folder() -> str:
-    """Return the folder for the sources as they are now, or nothing if none can be written.
+    """Return the folder for the present sources; empty if none can be written.
 
-    Numba compares the file of a function with that from which it was compiled, but not those of the functions called.
+    Numba compares the source of a function with that of its machine code, but not the sources of the functions it
+    calls.
     """
     if code_complaint():
         return ""
@@ -133,12 +132,12 @@ def _folder() -> str:
 def _prefer_wide_vectors(context: Any) -> tuple[Any, Callable[..., Any]]:  # pragma: no cover - compiling
     """Let the enclosing compiled function use the machine's widest vectors.
 
-    LLVM keeps to 256 bits on processors that have 512, for fear of a lower clock. Loops of nothing but
-    arithmetic gain a fifth by the full width.
+    LLVM uses 256 bits on processors that have 512, to avoid a lower clock rate. Loops of pure arithmetic gain a fifth
+    by the full width.
     """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:  # pragma: no cover - compiling
-        # `add` of this set knows no attributes with values; LLVM does.
+        # the `add` of this set takes no attributes with values; LLVM's does
         set.add(builder.function.attributes, '"prefer-vector-width"="512"')
         return context.get_dummy_value()
 
@@ -146,9 +145,6 @@ def _prefer_wide_vectors(context: Any) -> tuple[Any, Callable[..., Any]]:  # pra
 
 
 prefer_wide_vectors: Callable[[], None] = intrinsic(_prefer_wide_vectors)
-
-
-Vector = tuple[float, float, float]
 
 
 @compiled_exactly

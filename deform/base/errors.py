@@ -23,68 +23,64 @@ from numpy.typing import NDArray
 
 REQUESTS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 """Signals that ask a command to end; Windows knows no SIGHUP."""
+LONGEST, MOST, FEW = 80, 900, 5
+"""Largest number of letters of a value and of a message, and of names in a list: damaged files may hold anything."""
+RATIO_VARIABLE = "SDM_DEFLECT_UNPACK_RATIO"
+"""Environment variable for the largest ratio of a file's data in memory to its size on disk."""
+RATIO, ALWAYS = 100.0, 1 << 26
+"""That ratio by default, and the bytes that any file may take."""
+Array = NDArray[Any]
+DAMAGED = (
+    OSError, EOFError, ValueError, TypeError, AttributeError, LookupError, ArithmeticError, MemoryError, RuntimeError,
+    SyntaxError, Warning, struct.error, tokenize.TokenError, zipfile.BadZipFile, zlib.error, lzma.LZMAError,
+)  # fmt: skip
+"""All that NumPy, zipfile and their libraries raise for damaged files."""
 
 
 def printable(text: str) -> str:
-    """Return text in which characters that command a terminal are shown as escapes: names in files may hold any."""
+    """Return text with control characters escaped: names in files may hold any."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
 
 
-LONGEST, MOST, FEW = 80, 900, 5
-"""Letters of a value and of a message, and names of a list: damaged files hold any number of names of any length."""
-
-
 def sentence(text: str) -> str:
-    """Return a message as it may be printed; of a very long one its beginning and its end."""
+    """Return a message for printing; a very long one loses its middle."""
     shown = printable(text)
     return shown if len(shown) <= MOST else f"{shown[: MOST // 2]} ... {shown[-MOST // 3 :]}"
 
 
 class InputError(ValueError):
-    """A mesh, a name or a value that was given cannot be used; the message says which and what would be right."""
+    """An input cannot be used; the message says which value, and what would be right."""
 
     def __init__(self, message: str) -> None:
         super().__init__(sentence(message))
 
 
 class LostError(RuntimeError):
-    """What a run needs was lost under way; its input may be right, and the same command may succeed."""
+    """Something that a run needs was lost; the same command may succeed again."""
 
 
 def shortened(value: object) -> str:
-    """Return a value as Python writes it, at most a line of it."""
+    """Return `repr(value)`, shortened to a line."""
     text = " ".join(repr(value).split())
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
 
 
 def short_list(names: Iterable[object]) -> str:
-    """Return names with commas; of many the first few and the number of the others."""
+    """Return names with commas; a long list ends with the number of further names."""
     own = [str(name) for name in names]
     return ", ".join(own[:FEW]) + (f" and {len(own) - FEW} more" if len(own) > FEW else "")
 
 
 def nearest(name: str, known: Collection[str], noun: str = "known are") -> str:
-    """Return the end of a sentence about a name that is not known: those that come near it, else all."""
+    """Return the end of a sentence about an unknown name: the most similar known ones, or all."""
     close = get_close_matches(name, list(known), n=3)
     return f"did you mean {', '.join(close)}?" if close else f"{noun} {short_list(known) or 'none'}"
 
 
-RATIO_VARIABLE = "SDM_DEFLECT_UNPACK_RATIO"
-"""The environment variable for a larger ratio of what a file's data take in memory to the file's size."""
-RATIO, ALWAYS = 100.0, 1 << 26
-"""That ratio where the variable is not set, and bytes that any file may take."""
-Array = NDArray[Any]
-DAMAGED = (
-    OSError, EOFError, ValueError, TypeError, AttributeError, LookupError, ArithmeticError, MemoryError, RuntimeError,
-    SyntaxError, Warning, struct.error, tokenize.TokenError, zipfile.BadZipFile, zlib.error, lzma.LZMAError,
-)  # fmt: skip
-"""All that NumPy, zipfile and what they rest on raise for damaged files."""
-
-
 def unpack_limit(stored: int) -> int:
-    """Return how many bytes of memory the data of a file of `stored` bytes may take; InputError as `check_unpacked`.
+    """Return the bytes of memory that data of a file of `stored` bytes may take; InputError as for `check_unpacked`.
 
-    Packed data of meshes seldom take less than a tenth of what they take in memory; damage may claim anything.
+    Packed meshes seldom take less than a tenth of their size in memory, but a damaged file may claim anything.
     """
     given = os.environ.get(RATIO_VARIABLE) or RATIO
     try:
@@ -94,9 +90,9 @@ def unpack_limit(stored: int) -> int:
 
 
 def check_unpacked(size: int, stored: int, what: str) -> None:
-    """Refuse `what` if it would take `size` bytes of memory, too many for a file of `stored` bytes.
+    """Raise InputError if `what` takes `size` bytes of memory, too many for a file of `stored` bytes.
 
-    Raises InputError: also if the ratio that the environment gives is no number.
+    Also if the ratio in the environment is not a number.
     """
     if size > unpack_limit(stored):
         raise InputError(
@@ -107,7 +103,7 @@ def check_unpacked(size: int, stored: int, what: str) -> None:
 
 @contextmanager
 def damaged(path: Path, what: str) -> Iterator[None]:
-    """Name a file, and `what` it should be, in place of whatever reading it raises or warns of, with an InputError."""
+    """Turn any error or warning in the block into an InputError that names the file and `what` it should be."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -126,7 +122,7 @@ def damaged(path: Path, what: str) -> Iterator[None]:
 def read_arrays(path: Path) -> dict[str, Array]:
     """Return the arrays of an .npz file by name.
 
-    Raises InputError if it cannot be read, is damaged or larger than its length makes likely, or holds objects.
+    Raises InputError for a file that is unreadable, damaged, too large when unpacked, or that holds objects.
     """
     with damaged(path, "archive of arrays"), zipfile.ZipFile(path) as packed:
         entries = packed.infolist()

@@ -2,8 +2,8 @@
 
     tolerance: Annotated[float, Doc("Accuracy", "Largest error at a data site, a length."), Range(0.0)] = 0.0
 
-From the annotations are made the options of commands, what files of settings may hold, the keywords of Python with
-their types and their documentation, and the guide's table.
+These annotations give the commands' options, the keys of settings files, Python's keywords with types and
+documentation, and the table of the guide.
 """
 
 from collections.abc import Callable, Iterable
@@ -21,20 +21,20 @@ N = TypeVar("N")
 
 Group = Literal["What moves", "What stays", "Box", "Quality", "Accuracy", ""]
 GROUPS: tuple[Group, ...] = get_args(Group)[:-1]
-"""Groups of settings, in the order in which they are shown; those of the aircraft are in none."""
+"""Groups of settings in the order shown; settings of the aircraft have no group."""
 INLINE = "inline"
-"""Annotation of a dataclass within another one whose settings stand beside those of the outer one."""
+"""Annotation of an inner dataclass whose settings stand beside those of the outer one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Doc:
-    """What a setting means.
+    """The meaning of a setting.
 
     Attributes
     ----------
-    group : where it is shown.
+    group : group in which it is shown.
     text : a sentence or two, for the command line.
-    more : further sentences, for the documentation of Python and the guide.
+    more : further sentences, for Python's documentation and the guide.
     """
 
     group: Group
@@ -44,13 +44,13 @@ class Doc:
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """The values that a number may have.
+    """The range of a number.
 
     Attributes
     ----------
-    low, high : the smallest and the largest.
-    above : whether `low` itself is too small.
-    unit : of the number, as messages show it.
+    low, high : smallest and largest value.
+    above : whether `low` itself is excluded.
+    unit : unit, for messages.
     """
 
     low: float = -inf
@@ -64,7 +64,7 @@ class Range:
         return f"{'above' if self.above else 'from'} {self.low:g} to {self.measured(self.high)}"
 
     def measured(self, value: float) -> str:
-        """Return a number with its unit, as text."""
+        """Return a number with its unit as text."""
         return f"{value:g} {self.unit}".rstrip()
 
     def holds(self, value: float) -> bool:
@@ -74,12 +74,12 @@ class Range:
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """How a setting is given on the command line.
+    """The command-line option of a setting.
 
     Attributes
     ----------
-    flag : the option; empty: as the setting, with two dashes; None: there is none, but ``--set``.
-    metavar : what stands for the value in the help; empty: its type.
+    flag : name of the option; empty for two dashes and the setting's name; None for ``--set`` only.
+    metavar : placeholder for the value in the help; empty for its type.
     """
 
     flag: str | None = ""
@@ -91,13 +91,13 @@ ONLY_SET = Option(None)
 
 @dataclass(frozen=True, slots=True)
 class Spelling:
-    """How else a setting may be written.
+    """Another way to write a setting.
 
     Attributes
     ----------
-    name : of the setting, where it is not that of the field.
-    read : makes the value of what a user writes; InputError says what follows the setting's name and ``=``.
-    file : ending of text that names a file, relative to the file of settings that holds it; None: it never does.
+    name : name of the setting, if it is not the field's.
+    read : turns the user's value into the field's; InputError with the text after the setting's name and ``=``.
+    file : suffix of values that are file names, relative to the settings file; None if values are no file names.
     """
 
     name: str = ""
@@ -107,14 +107,14 @@ class Spelling:
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """One setting of a dataclass, or of a dataclass that stands inline within it.
+    """One setting of a dataclass, or of a dataclass inline in it.
 
     Attributes
     ----------
-    name : as users write it.
-    path : the fields that lead to the value.
-    kind : the type of the value.
-    default : the value where none is given; `dataclasses.MISSING` if one must be.
+    name : name for users.
+    path : fields that lead to the value.
+    kind : type of the value.
+    default : default value, or `dataclasses.MISSING`.
     notes : the annotations.
     """
 
@@ -125,33 +125,33 @@ class Setting:
     notes: tuple[Any, ...]
 
     def note(self, kind: type[N]) -> N | None:
-        """Return the annotation of that class, if there is one."""
+        """Return the annotation of a class, or None."""
         return next((note for note in self.notes if isinstance(note, kind)), None)
 
     @property
     def spelling(self) -> Spelling:
-        """How it may be written."""
+        """How users write it."""
         return self.note(Spelling) or Spelling()
 
     @property
     def doc(self) -> Doc:
-        """What it means; nothing is said of tables of surfaces."""
+        """Its meaning; empty for tables of surfaces."""
         return self.note(Doc) or Doc("What moves", "")
 
     @property
     def option(self) -> Option:
-        """How it is given on the command line."""
+        """Its option on the command line."""
         return self.note(Option) or Option()
 
     @property
     def shown(self) -> str:
-        """The default, if there is one, as it is shown."""
+        """Its default as shown to users; empty without one."""
         if self.default is MISSING or self.default in (None, (), {}):
             return ""
         return ", ".join(self.default) if isinstance(self.default, tuple) else str(self.default)
 
     def of(self, instance: Any) -> Any:
-        """Return its value in a dataclass."""
+        """Return its value in an instance of the dataclass."""
         for name in self.path:
             instance = getattr(instance, name)
         return instance
@@ -173,11 +173,11 @@ def _settings(kind: Any) -> dict[str, Setting]:
 
 
 settings_in: Callable[[Any], dict[str, Setting]] = cache(_settings)
-"""The settings of a dataclass by their names; those of inline dataclasses last."""
+"""Settings of a dataclass by name; those of inline dataclasses come last."""
 
 
 def inline_in(kind: Any) -> dict[str, Any]:
-    """Return the fields of a dataclass that are dataclasses inline."""
+    """Return the inline dataclasses of a dataclass, by field."""
     return {field.name: of for field, of, notes in _annotated(kind) if INLINE in notes}
 
 
@@ -193,7 +193,7 @@ def _annotated(kind: Any) -> list[tuple[Field[Any], Any, tuple[Any, ...]]]:
 
 
 def check_settings(instance: Any) -> None:
-    """Check the values of a dataclass, for its ``__post_init__``; InputError names the first that is out of range."""
+    """Check the values of a dataclass in its ``__post_init__``; InputError names the first one out of range."""
     for name, setting in settings_in(type(instance)).items():
         within, value, choices = setting.note(Range), setting.of(instance), choices_of(setting.kind)
         if choices and isinstance(value, str) and value not in choices:
@@ -206,17 +206,17 @@ def check_settings(instance: Any) -> None:
 
 
 def kind_of(kind: Any) -> Any:
-    """Return a type, or of a union the first: what text becomes."""
+    """Return a type, or the first type of a union: what text is converted to."""
     return get_args(kind)[0] if get_origin(kind) in (Union, UnionType) else kind
 
 
 def choices_of(kind: Any) -> tuple[str, ...]:
-    """Return the words of which a setting is one, if it is text."""
+    """Return the words that a text setting may have."""
     return get_args(kind_of(kind)) if get_origin(kind_of(kind)) is Literal else ()
 
 
 def described(settings: Iterable[Setting], indent: str) -> str:
-    """Return what settings mean, by group, as a docstring has it."""
+    """Return the meaning of settings by group, for a docstring."""
     parts = []
     for group in GROUPS:
         lines = [_line(setting) for setting in settings if setting.doc.group == group]

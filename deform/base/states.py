@@ -7,20 +7,20 @@ from pathlib import Path
 from .errors import InputError
 
 State = tuple[int, int, int, int]
-"""Bytes, time of the last change in nanoseconds, number of the file, device."""
+"""Size in bytes, time of the last change in nanoseconds, inode, device."""
 States = Mapping[str, State | None]
-"""By path; None: there was no such file."""
+"""States by path; None for a missing file."""
 HELD = 64
-"""Files that are held open, at most: a process may have no more than some hundreds."""
+"""Largest number of files held open; a process may open only some hundreds."""
 
 
 def states_of(paths: Iterable[Path]) -> dict[str, State | None]:
-    """Return how files are now."""
+    """Return the present states of files."""
     return {str(path.absolute()): _state(str(path)) for path in paths}
 
 
 def check_unchanged(files: States, elsewhere: bool = False) -> None:
-    """Raise InputError if a file is no longer what it was; `elsewhere`: seen from another machine, maybe."""
+    """Raise InputError if a file has changed; `elsewhere` allows other inodes, as seen from another machine."""
     for path, state in files.items():
         now = _state(path)
         if now != state and not (elsewhere and now and state and now[:2] == state[:2]):
@@ -29,10 +29,10 @@ def check_unchanged(files: States, elsewhere: bool = False) -> None:
 
 @contextmanager
 def held(paths: Iterable[Path]) -> Iterator[None]:
-    """Hold files open for the block, so that no new file can get the number of one of them."""
+    """Hold files open during the block, so that no new file reuses an inode."""
     with ExitStack() as stack:
         for path in list(paths)[:HELD]:
-            with suppress(OSError):  # reading it says what is wrong
+            with suppress(OSError):  # reading the file reports the error
                 stack.enter_context(path.open("rb"))
         yield
 

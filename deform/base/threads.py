@@ -1,7 +1,7 @@
-"""How work is shared out among threads, how large pieces of it are, and who is told of its progress.
+"""Sharing work among threads, sizes of pieces, and progress.
 
-Compiled code runs without the interpreter lock, so Python's own threads serve: no second pool of OpenMP
-threads that survives a fork badly, and an interrupt is noticed between two chunks.
+Compiled code runs without the interpreter lock, so Python's threads suffice. There is no OpenMP pool, which may not
+survive a fork, and an interrupt is noticed between two chunks.
 """
 
 import os
@@ -14,7 +14,7 @@ from functools import cache
 from typing import Any, Protocol
 
 import numba
-import scipy.linalg  # noqa: F401 - loads SciPy's BLAS, so that the controller below finds it
+import scipy.linalg  # noqa: F401 - loads SciPy's BLAS for the controller below
 from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped, unused-ignore]
 
 Progress = Callable[[str, float], None]
@@ -22,7 +22,9 @@ Progress = Callable[[str, float], None]
 
 
 Stage = Callable[[str], AbstractContextManager[Progress]]
-"""Shows a stage of a run while its context lasts, which gives what takes the stage's progress."""
+"""Shows a stage of a run while its context lasts; the context gives the stage's `Progress`."""
+SERIAL_PAIRS = 400_000  # below, about 0.2 ms, a second thread costs more than it saves
+CHUNK_PAIRS = 4_000_000  # about 2 ms: short enough to share evenly, long enough to hide the cost of a hand-over
 
 
 def unseen(_: str) -> AbstractContextManager[Progress]:
@@ -34,10 +36,6 @@ def silent(text: str, fraction: float) -> None:
     """Report nothing."""
 
 
-SERIAL_PAIRS = 400_000  # below about 0.2 ms of work a second thread costs more than it saves
-CHUNK_PAIRS = 4_000_000  # about 2 ms: short enough to share evenly, long enough to hide the hand-over
-
-
 def in_chunks(
     work: Callable[[int, int], None],
     rows: int,
@@ -45,7 +43,7 @@ def in_chunks(
     threads: int | None = None,
     progress: Progress = silent,
 ) -> None:
-    """Call work(low, high) for consecutive chunks that cover range(rows), on `threads` threads."""
+    """Call work(low, high) for consecutive chunks of range(rows), on `threads` threads."""
     count = threads or available_threads()
     if (count == 1 and progress is silent) or rows * pairs_per_row < SERIAL_PAIRS:
         work(0, rows)
@@ -57,23 +55,23 @@ def in_chunks(
 
 
 def available_threads() -> int:
-    """Return how many threads work is shared among: the cores, or what NUMBA_NUM_THREADS says."""
+    """Return the number of threads: the cores, or NUMBA_NUM_THREADS."""
     return int(numba.config.NUMBA_NUM_THREADS)
 
 
 class Runner(Protocol):
-    """Whoever works on pieces; whether that is done in the memory of this process."""
+    """Processes pieces of a mesh."""
 
     @property
     def shares_memory(self) -> bool:
-        """Whether arrays are not sent anywhere."""
+        """Whether the work shares this process's memory."""
 
     def map(self, work: Callable[[Any, Any], Any], shared: Any, items: Sequence[Any]) -> Iterator[Any]:
-        """Yield work(shared, item) for each item, in their order; `shared` is sent once."""
+        """Yield work(shared, item) for each item in order; `shared` is sent once."""
 
 
 class Threads:
-    """Threads of this process; only as many results as there are threads wait to be taken."""
+    """Threads of this process; no more results wait than there are threads."""
 
     shares_memory = True
 
@@ -99,7 +97,7 @@ HERE = Threads()
 
 
 def _wait(jobs: list[Future[None]], progress: Progress) -> None:
-    """Wait for all jobs; on an error or an interrupt drop those that have not begun."""
+    """Wait for all jobs; after an error or an interrupt cancel those that have not begun."""
     try:
         for done, job in enumerate(as_completed(jobs), start=1):
             job.result()
@@ -112,13 +110,13 @@ def _wait(jobs: list[Future[None]], progress: Progress) -> None:
 
 @cache
 def _pool(process: int, threads: int) -> ThreadPoolExecutor:
-    """One pool per process: a forked child has none of its parent's threads."""
+    """Return the pool of a process: a forked child does not inherit its parent's threads."""
     return ThreadPoolExecutor(threads, thread_name_prefix="deform")
 
 
 @contextmanager
 def single_threaded_blas() -> Iterator[None]:
-    """Keep BLAS on one thread: its pool fights with ours for the cores, and its sums depend on its size."""
+    """Keep BLAS on one thread: its threads compete with ours, and its sums depend on their number."""
     with _controller().limit(limits=1, user_api="blas"):
         yield
 
@@ -130,16 +128,16 @@ def _controller() -> ThreadpoolController:
 
 @dataclass(frozen=True, slots=True)
 class SizeLimits:
-    """What is held in memory, sent to workers or shown at a time.
+    """Largest sizes of data in memory, in one message, or in a page.
 
     Attributes
     ----------
-    file : Bytes of a mesh file from which on it is read in pieces.
-    held : Points up to so many are held in memory while cells are read, by a runner that shares it.
-    points, cells : Points and cells of a piece.
-    sent, sent_pairs : Points sent at a time to be evaluated elsewhere, and pairs with centres from which on they are.
-    matrix : Entries of the evaluation matrix of a view, 256 MB; beyond, sums are computed at every angle.
-    shown : Cells of the largest mesh that a report's file holds whole.
+    file : Bytes of a mesh file that is read in one piece.
+    held : Points held in memory while cells are read, by a runner that shares it.
+    points, cells : Points and cells in one piece.
+    sent, sent_pairs : Points sent to be evaluated at a time, and pairs with centres below which none are sent.
+    matrix : Entries of a view's evaluation matrix, 256 MB; larger sums are computed at every angle.
+    shown : Cells of a mesh that a report's file holds completely.
     """
 
     file: int = 1 << 25
@@ -153,4 +151,4 @@ class SizeLimits:
 
 
 LIMITS = SizeLimits()
-"""Those of this process."""
+"""Limits of this process."""

@@ -12,24 +12,24 @@ from sdm_deflect.deform.mesh.cells import LARGEST, bounded
 
 from .hexahedron import FACES, Hexahedron, box
 
-GROWTH = 3.0  # margins are at least this multiple of the largest displacement
-GAP = 0.9  # a face that gives way to a patch stops at this share of the distance to it
-LEAST = 0.05  # of the wanted margin: a face does not come nearer to the moving surface
+GROWTH = 3.0  # margins are at least this many times the largest displacement
+GAP = 0.9  # of the distance to a patch in the way: the margin of a face that gives way to it
+LEAST = 0.05  # of the wanted margin: least margin of a face that gives way
 BITS = np.array([[i & 1, i >> 1 & 1, i >> 2 & 1] for i in range(8)], dtype=np.float64)
 
 
 class BoxScene(NamedTuple):
-    """What a box must contain and what it should avoid."""
+    """What a box must contain and should avoid."""
 
     moving: FloatArray  # (K, 3) nodes of the moving surfaces
-    track: FloatArray  # (T, 3) where they come to be
+    track: FloatArray  # (T, 3) positions that they reach
     largest: float  # largest displacement
     hinge: Axis | None
-    obstacles: FloatArray  # (O, 3) nodes of patches that are neither moving, fixed nor sliding
+    obstacles: FloatArray  # (O, 3) nodes of patches without a role
 
 
 class Chosen(NamedTuple):
-    """A hexahedron and a sentence on how it was chosen."""
+    """A hexahedron, and why it was chosen."""
 
     hexahedron: Hexahedron
     why: str
@@ -37,11 +37,11 @@ class Chosen(NamedTuple):
 
 
 class BoxRule(Protocol):
-    """Chooses the hexahedron."""
+    """A rule that chooses the hexahedron."""
 
     @property
     def settings(self) -> str:
-        """What a user sets to make it larger or smaller."""
+        """Setting that makes the box larger or smaller, for messages."""
         ...
 
     def choose(self, scene: BoxScene) -> Chosen:
@@ -57,7 +57,7 @@ class Given:
     ----------
     hexahedron : the box.
     open_faces : names of faces without zero sites, such as one inside a body.
-    settings : what a user sets to make it larger or smaller.
+    settings : setting that makes the box larger or smaller, for messages.
     """
 
     hexahedron: Hexahedron = field(repr=False)
@@ -71,7 +71,7 @@ class Given:
 
     @classmethod
     def at(cls, corners: FloatArray) -> "Given":
-        """Take corners (8, 3) in the order of `Hexahedron`, or two opposite ones (2, 3) of a box along the axes."""
+        """Take corners (8, 3) in the order of `Hexahedron`, or two opposite corners (2, 3) of a box along the axes."""
         try:
             places = np.asarray(corners, dtype=np.float64)
             return cls(box(*np.sort(places, axis=0)) if places.shape == (2, 3) else Hexahedron(places))
@@ -79,7 +79,7 @@ class Given:
             raise InputError(f"the box: {error}") from None
 
     def choose(self, scene: BoxScene) -> Chosen:
-        """Return it."""
+        """Return the given hexahedron."""
         del scene
         return Chosen(self.hexahedron, "corners as given", self.open_faces)
 
@@ -91,7 +91,7 @@ class Outline:
     Attributes
     ----------
     corners : (4, 2), one after another around it.
-    settings : what a user sets to make it larger or smaller.
+    settings : setting that makes the box larger or smaller, for messages.
     """
 
     corners: FloatArray = field(repr=False)
@@ -99,7 +99,7 @@ class Outline:
 
     @classmethod
     def at(cls, corners: FloatArray) -> "Outline":
-        """Take four corners (4, 2) in their order, or two opposite ones (2, 2) of a rectangle along the axes."""
+        """Take four corners (4, 2) in order, or two opposite corners (2, 2) of a rectangle along the axes."""
         places = bounded(corners, "the box: corners")
         if places.shape == (2, 2):
             (left, low), (right, high) = np.sort(places, axis=0)
@@ -113,7 +113,7 @@ class Outline:
         return found
 
     def prism(self, z: float) -> Hexahedron:
-        """Return the hexahedron over it, as high as it is large, around a plane of constant z."""
+        """Return the hexahedron over the outline, centred on the plane of z and as high as the outline is large."""
         places = self.corners
         if np.cross(np.append(places[2] - places[0], 0.0), np.append(places[3] - places[1], 0.0))[2] < 0.0:
             places = places[[0, 3, 2, 1]]
@@ -127,7 +127,7 @@ class Outline:
     def choose(self, scene: BoxScene) -> Chosen:
         """Return the prism around the mesh's plane.
 
-        Raises InputError if the mesh is no plane one.
+        Raises InputError if the mesh is not plane.
         """
         z = scene.moving[:, 2]
         if z.min() < z.max():
@@ -139,12 +139,12 @@ class Outline:
 class Automatic:
     """An oriented box along the hinge.
 
-    Its axes are the hinge, the surface's direction away from it, and their normal. Every face keeps a margin from
-    the surface in all its positions; where it would swallow nodes of other patches it gives way to them.
+    Its axes are the hinge, the direction from the hinge to the surface, and their normal. Every face keeps a margin
+    from all positions of the surface. A face gives way where it would enclose nodes of other patches.
 
     Attributes
     ----------
-    margin : wanted margin in the mesh's unit; 0: the surface's reach from the hinge, and at least `GROWTH` times the
+    margin : margin in the mesh's unit; 0 for the surface's reach from the hinge, and at least `GROWTH` times the
         largest displacement.
     """
 
@@ -156,7 +156,7 @@ class Automatic:
 
     @property
     def settings(self) -> str:
-        """What a user sets to make it larger or smaller."""
+        """Setting that makes the box larger or smaller, for messages."""
         return "margin"
 
     def choose(self, scene: BoxScene) -> Chosen:
@@ -172,7 +172,7 @@ class Automatic:
 
 
 def frame(scene: BoxScene) -> tuple[FloatArray, FloatArray]:
-    """Return an origin (3,) and right-handed unit axes (3, 3): hinge, away from it, normal."""
+    """Return an origin (3,) and right-handed unit axes (3, 3): hinge, direction to the surface, normal."""
     center = scene.moving.mean(axis=0)
     if scene.hinge is None:
         spread = np.linalg.svd(scene.moving - center, full_matrices=False)[2]
@@ -187,7 +187,7 @@ def frame(scene: BoxScene) -> tuple[FloatArray, FloatArray]:
 
 
 def _reach(places: FloatArray, hinge: Axis | None) -> float:
-    """Return the largest distance from the hinge; without one, half of the second largest extent."""
+    """Return the largest distance from the hinge; without a hinge half of the second largest extent."""
     if hinge is None:
         return 0.5 * float(np.sort(np.ptp(places, axis=0))[1])
     return float(np.linalg.norm(places[:, 1:], axis=1).max())
@@ -196,7 +196,7 @@ def _reach(places: FloatArray, hinge: Axis | None) -> float:
 def _clear(low: FloatArray, high: FloatArray, wanted: float, obstacles: FloatArray) -> FloatArray:
     """Return the margins (2, 3) of the lower and upper faces, reduced where obstacles (O, 3) are near.
 
-    The obstacle that is hardest to avoid is served first, by the face that has to give way least.
+    Obstacles are avoided in order of difficulty, each by the face that loses the smallest share of its margin.
     """
     margins = np.full((2, 3), wanted)
     while True:

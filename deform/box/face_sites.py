@@ -1,22 +1,22 @@
-"""Near-equidistant points on a convex planar polygon: a face of the box, or its section by a plane."""
+"""Nearly equidistant points on a convex plane polygon: a face of the box, or its section by a plane."""
 
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray
 
-CLEARANCE = 0.5  # of the spacing: inner points nearer than this to an edge are left out
+CLEARANCE = 0.5  # of the spacing: inner points nearer to an edge are left out
 
 
 def polygon_sites(polygon: FloatArray, spacing: float) -> FloatArray:
-    """Return points (P, 3) on a convex planar polygon, its border included, about `spacing` apart.
+    """Return points (P, 3) on a convex plane polygon and its border, about `spacing` apart.
 
-    Edges are divided evenly; the inside is filled with rows parallel to the longest edge, evenly spaced across
-    the polygon and evenly divided between its borders.
+    Edges are divided evenly. Rows parallel to the longest edge fill the inside; they are evenly spaced, and each is
+    divided evenly.
 
     Parameters
     ----------
     polygon : (n, 3) corners in order, n >= 3.
-    spacing : Wanted distance of neighbours in metres.
+    spacing : Wanted distance of neighbours, a length.
     """
     return np.vstack([border_sites(polygon, spacing), inner_sites(polygon, spacing)])
 
@@ -28,7 +28,7 @@ def border_sites(polygon: FloatArray, spacing: float) -> FloatArray:
 
 
 def inner_sites(polygon: FloatArray, spacing: float) -> FloatArray:
-    """Return points (P, 3) that fill the inside in rows."""
+    """Return points (P, 3) inside, in rows."""
     _check(polygon, spacing)
     origin, axes = plane_axes(polygon)
     u, v = _inner_rows((polygon - origin) @ axes.T, spacing).T[:, :, None]
@@ -36,13 +36,13 @@ def inner_sites(polygon: FloatArray, spacing: float) -> FloatArray:
 
 
 def divided(a: FloatArray, b: FloatArray, spacing: float) -> FloatArray:
-    """Return points (n, 3) that divide the edge evenly, a included and b not."""
+    """Return points (n, 3) that divide the edge from a to b evenly, with a and without b."""
     n = max(1, round(float(np.linalg.norm(b - a)) / spacing))
     return np.asarray(a + np.arange(n)[:, None] / n * (b - a))
 
 
 def plane_axes(polygon: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the first corner of the longest edge and orthonormal axes (2, 3), the first along that edge."""
+    """Return the first corner of the longest edge, and orthonormal axes (2, 3); the first is along that edge."""
     edges = np.roll(polygon, -1, axis=0) - polygon
     longest = int(np.argmax(np.linalg.norm(edges, axis=1)))
     u = edges[longest] / np.linalg.norm(edges[longest])
@@ -52,7 +52,7 @@ def plane_axes(polygon: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _inner_rows(flat: FloatArray, spacing: float) -> FloatArray:
-    """Fill a convex polygon (n, 2), counter-clockwise, whose longest edge is its base."""
+    """Fill a convex polygon (n, 2), counter-clockwise, with rows parallel to its longest edge."""
     height = float(flat[:, 1].max())
     count = max(1, round(height / spacing))
     rows = [_row(flat, height * i / count, spacing) for i in range(1, count)]
@@ -65,7 +65,7 @@ def _inner_rows(flat: FloatArray, spacing: float) -> FloatArray:
 
 
 def _row(flat: FloatArray, level: float, spacing: float) -> FloatArray:
-    """Divide the chord of the polygon at this level evenly, without its ends."""
+    """Divide the chord of the polygon at this height evenly, without its ends."""
     a, b = flat, np.roll(flat, -1, axis=0)
     crossing = (a[:, 1] <= level) != (b[:, 1] <= level)
     a, b = a[crossing], b[crossing]

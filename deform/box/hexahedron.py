@@ -1,4 +1,4 @@
-"""The confinement hexahedron (paper section 3)."""
+"""The confining hexahedron (paper section 3)."""
 
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field
@@ -23,16 +23,16 @@ FACES = {
     "z-": (0, 2, 3, 1),
     "z+": (4, 5, 7, 6),
 }
-"""Corners of each face, ordered so that its triangles have outward normals."""
+"""Corners of each face, in the order that gives outward normals."""
 
 EDGES = tuple((i, i | bit) for bit in (1, 2, 4) for i in range(8) if not i & bit)
 
 PLANAR = 1e-6  # largest distance of a corner from its face's plane, as a share of the hexahedron's size
-COINCIDENT = 1e-9  # closest corners, likewise
-MOST_SITES = 12_000  # about, on all faces: more stand farther apart
-MOST_ON_EDGE = 3_000  # sites on one edge, which count in a box that is like a needle
-FINEST = 0.1  # of the spacing that these two allow: no site may be closer to the next
-SAME_SITE = 1e-6  # of the spacing: sites of two faces on their common edge
+COINCIDENT = 1e-9  # least distance of two corners, as the same share
+MOST_SITES = 12_000  # about the largest number of sites on all faces
+MOST_ON_EDGE = 3_000  # largest number on one edge, for a box like a needle
+FINEST = 0.1  # of the spacing that these two allow: least spacing that a user may give
+SAME_SITE = 1e-6  # of the spacing: sites of two faces on their common edge coincide within this
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +63,7 @@ class Hexahedron:
         _check_faces(self.corners, self.planes)
 
     def contains(self, points: FloatArray, tol: float = 0.0) -> NDArray[np.bool_]:
-        """Return which of points (M, 3) lie behind all twelve face triangles, or at most `tol` metres out."""
+        """Return which of points (M, 3) lie inside, or at most `tol` outside of the plane of any face."""
         check_points(points=points)
         x = np.ascontiguousarray(points, dtype=np.float64)
         inside = np.empty(len(x), dtype=np.bool_)
@@ -76,19 +76,19 @@ class Hexahedron:
         return inside
 
     def face(self, name: str) -> FloatArray:
-        """Return the corners (4, 3) of a face, counter-clockwise from outside."""
+        """Return the corners (4, 3) of a face, counter-clockwise as seen from outside."""
         if name not in FACES:
             raise ValueError(f"no face {name!r}: the faces are {', '.join(FACES)}")
         return self.corners[list(FACES[name])]
 
     def sites_on(self, name: str, spacing: float) -> FloatArray:
-        """Return near-equidistant points (P, 3) on one face, its edges included."""
+        """Return nearly equidistant points (P, 3) on one face and its edges."""
         return polygon_sites(self.face(name), spacing)
 
     def face_sites(self, spacing: float, skip: AbstractSet[str] = frozenset()) -> FloatArray:
-        """Return near-equidistant points (P, 3) on all faces not in `skip`, each once.
+        """Return nearly equidistant points (P, 3) on all faces not in `skip`, each once.
 
-        An edge keeps its points as long as one of its two faces is not skipped.
+        An edge keeps its points unless both of its faces are skipped.
         """
         for name in skip:
             self.face(name)
@@ -100,9 +100,9 @@ class Hexahedron:
         return np.vstack([borders[distinct], inner])
 
     def spacing(self, given: float, wanted: float) -> float:
-        """Return the distance of sites on the faces: as given, else as wanted unless that takes too many.
+        """Return the spacing of sites on the faces: the given one, else the wanted one or a larger one for fewer sites.
 
-        Raises InputError if the given one takes far too many.
+        Raises InputError if the given spacing needs far too many sites.
         """
         faces = [self.face(name) for name in FACES]
         area = sum(float(np.linalg.norm(np.cross(f[2] - f[0], f[3] - f[1]))) / 2.0 for f in faces)
@@ -115,7 +115,7 @@ class Hexahedron:
     def section(self, point: FloatArray, normal: FloatArray) -> FloatArray:
         """Return the polygon (k, 3) in which a plane cuts the hexahedron.
 
-        Raises ValueError if the plane misses it, or touches it in a corner or an edge only.
+        Raises ValueError if the plane misses the hexahedron, or touches only a corner or an edge.
         """
         n = np.asarray(normal, dtype=np.float64) / np.linalg.norm(normal)
         height = (self.corners - point) @ n
@@ -138,7 +138,7 @@ def box(low: FloatArray, high: FloatArray) -> Hexahedron:
 
 
 def _triangle_planes(corners: FloatArray) -> FloatArray:
-    """Return (n, d) with n . x <= d inside, (12, 4), for the two triangles of each face."""
+    """Return (n, d) (12, 4) of the two triangles of each face; n . x <= d inside."""
     planes = []
     for a, b, c, d in FACES.values():
         for i, j, k in ((a, b, c), (a, c, d)):
@@ -150,7 +150,7 @@ def _triangle_planes(corners: FloatArray) -> FloatArray:
 
 
 def _check_faces(corners: FloatArray, planes: FloatArray) -> None:
-    """Raise for faces that are not planar or that have a corner of the hexahedron in front of them."""
+    """Raise for a face that is not plane, or that has a corner of the hexahedron in front of it."""
     size = float(np.ptp(corners, axis=0).max())
     two_each = [item for item in FACES.items() for _ in range(2)]
     for (name, face), plane in zip(two_each, planes, strict=True):
@@ -169,7 +169,7 @@ def _check_faces(corners: FloatArray, planes: FloatArray) -> None:
 
 
 def _around(points: FloatArray, normal: FloatArray) -> FloatArray:
-    """Sort coplanar points (k, 3) of a convex polygon around their centre."""
+    """Sort the points (k, 3) of a convex plane polygon around their centre."""
     arm = points - points.mean(axis=0)
     u = arm[0] / np.linalg.norm(arm[0])
     return points[np.argsort(np.arctan2(arm @ np.cross(normal, u), arm @ u))]
@@ -179,7 +179,7 @@ def _around(points: FloatArray, normal: FloatArray) -> FloatArray:
 def _behind(
     x: FloatArray, low: FloatArray, high: FloatArray, planes: FloatArray, tol: float, inside: NDArray[np.bool_]
 ) -> None:  # pragma: no cover - machine code
-    """Test points x (M, 3) against the bounding box first: most are outside of it."""
+    """Find the points x (M, 3) behind all planes; most fail the bounding box, which is tested first."""
     for i in range(len(x)):
         a, b, c = x[i, 0], x[i, 1], x[i, 2]
         within = a >= low[0] and a <= high[0] and b >= low[1] and b <= high[1] and c >= low[2] and c <= high[2]

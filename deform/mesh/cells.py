@@ -36,6 +36,9 @@ ORTHOGONAL = 1e-6
 """How far the product of a rotation with its transpose may be from the identity: files have few digits."""
 LARGEST = 1e40
 """Coordinates beyond this would overflow where the sixth power of a length is taken."""
+Constraint = Literal["", "symmetry", "empty", "wedge"]
+"""What a file says of the nodes of a patch: they stay in its plane; they are copies of those on the opposite side of a
+plane case one cell thick; the same of an axisymmetric case, by a rotation."""
 
 
 def whole(values: ArrayLike, what: str) -> IntArray:
@@ -158,11 +161,6 @@ class Polyhedra:
 
 Faces = Cells | Polygons
 Volume = Cells | Polyhedra
-
-
-Constraint = Literal["", "symmetry", "empty", "wedge"]
-"""What a file says of the nodes of a patch: they stay in its plane; they are copies of those on the opposite side of a
-plane case one cell thick; the same of an axisymmetric case, by a rotation."""
 
 
 @dataclass(frozen=True, eq=False)

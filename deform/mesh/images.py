@@ -29,6 +29,15 @@ WHOLE = 1e-12
 """Entries of matrices that are this near to a whole number are that number, so that bits are kept."""
 PLANE_TOLERANCE = 1e-5
 """Of its size: how far the nodes of a side may be off a plane."""
+TOLERANCE = 1e-5
+"""Default distance of a node from an image, as a share of the largest coordinate of both: files with six digits."""
+LARGEST = 1e100
+"""Products of larger coordinates are no numbers."""
+SNAP = 1e-6
+"""An axis nearer to a coordinate axis than this is that axis, so that the coordinate along it keeps its bits."""
+RigidMotion = tuple[FloatArray, FloatArray]
+"""Rotation (3, 3) and shift (3,): the image of x is ``rotation @ x + shift``."""
+ORIGIN = np.zeros(3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,17 +178,6 @@ def _whole(values: FloatArray) -> FloatArray:
     """Return numbers of which those that are almost whole are so."""
     near = np.round(values) + 0.0
     return np.asarray(np.where(np.abs(values - near) < WHOLE, near, values))
-
-
-TOLERANCE = 1e-5
-"""Default distance of a node from an image, as a share of the largest coordinate of both: files with six digits."""
-LARGEST = 1e100
-"""Products of larger coordinates are no numbers."""
-SNAP = 1e-6
-"""An axis nearer to a coordinate axis than this is that axis, so that the coordinate along it keeps its bits."""
-RigidMotion = tuple[FloatArray, FloatArray]
-"""Rotation (3, 3) and shift (3,): the image of x is ``rotation @ x + shift``."""
-ORIGIN = np.zeros(3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,6 +20,13 @@ from .edges import polygons_of, rows_of
 
 NO_AREA = 1e-150
 """OpenFOAM adds this to divisors that may be 0, and takes a face of a smaller area for one of no area."""
+SMALLEST_PYRAMID = -1e-15
+"""checkMesh finds fault with a face pyramid of a smaller volume, in the mesh's unit of length cubed."""
+TINY = np.finfo(np.float64).tiny
+ROWS, PARTS = 1 << 18, 8
+"""Cells measured at a time, so that temporaries stay small; but in so many parts at most: each looks at all faces."""
+WEIGHT = 40
+"""Work on one face in kernel pairs, by which `in_chunks` shares it out."""
 
 
 @compiled_exactly
@@ -168,15 +175,6 @@ def judge_faces(
             arm = minus(row_of(points, nodes[k], 0), centre)
             extent = max(extent, abs(dot(skew, arm)) / (distance + NO_AREA))
         judged[i, 1] = distance / extent
-
-
-SMALLEST_PYRAMID = -1e-15
-"""checkMesh finds fault with a face pyramid of a smaller volume, in the mesh's unit of length cubed."""
-TINY = np.finfo(np.float64).tiny
-ROWS, PARTS = 1 << 18, 8
-"""Cells measured at a time, so that temporaries stay small; but in so many parts at most: each looks at all faces."""
-WEIGHT = 40
-"""Work on one face in kernel pairs, by which `in_chunks` shares it out."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,6 +20,11 @@ from .mesh import Mesh
 
 SHARP = 40.0  # degrees between two faces, above which nodes on their edge stay on edges
 ON = 1e-9  # of the surface's size: points nearer to it, or to a sharp edge, are on it
+RESIDUAL = 1e-5  # of the patch's size: files with six digits keep this
+SNAP = 1e-6  # a normal nearer to a coordinate axis than this is the axis
+SAMPLE = 2000  # nodes that a cylinder is fitted to; all are verified
+SURFACE = "surface"
+"""The shape of a patch that is taken as it is."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -174,11 +179,6 @@ def _ends(directions: FloatArray, edges: IntArray, count: int) -> BoolArray:
     return np.asarray((np.bincount(edges.ravel(), minlength=count) != 2) | bent)
 
 
-RESIDUAL = 1e-5  # of the patch's size: files with six digits keep this
-SNAP = 1e-6  # a normal nearer to a coordinate axis than this is the axis
-SAMPLE = 2000  # nodes that a cylinder is fitted to; all are verified
-
-
 class SlidingSurface(Protocol):
     """A shape on which nodes stay."""
 
@@ -283,8 +283,6 @@ FITTED: dict[str, Callable[[FloatArray, FloatArray | None], SlidingSurface]] = {
     "cylinder": CylinderWall.fitted,
 }
 """How a shape is fitted to the nodes of a patch, given the normal of a plane mesh."""
-SURFACE = "surface"
-"""The shape of a patch that is taken as it is."""
 SHAPES = (*FITTED, SURFACE)
 NAMES = f"{', '.join(FITTED)} or {SURFACE}"
 

@@ -17,6 +17,8 @@ WEIGHT = 300
 """Work on one cell in kernel pairs, by which `in_chunks` shares it out."""
 TETRA, WEDGE, HEXAHEDRON = 0, 2, 3
 """Types by their places in `VOLUMES`; any other cell is -1."""
+Part = tuple[str, Volume, IntArray, IntArray | slice]
+"""Type, block, rows (M,) in it, and their places among others."""
 
 
 class CellTypes(NamedTuple):
@@ -47,10 +49,6 @@ def types_of(block: Polyhedra) -> CellTypes:
         block.kept["types"] = CellTypes(shape, corners)
     found: CellTypes = block.kept["types"]
     return found
-
-
-Part = tuple[str, Volume, IntArray, IntArray | slice]
-"""Type, block, rows (M,) in it, and their places among others."""
 
 
 def parts_of(block: Volume, rows: IntArray | None = None) -> Iterator[Part]:

@@ -26,6 +26,30 @@ from .polyhedra import corner_edges
 from .quality import Quality, by_shape, check_most, inverted_of, oriented, quality_and_inverted
 from .standard import parts_of
 
+BASES = {
+    "quad": (((0, 1), (3, 2)), ((1, 2), (0, 3)), ((2, 3), (1, 0)), ((3, 0), (2, 1))),
+    "wedge": (((0, 1, 2), (3, 4, 5)), ((3, 4, 5), (0, 1, 2))),
+    "hexahedron": (
+        ((0, 1, 2, 3), (4, 5, 6, 7)), ((4, 5, 6, 7), (0, 1, 2, 3)), ((0, 1, 5, 4), (3, 2, 6, 7)),
+        ((3, 2, 6, 7), (0, 1, 5, 4)), ((0, 3, 7, 4), (1, 2, 6, 5)), ((1, 2, 6, 5), (0, 3, 7, 4)),
+    ),
+}  # fmt: skip
+"""Faces (of plane cells: lines) that may lie on a wall, and the nodes opposite to them."""
+BLOCK = 1 << 16
+WEIGHT = 10
+"""Work on the nodes of one cell in kernel pairs, by which `in_chunks` shares it out."""
+LAYER_HEIGHT = 0.4
+"""Height over the longest edge on the wall, below which a cell counts as one of a layer. The layers of snappyHexMesh
+are 0.1 to 0.4 of that edge high, its other cells on a wall 0.6 and more."""
+FURTHER_HEIGHT = 0.2
+"""The same of further layers: a repair that kept higher ones would find no room."""
+FLAT = 1e-6
+"""Quality up to which a cell is flat but for rounding."""
+THICK_HEIGHT = 0.1
+"""The same, above which heights follow the wall less closely."""
+LAYER_CHANGE, THICK_CHANGE = 0.01, 0.1
+"""Largest allowed change of the first layer's height, as a share of it; of cells above `THICK_HEIGHT`."""
+
 
 def alone(cells: Polyhedra, rows: IntArray) -> Polyhedra:
     """Return rows (R,) of cells with all their faces, counted from 0; one cell after them stands for all others."""
@@ -75,31 +99,6 @@ def prisms_on(cells: Polyhedra, count: int, wall: BoolArray) -> list[tuple[IntAr
 def _per_cell(keys: IntArray, nodes: int, cells: int) -> IntArray:
     """Return how many distinct nodes each cell (C,) has, given keys: a cell times the number of nodes, plus a node."""
     return np.bincount(distinct(keys) // nodes, minlength=cells)
-
-
-BASES = {
-    "quad": (((0, 1), (3, 2)), ((1, 2), (0, 3)), ((2, 3), (1, 0)), ((3, 0), (2, 1))),
-    "wedge": (((0, 1, 2), (3, 4, 5)), ((3, 4, 5), (0, 1, 2))),
-    "hexahedron": (
-        ((0, 1, 2, 3), (4, 5, 6, 7)), ((4, 5, 6, 7), (0, 1, 2, 3)), ((0, 1, 5, 4), (3, 2, 6, 7)),
-        ((3, 2, 6, 7), (0, 1, 5, 4)), ((0, 3, 7, 4), (1, 2, 6, 5)), ((1, 2, 6, 5), (0, 3, 7, 4)),
-    ),
-}  # fmt: skip
-"""Faces (of plane cells: lines) that may lie on a wall, and the nodes opposite to them."""
-BLOCK = 1 << 16
-WEIGHT = 10
-"""Work on the nodes of one cell in kernel pairs, by which `in_chunks` shares it out."""
-LAYER_HEIGHT = 0.4
-"""Height over the longest edge on the wall, below which a cell counts as one of a layer. The layers of snappyHexMesh
-are 0.1 to 0.4 of that edge high, its other cells on a wall 0.6 and more."""
-FURTHER_HEIGHT = 0.2
-"""The same of further layers: a repair that kept higher ones would find no room."""
-FLAT = 1e-6
-"""Quality up to which a cell is flat but for rounding."""
-THICK_HEIGHT = 0.1
-"""The same, above which heights follow the wall less closely."""
-LAYER_CHANGE, THICK_CHANGE = 0.01, 0.1
-"""Largest allowed change of the first layer's height, as a share of it; of cells above `THICK_HEIGHT`."""
 
 
 class CellScores(NamedTuple):

@@ -1,1 +1,1 @@
-"""Radial basis functions: kernels, compiled sums, fits and the greedy choice of centres."""
+"""Radial basis functions: kernels, compiled sums, fits, and the greedy choice of centres."""

@@ -1,9 +1,9 @@
-"""The product's way: the Cholesky factor of the reduced kernel grows with the centres and is never computed again.
+"""A Cholesky factor of the reduced kernel that grows with the centres; what is computed is never computed again.
 
-The matrix is R' R with R upper triangular, kept in panels of some hundred columns: in triangular solves all but the
-small corners of the panels is then matrix products. One factor serves all columns. A block of m further centres costs
-one forward solve for m columns and one backward solve for each column of values: C**2 where solving afresh costs C**3.
-Mueller and Schaback (2009) and Pazouki and Schaback (2011) describe the Newton basis behind it.
+The matrix is R' R with R upper triangular, in panels of some hundred columns. Triangular solves are then matrix
+products except for the panels' small corners. One factor serves all columns of values. A block of m centres costs one
+forward solve with m columns and one backward solve for each column of values: C**2 operations instead of C**3. The
+Newton basis behind it is described by Mueller and Schaback (2009) and Pazouki and Schaback (2011).
 """
 
 from dataclasses import dataclass, replace
@@ -18,11 +18,11 @@ from sdm_deflect.deform.base.arrays import FloatArray, IndexArray
 from .interpolant import SolveError
 from .problem import Coefficients, Problem, ReducedKernel
 
-WIDTH = 256  # columns of a panel, unless one block is larger
+WIDTH = 256  # columns of a panel; a larger block has a panel of its own
 
 
 class NotPositiveDefiniteError(ArithmeticError):
-    """A further row of the matrix depends on the others to rounding error."""
+    """A row of the matrix is linearly dependent on the rows before, to rounding error."""
 
 
 class Panel(NamedTuple):
@@ -35,11 +35,11 @@ class Panel(NamedTuple):
 
     @property
     def stop(self) -> int:
-        """End of the columns in use."""
+        """End of the used columns."""
         return self.start + self.used
 
     def rows(self) -> tuple[FloatArray, FloatArray]:
-        """Return the parts of `above` and `corner` that are in use."""
+        """Return the used parts of `above` and `corner`."""
         return self.above[: self.used], self.corner[: self.used, : self.used]
 
 
@@ -47,8 +47,8 @@ class Panel(NamedTuple):
 class Factor:
     """The factor R (n, n).
 
-    A factor and those extended from it share memory, each seeing its own part. One may go back to an earlier factor
-    and extend it otherwise; those that were extended from it before are then void.
+    A factor and its extensions share memory, and each sees its own part. After going back to an earlier factor and
+    extending it again, its former extensions are invalid.
     """
 
     panels: tuple[Panel, ...] = ()
@@ -75,14 +75,14 @@ class Factor:
         return x
 
     def extended(self, above: FloatArray, corner: FloatArray) -> tuple["Factor", FloatArray]:
-        """Return the factor with m further columns, and the inverse (m, m) of its further triangle.
+        """Return the factor with m more columns, and the inverse (m, m) of its new triangle.
 
         Parameters
         ----------
-        above : (n, m) solution of R' x = further columns of the matrix, in its first n rows.
-        corner : (m, m) the matrix in the further rows and columns.
+        above : (n, m) solution of R' x = new columns of the matrix, in its first n rows.
+        corner : (m, m) the matrix in the new rows and columns.
 
-        Raises NotPositiveDefiniteError if the extended matrix is not positive definite to rounding.
+        Raises NotPositiveDefiniteError if the extended matrix is not positive definite, to rounding error.
         """
         upper, info = dpotrf(corner - above.T @ above, lower=0, clean=1)
         if info != 0:
@@ -98,7 +98,7 @@ class Factor:
 
 
 def _joined(panel: Panel, above: FloatArray, inverse: FloatArray) -> Panel:
-    """Put m further columns into a panel with room for them."""
+    """Put m columns into a panel that has room for them."""
     start, used, m = panel.start, panel.used, len(inverse)
     new = slice(used, used + m)
     panel.above[new] = above[:start].T
@@ -110,21 +110,21 @@ def _joined(panel: Panel, above: FloatArray, inverse: FloatArray) -> Panel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CholeskyBasis:
-    """Interpolants on growing centres; memory C**2 plus the sites.
+    """Interpolants on growing centres. Memory: C**2 numbers and the sites.
 
-    One may go back to an earlier basis and extend it otherwise; see `Factor`.
+    Going back to an earlier basis is allowed, as described in `Factor`.
     """
 
     kernel: ReducedKernel
-    chosen: IndexArray  # (C,) rows of the sites: the centres
-    anchor_places: IndexArray  # where in `chosen` the anchors stand
-    beside: IndexArray  # where in `chosen` the other centres stand
-    factor: Factor  # of the reduced kernel there
-    z: FloatArray  # (n, k) solution of R' z = values there
+    chosen: IndexArray  # (C,) rows of the sites that are centres
+    anchor_places: IndexArray  # places of the anchors in `chosen`
+    beside: IndexArray  # places of the other centres in `chosen`
+    factor: Factor  # of the reduced kernel at `beside`
+    z: FloatArray  # (n, k) solution of R' z = values at `beside`
 
     @classmethod
     def of(cls, problem: Problem, initial: IndexArray) -> Self:
-        """Start from the rows `initial` of the sites: at least four that span a volume."""
+        """Start from the rows `initial` of the sites, at least four that are not coplanar."""
         kernel = ReducedKernel.of(problem, initial)
         places = np.array([np.flatnonzero(initial == anchor)[0] for anchor in kernel.anchors], dtype=np.intp)
         beside = np.setdiff1d(np.arange(len(initial)), places)
@@ -133,7 +133,7 @@ class CholeskyBasis:
         return empty._grown(np.array(initial, dtype=np.intp), beside)
 
     def extended(self, block: IndexArray) -> Self:
-        """Return the basis with these rows of the sites as further centres."""
+        """Return the basis with the sites of a block as further centres."""
         return self._grown(np.append(self.chosen, block), len(self.chosen) + np.arange(len(block)))
 
     def coefficients(self) -> Coefficients:
@@ -150,17 +150,18 @@ class CholeskyBasis:
         return self._completed(self.factor.backward(self.z) + correction)
 
     def with_values(self, values: FloatArray) -> Self:
-        """Return the basis on the same sites and centres for other values (N, k) at the sites.
+        """Return the basis on the same centres for other values (N, k) at the sites.
 
-        Costs one forward solve, C**2 for each column, instead of the factorisation's C**3.
+        This costs one forward solve, C**2 operations for each column instead of C**3.
         """
         kernel = self.kernel.with_values(values)
         return replace(self, kernel=kernel, z=self.factor.forward(kernel.values[self.chosen[self.beside]]))
 
     def condition(self) -> float:
-        """Return the condition of the reduced kernel on the centres, in the 1-norm; that of the inverse is estimated.
+        """Return the condition number of the reduced kernel in the 1-norm; the norm of its inverse is estimated.
 
-        Higham and Tisseur (2000) with one vector: the same bits each time, and seldom off by more than a factor of 3.
+        Method of Higham and Tisseur (2000) with one vector: always the same bits, seldom wrong by more than a factor of
+        3.
         """
         rows = self.chosen[self.beside]
         if not len(rows):
@@ -176,7 +177,7 @@ class CholeskyBasis:
         return norm * float(onenormest(inverse, t=1))
 
     def _grown(self, chosen: IndexArray, new: IndexArray) -> Self:
-        """Extend the factor by the centres that stand at the places `new` of `chosen`."""
+        """Extend the factor by the centres at the places `new` of `chosen`."""
         rows, further = self.chosen[self.beside], chosen[new]
         columns = self.kernel.matrix(np.append(rows, further), further)
         above = self.factor.forward(columns[: len(rows)])

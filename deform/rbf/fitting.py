@@ -1,4 +1,4 @@
-"""How a displacement is interpolated, as values that load nothing: settings are read before any code is compiled."""
+"""Options of the fit, as values that load nothing: settings are read before any code is compiled."""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal, NamedTuple
@@ -10,16 +10,18 @@ Strategy = Literal["squv", "mv"]
 RuleName = Literal["separated", "worst"]
 KernelName = Literal["tps", "mq", "wendland", "cubic"]
 Polynomial = Literal["linear", "constant", "none"]
+ORDERS: dict[Polynomial, int] = {"linear": 2, "constant": 1, "none": 0}
+"""Largest order of the kernels that each polynomial supports."""
 
 
 class Needs(NamedTuple):
-    """What a kernel needs for a solution that is unique.
+    """What a kernel requires for a unique solution.
 
     Attributes
     ----------
-    name : of the kernel, in words.
-    order : of its conditional positive definiteness: 2 needs the linear polynomial, 1 the constant, 0 none.
-    radius : whether it has one.
+    name : name of the kernel, in words.
+    order : order of conditional positive definiteness: 2 requires the linear polynomial, 1 the constant, 0 none.
+    radius : whether the kernel has a radius.
     """
 
     name: str
@@ -33,12 +35,10 @@ KERNELS: dict[KernelName, Needs] = {
     "wendland": Needs("Wendland C2 function", 0, True),
     "cubic": Needs("cubic", 2, False),
 }
-ORDERS: dict[Polynomial, int] = {"linear": 2, "constant": 1, "none": 0}
-"""Largest order of kernels that each polynomial serves."""
 
 
 def steps_of(value: object) -> object:
-    """Return the largest number of steps, which may be text; ``auto`` is the usual one."""
+    """Return the largest number of steps, given as a number or as text; ``auto`` means the default."""
     if not isinstance(value, str):
         return value
     if value != "auto" and not (value.isascii() and value.isdigit()):
@@ -48,7 +48,7 @@ def steps_of(value: object) -> object:
 
 @dataclass(frozen=True, slots=True)
 class Fitting:
-    """How the displacement is interpolated: choice of centres (section 4), sites on the box, steps."""
+    """Options of the fit: choice of centres (section 4), sites on the box, steps."""
 
     # fmt: off
     strategy: Annotated[Strategy, Doc("Accuracy", "squv: centres for each direction; mv: common centres.")] = "squv"
@@ -89,7 +89,7 @@ class Fitting:
         self._check_kernel()
 
     def _check_kernel(self) -> None:
-        """Raise InputError if the kernel lacks what it needs, or is given what it has no use for."""
+        """Raise InputError if the kernel lacks what it requires, or is given a radius that it does not have."""
         needs = KERNELS[self.kernel]
         if self.kernel_radius and not needs.radius:
             others = " or ".join(name for name, one in KERNELS.items() if one.radius)

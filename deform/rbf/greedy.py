@@ -1,4 +1,4 @@
-"""Greedy choice of centres (paper section 4): the loop, its course, and why it ended."""
+"""The greedy choice of centres (paper section 4): the loop, its history, and why it stopped."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -17,11 +17,11 @@ from .problem import Basis, DataSites, Problem
 from .rules import GreedyOptions, Rule, Separated, combined
 
 SEPARATED = Separated()
-"""The usual rule."""
+"""The default rule."""
 
 
 class Stop(Enum):
-    """Why the adaptation ended."""
+    """Why the loop stopped."""
 
     CONVERGED = "largest error below the tolerance"
     MAX_CENTERS = "limit on the number of centres reached: raise max_centers or accept the error"
@@ -32,17 +32,17 @@ class Stop(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Iteration:
-    """One row of the convergence history."""
+    """One row of the history."""
 
     iteration: int
     n_centers: int
     max_residual: float  # m, over all sites and columns
-    seconds: float  # since the start
+    seconds: float  # since the start of the loop
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recorder:
-    """Records one step for each interpolant that was evaluated at all sites."""
+    """Records one row of the history for each interpolant that was evaluated at all sites."""
 
     options: GreedyOptions
     progress: Progress
@@ -50,21 +50,21 @@ class Recorder:
     steps: list[Iteration] = field(default_factory=list)
 
     def record(self, n_centers: int, errors: FloatArray) -> None:
-        """Append the step of an interpolant with errors (N, k)."""
+        """Append a row for an interpolant with errors (N, k)."""
         largest = float(np.abs(errors).max())
         self.steps.append(Iteration(len(self.steps), n_centers, largest, perf_counter() - self.start))
         if self.progress is not silent:
             self.progress(f"{n_centers} centres, error {largest:.2e} m", self._fraction())
 
     def _fraction(self) -> float:
-        """Estimate how much is done from the fall of the residual and the use of centres."""
+        """Estimate the fraction done from the fall of the residual and the number of centres."""
         tol, last = self.options.tol_stop, self.steps[-1]
         first = max(self.steps[0].max_residual, tol)
         fallen = np.log(first / max(last.max_residual, tol)) / np.log(first / tol) if first > tol else 1.0
         return float(max(fallen, last.n_centers / self.options.max_centers))
 
     def stop(self, block: IndexArray) -> Stop | None:
-        """Return why to stop after the last step (step 6), or None to go on with `block`."""
+        """Return why to stop now (step 6), or None to continue with `block`."""
         last, options = self.steps[-1], self.options
         if last.max_residual < options.tol_stop:
             return Stop.CONVERGED
@@ -77,28 +77,28 @@ class Recorder:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Adaptation:
-    """The fitted interpolant and how it was reached."""
+    """A fitted interpolant, and how its centres were chosen."""
 
     interpolant: Interpolant
     components: tuple[int, ...]
-    chosen: IndexArray  # (C,) rows of the data sites: the centres
+    chosen: IndexArray  # (C,) rows of the data sites that are centres
     history: tuple[Iteration, ...]
     stop: Stop
-    max_error: float  # m, of the final interpolant over all sites and columns, computed afresh
-    basis: Basis | None = field(default=None, repr=False)  # on which other values can be interpolated
+    max_error: float  # m, largest error of the final interpolant at any site in any column, computed anew
+    basis: Basis | None = field(default=None, repr=False)  # interpolates other values on these centres
 
     @classmethod
     def on(cls, basis: CholeskyBasis, stop: Stop) -> "Adaptation":
-        """Build the fit on the centres of a basis, without a history; nobody measures its error."""
+        """Return the fit on the centres of a basis, without a history; its error is not measured."""
         problem = basis.kernel.problem
         interpolant = problem.interpolant(basis.chosen, basis.refined())
         return cls(interpolant, problem.sites.components, basis.chosen, (), stop, np.nan, basis)
 
 
 def fused(fits: Sequence[Adaptation]) -> Interpolant:
-    """Return one interpolant with columns x, y, z on the union of all centres; zero for a direction without fit.
+    """Return one interpolant with columns x, y, z on the union of all centres; 0 for directions without a fit.
 
-    The costly part of a pair, the logarithm, is then taken once for all directions that share a centre.
+    The logarithm, the costly part of a pair, is then computed once for all directions that share a centre.
     """
     if not fits:
         raise ValueError("no adaptation to evaluate")
@@ -133,19 +133,18 @@ def adapt(
     basis: Callable[[Problem, IndexArray], Basis] = CholeskyBasis.of,
     progress: Progress = silent,
 ) -> Adaptation:
-    """Grow the centres from `initial` until a stopping rule holds.
+    """Add centres to `initial` until a stopping rule holds.
 
-    With several columns (MV) the sites are chosen by the combined residual, the norm over the columns; the
-    adaptation stops on the largest error of any one column, so that MV and SQUV are held to the same accuracy
-    (the paper compares them so, footnote ix).
+    With several columns (MV) sites are chosen by the norm of the residual over the columns. The loop stops by the
+    largest error in any column, so MV and SQUV reach the same accuracy, as in the paper's comparison (footnote ix).
 
     Parameters
     ----------
-    sites, kernel : What to interpolate, by what.
-    initial : (M,) rows of the sites: the first centres; at least four that span a volume, for a linear polynomial.
+    sites, kernel : Data sites and kernel.
+    initial : (M,) rows of the first centres; for a linear polynomial at least four that are not coplanar.
     options : Steps (5) and (6).
-    rule : `Separated()` adds large blocks of sites that are no neighbours, `Worst()` is the paper's.
-    basis : `CholeskyBasis.of` extends one factor; `studies.loop` solves again in every iteration, as the paper does.
+    rule : `Separated()` adds blocks of sites far from one another; `Worst()` is the paper's rule.
+    basis : `CholeskyBasis.of` extends one factor; `studies.loop` solves anew in every iteration, like the paper.
     """
     _check_initial(initial, sites, options)
     history = Recorder(options, progress, perf_counter())

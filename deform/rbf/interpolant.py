@@ -1,4 +1,4 @@
-"""Fit and evaluate s(p) = alpha . [1, p] + sum_j beta_j phi(|p - c_j|) (paper eqs. 2 to 7)."""
+"""Fit and evaluation of s(p) = alpha . [1, p] + sum_j beta_j phi(|p - c_j|) (paper eqs. 2 to 7)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,25 +13,28 @@ from sdm_deflect.deform.base.threads import Progress, silent, single_threaded_bl
 from .fitting import Polynomial
 from .kernels import Kernel, kernel_matrix, kernel_sum
 
-FLAT = 1e-9  # an extent below this share of the largest counts as none
+FLAT = 1e-9  # a smaller share of the largest extent counts as zero extent
+Solve = Callable[[FloatArray, FloatArray], FloatArray]
+"""Maps a symmetric matrix (n, n) and right-hand sides (n, k) to solutions (n, k)."""
+BLOCK = 64  # of the factorisation; without work space for it LAPACK uses a method five times as slow
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UnitBox:
-    """A shift and a scale that bring points into the box [-1, 1]**3, and the polynomials on them.
+    """Shift and scale that bring points into the box [-1, 1]**3, with the polynomials there.
 
-    The interpolant does not depend on either, but the condition of its system does: with r in metres, r**2
-    log r and the polynomial differ by orders of magnitude.
+    The interpolant does not depend on them, but the condition number does: in metres, r**2 log r and the polynomial
+    differ by orders of magnitude.
     """
 
     origin: FloatArray  # (3,) m
     length: float  # m
-    axes: FloatArray  # (., 3) orthonormal: the directions in which the points extend and the polynomial has a slope
-    constant: bool = True  # whether the polynomial has one
+    axes: FloatArray  # (., 3) orthonormal directions in which the points extend and the polynomial has a slope
+    constant: bool = True  # whether the polynomial has a constant
 
     @classmethod
     def around(cls, points: FloatArray, polynomial: Polynomial = "linear") -> Self:
-        """Fit the box to points (N, 3); points of a plane or a line give fewer than three axes."""
+        """Return the box of points (N, 3); points in a plane or on a line give fewer than three axes."""
         low, high = points.min(axis=0), points.max(axis=0)
         origin = 0.5 * (low + high)
         length = float(0.5 * (high - low).max()) or 1.0
@@ -43,7 +46,7 @@ class UnitBox:
         return cls(origin, length, slopes if polynomial == "linear" else slopes[:0], polynomial != "none")
 
     def scaled(self, points: FloatArray) -> FloatArray:
-        """Return points (N, 3) in units of the box."""
+        """Return points (N, 3) in the coordinates of the box."""
         return np.asarray((points - self.origin) / self.length)
 
     def polynomials(self, scaled: FloatArray) -> FloatArray:
@@ -51,14 +54,14 @@ class UnitBox:
         return np.column_stack([np.ones((len(scaled), int(self.constant))), scaled @ self.axes.T])
 
     def complete(self, alpha: FloatArray) -> FloatArray:
-        """Turn coefficients (q, k) of these polynomials into those (4, k) of 1 and the scaled coordinates."""
+        """Convert coefficients (q, k) of these polynomials to those (4, k) of 1 and the scaled coordinates."""
         slopes = self.axes.T @ alpha[int(self.constant) :]
         return np.vstack([alpha[:1] if self.constant else np.zeros((1, alpha.shape[1])), slopes])
 
     def in_metres(
         self, kernel: Kernel, centers: FloatArray, alpha: FloatArray, beta: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Turn coefficients for scaled coordinates into those for metres.
+        """Convert coefficients for scaled coordinates to coefficients for metres.
 
         Parameters
         ----------
@@ -73,7 +76,7 @@ class UnitBox:
         Notes
         -----
         phi(length rho) = factor phi'(rho) + square rho**2. By the side conditions (eq. 4) the sum of
-        beta_j |y - c_j|**2 over j is the constant sum of beta_j |c_j|**2, which moves into alpha.
+        beta_j |y - c_j|**2 over j is the constant sum of beta_j |c_j|**2, which is added to alpha.
         """
         _, factor, square = kernel.rescaled(self.length)
         metres = beta / factor
@@ -82,15 +85,8 @@ class UnitBox:
         return np.vstack([constant, slope]), metres
 
 
-Solve = Callable[[FloatArray, FloatArray], FloatArray]
-"""Maps a symmetric matrix (n, n) and right-hand sides (n, k) to solutions (n, k)."""
-
-
-BLOCK = 64  # of the factorisation; without work space for it LAPACK takes a method five times as slow
-
-
 class SolveError(RuntimeError):
-    """The interpolation system could not be solved."""
+    """The interpolation system cannot be solved."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,12 +107,12 @@ class Interpolant:
             )
 
     def __call__(self, points: FloatArray, *, threads: int | None = None, progress: Progress = silent) -> FloatArray:
-        """Evaluate at points (M, 3); the matrix of eq. 7 is never formed."""
+        """Evaluate at points (M, 3) without forming the matrix of eq. 7."""
         return kernel_sum(self.kernel, points, self.centers, self.beta, self.alpha, threads=threads, progress=progress)
 
 
 def direct(matrix: FloatArray, right: FloatArray) -> FloatArray:
-    """Solve by LAPACK's factorisation of a symmetric indefinite matrix."""
+    """Solve with LAPACK's factorisation of a symmetric indefinite matrix."""
     _, _, solution, info = dsysv(matrix, right, lower=1, lwork=len(matrix) * BLOCK)
     if info != 0:
         raise SolveError(
@@ -126,16 +122,16 @@ def direct(matrix: FloatArray, right: FloatArray) -> FloatArray:
 
 
 def fit(kernel: Kernel, centers: FloatArray, values: FloatArray, solve: Solve = direct) -> Interpolant:
-    """Interpolate values (C, k) at centers (C, 3): eqs. 5 and 6.
+    """Interpolate values (C, k) at centers (C, 3) (eqs. 5 and 6).
 
-    Centres of one plane (or line) are fine: the polynomial then has no slope out of it.
+    Centres may lie in a plane or on a line; the polynomial then has no slope across it.
 
     Raises
     ------
     ValueError
-        If the shapes do not match, a number is not finite, or centres coincide.
+        If shapes differ, a number is not finite, or centres coincide.
     SolveError
-        If the system is singular to rounding, or `solve` gives up.
+        If the system is singular to rounding error, or `solve` fails.
     """
     check_finite(centers=centers, values=values)
     if centers.ndim != 2 or values.ndim != 2 or centers.shape != (len(values), 3) or not len(values):
@@ -154,7 +150,7 @@ def fit(kernel: Kernel, centers: FloatArray, values: FloatArray, solve: Solve = 
 
 
 def check_finite(**arrays: FloatArray) -> None:
-    """Raise a ValueError that names the first array with a number that is not finite."""
+    """Raise a ValueError for the first array with a number that is not finite."""
     for name, array in arrays.items():
         if not np.isfinite(array).all():
             row = int(np.flatnonzero(~np.isfinite(array).reshape(len(array), -1).all(axis=1))[0])

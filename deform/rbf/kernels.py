@@ -1,12 +1,12 @@
-"""Radial basis functions with their conditions and units, and the sums of them over centres.
+"""Radial basis functions, and sums of them over centres.
 
-Every kernel is a function of the squared distance and is used together with a linear polynomial (eq. 2), unless
-another one is asked for. The multiquadric would be solvable without one (paper section 2.1), but only with it does the
-surface blending of appendix A keep planar faces planar.
+A kernel is a function of the squared distance. It is used with a linear polynomial (eq. 2) unless another one is asked
+for. The multiquadric would be solvable without (paper section 2.1), but the linear polynomial keeps plane faces plane
+in the surface blending of appendix A.
 
-The compiled loops take `kernel.compiled()`: a named tuple of the kernel's numbers, whose *type* says by which formula
-the compiled function `phi` is. A kernel is one class with its tuple; no loop is written again. The logarithm is our
-own: LLVM vectorises it, which it cannot do with a call into the C library.
+A kernel is one class. The *type* of its named tuple of numbers (`Kernel.compiled`) selects the compiled formula, so the
+loops over points and centres are written once. The logarithm is our own, because LLVM can vectorise it; it cannot
+vectorise a call into the C library.
 """
 
 from collections.abc import Callable, Mapping
@@ -26,13 +26,13 @@ from sdm_deflect.deform.base.threads import Progress, in_chunks, silent
 from .fitting import KernelName
 
 WIDTHS = (1, 3, 8)
-"""Columns of one pass: one machine code for each, the narrowest that fits is taken."""
+"""Numbers of columns for which loops are compiled; the narrowest that fits is used."""
 PADDING = 32
-"""Centres are filled up to a multiple of this with weight zero: whole vectors, no remainder loop."""
+"""The centres are padded with weight zero to a multiple of this: whole vectors, no remainder loop."""
 BLOCK = 8_192
-"""Centres summed over before the next: as many as a core's own cache holds with their weights."""
+"""Number of centres summed at a time: they and their weights fit into a core's own cache."""
 LOG_UNIT = float(np.log(2.0)) / 2.0**52
-"""log x = LOG_UNIT * scaled_log(x): callers take the constant out of their loops."""
+"""log x = LOG_UNIT * scaled_log(x); callers take the constant out of their loops."""
 
 SQRT_HALF_BITS = np.int64(0x3FE6A09E667F3BCD)  # the double sqrt(1/2) read as an integer
 EXPONENT_BITS = np.int64(-(2**52))  # a mask without the 52 bits of the mantissa
@@ -50,6 +50,12 @@ C0, C1, C2, C3, C4, C5, C6 = (
         0.16837811516924603,
     )
 )
+FORMULAS: dict[Any, Callable[[Any, Any], Any]] = {}
+"""Compiled formulas by the type of their numbers."""
+STORED: dict[str, "type[Kernel]"] = {}
+"""Kernels by their names in files."""
+KERNEL = "kernel"
+"""Name of the array in a file that holds the kernel's name."""
 
 
 @compiled
@@ -57,7 +63,7 @@ def scaled_log(x: float) -> float:  # pragma: no cover - machine code
     """Return 2**52 log2 x of a positive, normal x; relative error about 5e-16. Finite for x = 0.
 
     x = 2**e m with m in [sqrt(1/2), sqrt(2)), and log m = 2 artanh t with t = (m - 1)/(m + 1), |t| < 0.172. The
-    bits of x less those of m are the integer 2**52 e: the scale saves a shift and a multiplication.
+    bits of x less those of m are the integer 2**52 e, so the scale saves a shift and a multiplication.
     """
     bits = np.float64(x).view(np.int64)
     exponent = (bits - SQRT_HALF_BITS) & EXPONENT_BITS
@@ -74,16 +80,8 @@ def scaled_log(x: float) -> float:  # pragma: no cover - machine code
     return exponent + t * p
 
 
-FORMULAS: dict[Any, Callable[[Any, Any], Any]] = {}
-"""Compiled formulas by the type of the numbers that select them."""
-STORED: dict[str, "type[Kernel]"] = {}
-"""Kernels by their names in files."""
-KERNEL = "kernel"
-"""Name of the array in a file that holds the kernel's name."""
-
-
 class Rescaling(NamedTuple):
-    """phi(length * rho) = factor * kernel(rho) + square * rho**2: a kernel in other units of length."""
+    """phi(length * rho) = factor * kernel(rho) + square * rho**2: a kernel in another unit of length."""
 
     kernel: "Kernel"
     factor: float
@@ -96,9 +94,9 @@ class Kernel:
     Attributes
     ----------
     sign : +1 or -1: sign * phi is the conditionally positive definite one.
-    unit : phi = unit * formula: a constant factor that the loops need not repeat.
-    numbers : type of the named tuple of numbers that the formula needs.
-    stored : name in files; none of a kernel that no file holds.
+    unit : constant factor: phi = unit * formula; the loops leave it out.
+    numbers : type of the named tuple of numbers in the formula.
+    stored : name in files; empty for kernels that are not stored.
     """
 
     __slots__ = ()
@@ -114,7 +112,7 @@ class Kernel:
 
     @classmethod
     def of_radius(cls, radius: float) -> "Kernel":
-        """Return the kernel of a radius, which most have no use for."""
+        """Return the kernel with a radius; most kernels ignore it."""
         del radius
         return cls()
 
@@ -124,11 +122,11 @@ class Kernel:
 
     @staticmethod
     def formula(code: Any, r2: Any) -> Any:
-        """Return phi / unit at a squared distance; it is compiled, and its arguments must have these names."""
+        """Return phi / unit at a squared distance. Numba compiles it; the arguments must have these names."""
         raise NotImplementedError
 
     def compiled(self) -> tuple[float, ...]:
-        """Return the numbers of the formula."""
+        """Return the numbers in the formula."""
         return cast(tuple[float, ...], self.numbers())
 
     def rescaled(self, length: float) -> Rescaling:
@@ -137,7 +135,7 @@ class Kernel:
 
 
 class ThinPlateSplineCode(NamedTuple):
-    """The thin plate spline has no number."""
+    """The thin plate spline has no numbers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,7 +161,7 @@ class ThinPlateSpline(Kernel):
 
 
 class MultiquadricCode(NamedTuple):
-    """Number of the multiquadric."""
+    """Numbers of the multiquadric."""
 
     epsilon2: float
 
@@ -174,8 +172,8 @@ class Multiquadric(Kernel):
 
     Parameters
     ----------
-    epsilon : Shape parameter in 1/metre of the coordinates as handed in; the paper takes 1e4, which makes phi linear in
-        r to many digits.
+    epsilon : Shape parameter in 1/metre of the given coordinates. The paper takes 1e4, so that phi is linear in r to
+        many digits.
     """
 
     epsilon: float
@@ -211,18 +209,18 @@ class Multiquadric(Kernel):
 
 
 class WendlandC2Code(NamedTuple):
-    """Number of Wendland's function."""
+    """Numbers of Wendland's function."""
 
     inverse2: float  # 1 / radius**2
 
 
 @dataclass(frozen=True, slots=True)
 class WendlandC2(Kernel):
-    """phi(r) = (1 - r / radius)**4 (4 r / radius + 1), zero beyond the radius (Wendland 1995, in three dimensions).
+    """phi(r) = (1 - r / radius)**4 (4 r / radius + 1), zero beyond the radius (Wendland 1995, for three dimensions).
 
     Parameters
     ----------
-    radius : Of the support, in metres of the coordinates as handed in.
+    radius : Radius of the support, in metres of the given coordinates.
     """
 
     radius: float
@@ -260,7 +258,7 @@ class WendlandC2(Kernel):
 
 
 class CubicCode(NamedTuple):
-    """The cubic has no number."""
+    """The cubic has no numbers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -285,7 +283,7 @@ class Cubic(Kernel):
 
 
 def kernel_of(name: KernelName, radius: float) -> Kernel:
-    """Return a kernel of `Fitting` by its name there; `KERNELS` says whether it has a radius."""
+    """Return the kernel of a name in `Fitting`; `KERNELS` says whether it has a radius."""
     kinds: dict[KernelName, type[Kernel]] = {
         "tps": ThinPlateSpline, "mq": Multiquadric, "wendland": WendlandC2, "cubic": Cubic,
     }  # fmt: skip
@@ -293,13 +291,13 @@ def kernel_of(name: KernelName, radius: float) -> Kernel:
 
 
 def arrays_of(kernel: Kernel, tag: str = "") -> dict[str, NDArray[Any]]:
-    """Return what `stored_kernel` makes the same kernel of: its name, and its number, if it has one, with a tag."""
+    """Return the kernel's name and numbers as arrays for `stored_kernel`, their names ending with a tag."""
     numbers = {f"kernel_{name}{tag}": np.array(value) for name, value in asdict(cast(Any, kernel)).items()}
     return {KERNEL: np.array(kernel.stored), **numbers}
 
 
 def stored_kernel(arrays: Mapping[str, NDArray[Any]], tag: str = "") -> Kernel:
-    """Return the kernel that arrays of a file tell of; ValueError or KeyError if they tell of none."""
+    """Return the kernel that the arrays of a file describe; ValueError or KeyError if they describe none."""
     name = str(arrays[KERNEL])
     if name not in STORED:
         raise ValueError(f"the kernel {name} is none of {', '.join(STORED)}")
@@ -308,12 +306,12 @@ def stored_kernel(arrays: Mapping[str, NDArray[Any]], tag: str = "") -> Kernel:
 
 
 def phi(code: tuple[float, ...], r2: float) -> float:
-    """Return phi / unit at the squared distance r2; for use inside compiled loops only."""
+    """Return phi / unit at the squared distance r2, inside compiled loops only."""
     raise NotImplementedError("phi is compiled: call it from compiled code, or call the kernel itself")
 
 
 def _formula(code: Any, r2: Any) -> Callable[[Any, Any], Any] | None:  # pragma: no cover - compiling
-    """Choose the formula from the type of `code`, when a loop is compiled."""
+    """Return the formula for the type of `code`, when a loop is compiled."""
     return FORMULAS.get(getattr(code, "instance_class", None))
 
 
@@ -335,9 +333,9 @@ def kernel_sum(
     Parameters
     ----------
     kernel : The radial function, in the units of the coordinates.
-    points : (N, 3) where to evaluate.
+    points : (N, 3) evaluation points.
     centers, beta, alpha : (C, 3), (C, k) and (4, k): centres, kernel and polynomial coefficients.
-    threads : Number of threads; by default all that Numba may use. The result does not depend on it.
+    threads : Number of threads; by default all. The result does not depend on it.
     """
     check_points(points=points, centers=centers)
     x = np.ascontiguousarray(points, dtype=np.float64)
@@ -380,14 +378,14 @@ def kernel_matrix(kernel: Kernel, a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def check_points(**arrays: FloatArray) -> None:
-    """Raise a ValueError that names the first array that is not (N, 3): compiled loops do not look."""
+    """Raise a ValueError for the first array that is not (N, 3): compiled loops do not check."""
     for name, array in arrays.items():
         if array.ndim != 2 or array.shape[1] != 3:
             raise ValueError(f"{name} {array.shape} must be (N, 3)")
 
 
 def _padded(rows: FloatArray, count: int = 3) -> FloatArray:
-    """Fill rows (k, C) with zeros up to `count` rows and a multiple of `PADDING` columns."""
+    """Pad rows (k, C) with zeros to `count` rows and a multiple of `PADDING` columns."""
     out = np.zeros((count, -(-rows.shape[1] // PADDING) * PADDING))
     out[: len(rows), : rows.shape[1]] = rows
     return out
@@ -397,10 +395,9 @@ def _padded(rows: FloatArray, count: int = 3) -> FloatArray:
 def _sum_rows(
     code: Any, x: FloatArray, c: FloatArray, b: FloatArray, zeros: tuple[float, ...], a: FloatArray, out: FloatArray
 ) -> None:  # pragma: no cover - machine code
-    """Sum at x (N, 3) over centres c (3, C) with weights b (w, C) and add it, and polynomials a (k, 4), to out (N, k).
+    """Add to out (N, k) the polynomials a (k, 4) and the sums at x (N, 3) over centres c (3, C) with weights b (w, C).
 
-    The w sums of a point are kept in a tuple, which LLVM keeps in registers; it interleaves the loop over the centres
-    by itself.
+    The w sums of a point are a tuple, which LLVM keeps in registers; it interleaves the loop over the centres.
     """
     prefer_wide_vectors()
     for i in range(len(x)):

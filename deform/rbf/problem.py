@@ -1,14 +1,12 @@
-"""One adaptation problem in well-conditioned coordinates, and what is left of it without its polynomial.
+"""One adaptation problem in well-conditioned coordinates, and its reduced kernel.
 
-Four unisolvent centres, the *anchors* a, take the linear polynomial out; one takes a constant, none no polynomial. With
-L (N, 4) the values of the anchors' Lagrange polynomials at the sites, the reduced kernel
+Four centres that are not coplanar, the *anchors* a, take the linear polynomial out of the problem; a constant needs one
+anchor. L (N, 4) holds the values of the anchors' Lagrange polynomials at the sites. The reduced kernel
 
     K~(i, j) = K(i, j) - L_i . K(a, j) - K(i, a) . L_j + L_i . K(a, a) L_j
 
-is positive definite on all other centres, because the kernel (times its sign) is conditionally so. The values
-that it has to interpolate are those left over by the polynomial through the anchors.
-
-Data sites: where displacements are known, and for which directions (paper sections 3 and 4).
+is positive definite on all other centres, because the kernel (times its sign) is conditionally so. Its values are what
+the polynomial through the anchors leaves.
 """
 
 from collections.abc import Sequence
@@ -27,20 +25,22 @@ from .kernels import Kernel, kernel_matrix, kernel_sum
 
 XYZ = (0, 1, 2)
 DIRECTIONS = ("x", "y", "z")
+NEIGHBOURS = 80  # sites around a new centre where the residual may grow
+UNISOLVENT = 1e-7  # smallest ratio of pivots for four points that count as not coplanar
 
 
 class CoincidentSitesError(ValueError):
-    """Two data sites are at one place."""
+    """Two data sites coincide."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DataSites:
-    """Known displacement components at distinct points."""
+    """Known components of the displacement at distinct points."""
 
     points: FloatArray  # (N, 3) m
     values: FloatArray  # (N, k) m
-    components: tuple[int, ...] = XYZ  # the direction of each of the k columns: 0, 1 or 2
-    merged: int = field(default=0, kw_only=True)  # points that `joined` dropped: they were there already
+    components: tuple[int, ...] = XYZ  # direction of each of the k columns: 0, 1 or 2
+    merged: int = field(default=0, kw_only=True)  # points that `joined` dropped
 
     def __post_init__(self) -> None:
         if self.points.ndim != 2 or self.points.shape[1] != 3 or not len(self.points):
@@ -73,14 +73,14 @@ class DataSites:
 
 
 def pinned(points: FloatArray, components: tuple[int, ...] = XYZ) -> DataSites:
-    """Return sites that must not move."""
+    """Return sites of zero displacement."""
     return DataSites(points, np.zeros((len(points), len(components))), components)
 
 
 def joined(parts: Sequence[DataSites], tol: float = 1e-9) -> DataSites:
-    """Return the sites of all parts; a point within `tol` metres of an earlier one is dropped and counted.
+    """Return the sites of all parts; points within `tol` metres of an earlier one are dropped and counted.
 
-    Raises ValueError if the parts carry different components, or if two coinciding points are to move differently.
+    Raises ValueError if the parts have different components, or coincident points different values.
     """
     if not parts:
         raise ValueError("no data sites to join")
@@ -108,7 +108,7 @@ def _check_agreement(points: FloatArray, values: FloatArray, first: IndexArray, 
 
 
 def univariate(parts: Sequence[DataSites], tol: float = 1e-9) -> tuple[DataSites, ...]:
-    """Group sites for SQUV (section 4): one problem per direction, each with the parts that carry it."""
+    """Group sites for SQUV (section 4): one problem for each direction, with the parts that hold it."""
     groups = []
     for c in XYZ:
         carrying = [part.column(c) for part in parts if c in part.components]
@@ -118,9 +118,9 @@ def univariate(parts: Sequence[DataSites], tol: float = 1e-9) -> tuple[DataSites
 
 
 def multivariate(parts: Sequence[DataSites], tol: float = 1e-9) -> tuple[DataSites, ...]:
-    """Group sites for MV (section 4): directions with the same sites are one problem with common centres.
+    """Group sites for MV (section 4): directions with the same sites form one problem with common centres.
 
-    Directions with sites of their own (the sliding Chimera face of section 5.2) stay problems of their own.
+    Directions with sites of their own (the sliding Chimera face of section 5.2) are separate problems.
     """
     carriers: dict[tuple[int, ...], list[int]] = {}
     for c in XYZ:
@@ -134,11 +134,8 @@ def _columns(sites: DataSites, components: tuple[int, ...]) -> DataSites:
     return DataSites(sites.points, sites.values[:, columns], components, merged=sites.merged)
 
 
-NEIGHBOURS = 80  # sites around a new centre where the residual may grow
-
-
 class Coefficients(NamedTuple):
-    """Coefficients for the scaled coordinates of a `Problem`, one row of beta for each chosen site."""
+    """Coefficients for the scaled coordinates of a `Problem`; one row of beta for each centre."""
 
     alpha: FloatArray  # (4, k) of 1 and the scaled coordinates
     beta: FloatArray  # (C, k)
@@ -146,7 +143,7 @@ class Coefficients(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Problem:
-    """Data sites in the unit box, with the kernel and the polynomials that belong to it."""
+    """Data sites in the unit box, with kernel and polynomials."""
 
     sites: DataSites
     kernel: Kernel  # in metres
@@ -158,7 +155,7 @@ class Problem:
 
     @classmethod
     def of(cls, sites: DataSites, kernel: Kernel, polynomial: Polynomial = "linear") -> Self:
-        """Scale `sites`."""
+        """Scale the sites to the unit box."""
         box = UnitBox.around(sites.points, polynomial)
         points = box.scaled(sites.points)
         scaled_kernel = kernel.rescaled(box.length).kernel
@@ -172,9 +169,9 @@ class Problem:
     def errors(
         self, chosen: IndexArray, trail: Sequence[Coefficients], rows: IndexArray | slice = slice(None)
     ) -> FloatArray:
-        """Return interpolant minus value at rows of the sites, (T, R, k), for T interpolants in one pass.
+        """Return interpolant less value at rows of the sites, (T, R, k), for T interpolants in one pass.
 
-        Each interpolant of `trail` has the first of the chosen sites as its centres, as many as it has coefficients.
+        The centres of each interpolant are the first of the `chosen` sites, as many as it has coefficients.
         """
         alpha = np.hstack([coefficients.alpha for coefficients in trail])
         beta = np.zeros((len(chosen), alpha.shape[1]))
@@ -185,7 +182,7 @@ class Problem:
         return s.reshape(len(s), len(trail), k).transpose(1, 0, 2) - self.values[rows]
 
     def neighbours(self, rows: IndexArray) -> IndexArray:
-        """Return the rows of the sites nearest to each of the given ones, all in one."""
+        """Return the rows of the sites nearest to any of the given ones."""
         count = min(NEIGHBOURS, len(self.points))
         return np.asarray(self.tree.query(self.points[rows], count)[1]).ravel()
 
@@ -195,23 +192,20 @@ class Problem:
         return Interpolant(self.kernel, self.sites.points[chosen], beta, alpha)
 
 
-UNISOLVENT = 1e-7  # smallest pivot, relative to the largest, of four points that span a volume
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class ReducedKernel:
-    """K~ and the values g that belong to it."""
+    """The reduced kernel K~ and its values g."""
 
     problem: Problem
     anchors: IndexArray  # (q,) rows of the sites
     left: FloatArray  # (N, 2 q): K~ = K - left right'
     right: FloatArray  # (N, 2 q)
-    recovery: FloatArray  # (4, q): the polynomial through values at the anchors
+    recovery: FloatArray  # (4, q): the polynomial, given values at the anchors
     values: FloatArray  # (N, k)
 
     @classmethod
     def of(cls, problem: Problem, initial: IndexArray) -> Self:
-        """Pick the anchors among the initial centres by a pivoted QR factorisation of their polynomials."""
+        """Choose the anchors among the initial centres by a pivoted QR factorisation of their polynomials."""
         anchors = _unisolvent(problem.polynomials, np.asarray(initial))
         inverse = np.linalg.inv(problem.polynomials[anchors])
         lagrange = problem.polynomials @ inverse
@@ -222,7 +216,7 @@ class ReducedKernel:
         return cls(problem, anchors, left, right, problem.box.complete(np.asarray(inverse, dtype=np.float64)), values)
 
     def with_values(self, values: FloatArray) -> Self:
-        """Return it for other values (N, k) at the sites."""
+        """Return the same kernel for other values (N, k) at the sites."""
         problem, reduced = self.problem, values - self.lagrange @ values[self.anchors]
         sites = DataSites(problem.sites.points, values, problem.sites.components)
         return replace(self, problem=replace(problem, sites=sites), values=reduced)
@@ -240,12 +234,12 @@ class ReducedKernel:
         return np.asarray(k)
 
     def completed(self, rows: IndexArray, gamma: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return polynomial (4, k), kernel coefficients of the anchors (q, k) and of `rows` (C, k).
+        """Return the polynomial (4, k), and the coefficients of the anchors (q, k) and of `rows` (C, k).
 
         Parameters
         ----------
-        rows : The centres beside the anchors.
-        gamma : (C, k) solution of K~ gamma = g on them.
+        rows : The centres other than the anchors.
+        gamma : (C, k) solution of K~ gamma = g at these.
         """
         sign, q = self.problem.scaled_kernel.sign, len(self.anchors)
         sums = self.left[rows].T @ gamma
@@ -256,7 +250,7 @@ class ReducedKernel:
 
 
 def _unisolvent(polynomials: FloatArray, initial: IndexArray) -> IndexArray:
-    """Return those of the initial centres that determine a polynomial best."""
+    """Return the initial centres that determine a polynomial best."""
     count = polynomials.shape[1]
     if not count:
         return np.empty(0, dtype=np.intp)
@@ -271,15 +265,15 @@ def _unisolvent(polynomials: FloatArray, initial: IndexArray) -> IndexArray:
 
 
 class Basis(Protocol):
-    """Interpolants on growing centres: all that the greedy loop knows of linear algebra."""
+    """Interpolants on growing centres, as the greedy loop sees them."""
 
     @property
     def chosen(self) -> IndexArray:
-        """Rows (C,) of the sites: the centres."""
+        """Rows (C,) of the sites that are centres."""
         ...
 
     def extended(self, block: IndexArray) -> Self:
-        """Return the basis with these rows of the sites as further centres."""
+        """Return the basis with the sites of a block as further centres."""
         ...
 
     def coefficients(self) -> Coefficients:
@@ -287,5 +281,5 @@ class Basis(Protocol):
         ...
 
     def refined(self) -> Coefficients:
-        """Return the final coefficients, as exact as this basis can."""
+        """Return the final coefficients, as accurate as possible."""
         ...

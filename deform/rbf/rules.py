@@ -15,11 +15,11 @@ from .fitting import Polynomial
 from .problem import Basis, Coefficients, Problem
 
 TIE = 1e-6
-"""Share of `tol_stop` by which residuals differ at least: equal ones are ordered by row, not by rounding."""
+"""Share of `tol_stop` below which residuals count as equal; these are ordered by row, not by rounding."""
 WORTH_GUESSING = 400_000
-"""Pairs of a sweep: a smaller one costs no more than a guess."""
+"""Number of pairs below which a sweep costs no more than a guess."""
 BAD = 0.5
-"""Share of the residuals just mended above which sites are looked at when blocks are guessed."""
+"""Share of the last block's residuals, above which a guess looks at a site."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,10 +28,10 @@ class GreedyOptions:
 
     Parameters
     ----------
-    n_add : Number of sites added in an iteration, at most (`Worst`), or least size of a block (`Separated`).
-    tol_add, tol_stop : Residuals in metres: sites above the first may be added, the second ends the adaptation.
-    max_centers, max_iterations : Limits; reaching one is a result, not an error.
-    polynomial : Added to the kernels (eq. 2): at least what the kernel needs.
+    n_add : Largest number of sites added in an iteration (`Worst`), or smallest block (`Separated`).
+    tol_add, tol_stop : Residuals in metres: sites above `tol_add` may be added; the loop stops at `tol_stop`.
+    max_centers, max_iterations : Limits; reaching one is a result and not an error.
+    polynomial : Polynomial beside the kernel (eq. 2), at least what the kernel requires.
     """
 
     n_add: int
@@ -60,7 +60,7 @@ class Rule:
     def choose(
         self, points: FloatArray, residual: FloatArray, chosen: IndexArray, options: GreedyOptions
     ) -> IndexArray:
-        """Return rows of points (N, 3) to add, none of them in `chosen`; residual (N,) is -1 where unknown."""
+        """Return rows of points (N, 3) to add, none of them in `chosen`; the residual (N,) is -1 where unknown."""
         raise NotImplementedError
 
     def sweep(self, problem: Problem, options: GreedyOptions) -> Sweep:
@@ -71,12 +71,12 @@ class Rule:
 
 @dataclass(frozen=True, slots=True)
 class Worst(Rule):
-    """The paper's rule: the `n_add` sites of largest residual, whether they are neighbours or not.
+    """The paper's rule: the `n_add` sites with the largest residual, neighbours or not.
 
     Parameters
     ----------
-    look_ahead : Iterations tried on the worst sites alone, and then checked on all sites in one pass. What does not
-        stand the check is taken back, so the centres are those of look_ahead = 1; only the time differs.
+    look_ahead : Number of iterations guessed from the worst sites alone, then checked at all sites in one pass. Wrong
+        guesses are dropped, so the centres are those of look_ahead = 1; only the time differs.
     """
 
     look_ahead: int = 8
@@ -88,7 +88,7 @@ class Worst(Rule):
     def choose(
         self, points: FloatArray, residual: FloatArray, chosen: IndexArray, options: GreedyOptions
     ) -> IndexArray:
-        """Return the worst sites, worst first; equal ones by row."""
+        """Return the worst sites, worst first; ties by row."""
         del points
         return _ranked(residual, chosen, options.tol_add, options, _room(chosen, options.n_add, options))
 
@@ -99,16 +99,16 @@ class Worst(Rule):
 
 @dataclass(frozen=True, slots=True)
 class Separated(Rule):
-    """Large blocks of bad sites that are no neighbours: fewer centres and far fewer iterations than `Worst`.
+    """Large blocks of bad sites far from one another: fewer centres and far fewer iterations than `Worst`.
 
-    The residual is large in the whole gap between centres; one further centre mends most of a gap. So a site is
-    left out when a worse one was taken nearer to it than the wider of their two gaps.
+    The residual is large in the whole gap between centres, and one more centre mends most of a gap. So a site is left
+    out if a worse one has been taken nearer to it than the wider of their two gaps.
 
     Parameters
     ----------
-    share : Sites above this share of the largest residual are looked at.
+    share : Sites above this share of the largest residual are considered.
     spacing : Least distance within a block, as a multiple of the distance to the nearest centre.
-    growth : Largest block, as a share of the centres; at least `n_add`.
+    growth : Largest block as a share of the centres; at least `n_add`.
     """
 
     share: float = 0.1
@@ -122,7 +122,7 @@ class Separated(Rule):
     def choose(
         self, points: FloatArray, residual: FloatArray, chosen: IndexArray, options: GreedyOptions
     ) -> IndexArray:
-        """Return separated bad sites, worst first."""
+        """Return bad sites far from one another, worst first."""
         level = max(options.tol_add, self.share * float(residual.max()))
         order = _ranked(residual, chosen, level, options, len(residual))
         room = _room(chosen, max(options.n_add, int(self.growth * len(chosen))), options)
@@ -139,7 +139,7 @@ def _room(chosen: IndexArray, block: int, options: GreedyOptions) -> int:
 
 
 def _ranked(residual: FloatArray, chosen: IndexArray, level: float, options: GreedyOptions, count: int) -> IndexArray:
-    """Return the `count` rows of largest residual above `level` that are not chosen yet, worst first."""
+    """Return at most `count` rows with the largest residual above `level` that are not chosen yet, worst first."""
     free = residual > level
     free[chosen] = False
     above = np.flatnonzero(free)
@@ -164,7 +164,7 @@ def _nearest(x: FloatArray, centers: FloatArray, gap2: FloatArray) -> None:  # p
 def _thin(
     x: FloatArray, reach2: FloatArray, room: int, taken: NDArray[np.bool_], near: NDArray[np.bool_]
 ) -> None:  # pragma: no cover - machine code
-    """Take x (3, M) one by one, each unless it is nearer to a taken one than the wider reach of the two."""
+    """Take the points x (3, M) in order, except those nearer to a taken one than the wider reach of the two."""
     count = 0
     for i in range(len(reach2)):
         if count == room:
@@ -190,30 +190,30 @@ class Sweep:
     problem: Problem
 
     def extended(self, basis: Basis, block: IndexArray, residual: FloatArray) -> tuple[Basis, FloatArray]:
-        """Return the basis with further centres, and its errors (N, k); the residual (N,) is that before."""
+        """Return the basis with a block of centres added, and its errors (N, k); `residual` (N,) is from before."""
         del residual
         new = basis.extended(block)
         return new, self.problem.errors(new.chosen, [new.coefficients()])[0]
 
 
 class Guess(NamedTuple):
-    """A basis, and its coefficients."""
+    """A basis and its coefficients."""
 
     basis: Basis
     coefficients: Coefficients
 
     @classmethod
     def of(cls, basis: Basis) -> Guess:
-        """Solve for the coefficients."""
+        """Solve for the coefficients of a basis."""
         return cls(basis, basis.coefficients())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LookingAhead(Sweep):
-    """Guesses the blocks of the next iterations from a part of the sites, and evaluates all in one pass.
+    """Guesses the next blocks from some of the sites, and evaluates all of them in one pass.
 
-    What a guess is worth is seen when its block is asked for: one that was guessed wrongly is dropped, with all that
-    rest on it. `waiting` holds bases with errors that nobody has asked for yet.
+    A guess is checked when its block is asked for; a wrong one is dropped with all that follow. `waiting` holds bases
+    and errors that are not yet asked for.
     """
 
     rule: Worst
@@ -229,9 +229,9 @@ class LookingAhead(Sweep):
         return self.waiting.pop(0)
 
     def _guessed(self, basis: Basis, block: IndexArray, residual: FloatArray) -> list[Guess]:
-        """Extend a basis by its block, and by guessed ones.
+        """Extend a basis by its block and by guessed ones.
 
-        A residual that comes to be among the worst was large before, or is near a new centre, where it may grow.
+        A site among the worst had a large residual before, or is near a new centre, where the residual may grow.
         """
         problem, count, guesses = self.problem, len(basis.chosen), [Guess.of(basis.extended(block))]
         residual = np.where(residual > BAD * residual[block].min(), residual, -1.0)

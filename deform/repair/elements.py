@@ -31,6 +31,8 @@ FLAT = 1e-3
 """A corner whose determinant is a smaller share of the product of its edges' lengths has no shape to keep."""
 HANGING = 0.1
 """The same for polyhedra, which have nodes within edges and faces where their neighbours are smaller."""
+STEEP = 0.1
+"""Sine of the angle at which two planes meet, above which their line is known well enough."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -188,10 +190,6 @@ def _edges(points: FloatArray, nodes: IntArray) -> FloatArray:
 def _in_plane(nodes: IntArray) -> BoolArray:
     """Return which tetrahedra (E, 4) stand at the corners of plane cells."""
     return np.asarray(nodes[:, 3] == nodes[:, 0])
-
-
-STEEP = 0.1
-"""Sine of the angle at which two planes meet, above which their line is known well enough."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

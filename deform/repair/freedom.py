@@ -22,6 +22,11 @@ from sdm_deflect.deform.mesh.touched import TouchedCells, layers
 
 from .elements import Crossing
 
+TURNS = {"plane": 1e-5, SURFACE: 2.0 * np.sin(np.radians(SHARP / 2.0))}
+"""Difference of the normals of two faces on both sides of an edge that is within a plane, or a surface."""
+FLAT = 1e-9
+"""Of a patch's size: how far nodes of a plane face may be off it."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Columns:
@@ -125,12 +130,6 @@ def _pull(
             gradient[rows[k], c] = stretch * across[c]
             if below[k] >= 0:
                 gradient[below[k], c] += whole[c] - stretch * across[c]
-
-
-TURNS = {"plane": 1e-5, SURFACE: 2.0 * np.sin(np.radians(SHARP / 2.0))}
-"""Difference of the normals of two faces on both sides of an edge that is within a plane, or a surface."""
-FLAT = 1e-9
-"""Of a patch's size: how far nodes of a plane face may be off it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

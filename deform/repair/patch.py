@@ -34,6 +34,26 @@ CARE = 0.95
 """Share of its quality that a good cell shall keep while others are mended."""
 LOST = 0.005
 """How far the mean quality of all touched cells of a type, and what 99 % of them exceed, may fall for the worst."""
+MEMORY = 12
+"""Pairs of steps and changes of the gradient that are kept."""
+ARMIJO, SHORTEST = 1e-4, 1e-6
+Function = Callable[[FloatArray], tuple[float, FloatArray]]
+STEPS, TOLERANCE = 25, 1e-5
+"""Of the search at one eps and power: most steps, and the least share by which each has to lower the energy."""
+WIDEST, LEAST_EPS = 0.01, 1e-6
+"""Least eps at the start, over a target's determinant, and where untangling is given up."""
+FLAT = 1e-3
+"""Determinant over its target's, up to which an element is untangled: powers of its energy overflow."""
+NARROWER, NARROWEST = 0.5, 0.2
+"""What is left of eps for the next search; and if this one ended by itself."""
+POWERS = (1, 2, 4, 8, 16)
+"""Powers of the energy, one after another, once nothing is inverted: the worst cells weigh more and more."""
+EASY = (0.35, 0.6, 0.75)
+"""Least shares of a cell's quality in its floor, about, from which the first powers are left out; but for tetrahedra,
+whose energy is their quality, one power at most."""
+WORTH, PATIENCE = 0.005, 8
+"""Share by which a search at the largest power has to raise the least quality to be followed by another; searches that
+may pass without fewer inverted elements."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -166,12 +186,6 @@ def _with_any(touched: TouchedCells, mask: BoolArray) -> list[BoolArray]:
     return found
 
 
-MEMORY = 12
-"""Pairs of steps and changes of the gradient that are kept."""
-ARMIJO, SHORTEST = 1e-4, 1e-6
-Function = Callable[[FloatArray], tuple[float, FloatArray]]
-
-
 class Minimum(NamedTuple):
     """Where the search ended, the value there, and the number of steps taken."""
 
@@ -246,24 +260,6 @@ def _inverses(blocks: FloatArray) -> FloatArray:
     flat = np.linalg.det(matrices) == 0.0
     matrices[flat], scale[flat] = np.eye(3), max(float(size.max(initial=0.0)), np.finfo(float).tiny)
     return np.asarray(np.linalg.inv(matrices) / scale)
-
-
-STEPS, TOLERANCE = 25, 1e-5
-"""Of the search at one eps and power: most steps, and the least share by which each has to lower the energy."""
-WIDEST, LEAST_EPS = 0.01, 1e-6
-"""Least eps at the start, over a target's determinant, and where untangling is given up."""
-FLAT = 1e-3
-"""Determinant over its target's, up to which an element is untangled: powers of its energy overflow."""
-NARROWER, NARROWEST = 0.5, 0.2
-"""What is left of eps for the next search; and if this one ended by itself."""
-POWERS = (1, 2, 4, 8, 16)
-"""Powers of the energy, one after another, once nothing is inverted: the worst cells weigh more and more."""
-EASY = (0.35, 0.6, 0.75)
-"""Least shares of a cell's quality in its floor, about, from which the first powers are left out; but for tetrahedra,
-whose energy is their quality, one power at most."""
-WORTH, PATIENCE = 0.005, 8
-"""Share by which a search at the largest power has to raise the least quality to be followed by another; searches that
-may pass without fewer inverted elements."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

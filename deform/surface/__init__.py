@@ -1,1 +1,1 @@
-"""What the nodes of a moving surface do: motions, and the formulas of the paper's appendix A."""
+"""Motions of a surface's nodes, and the formulas of the paper's appendix A."""

@@ -1,6 +1,6 @@
-"""Surface mesh deformation: the input of the volume deformation (paper appendix A).
+"""Deformation of the surface mesh: the input of the volume deformation (paper appendix A).
 
-All functions take and return displacements of nodes in metres; none knows a mesh.
+All functions take and return arrays, with lengths in one unit; none knows a mesh.
 """
 
 import numpy as np
@@ -12,24 +12,24 @@ from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import Kernel, Multiquadric, ThinPlateSpline
 from sdm_deflect.deform.rbf.problem import DataSites, joined, pinned
 
-LINEAR = Multiquadric(1e4)  # the paper's: linear in r down to 0.1 mm
+LINEAR = Multiquadric(1e4)  # the paper's value, in 1/m: linear in r down to 0.1 mm
 DEFAULT_PANEL = ThinPlateSpline()
 SAME_POINT = 1e-9  # m
-STRIP_SITES = 1500  # enough for the edge of a strip; a direct solve takes a fraction of a second
+STRIP_SITES = 1500  # enough for the edge of a strip; a direct solve takes less than a second
 
 
 def blend(
     nodes: FloatArray, fixed: FloatArray, moved: FloatArray, moved_by: FloatArray, kernel: Kernel = LINEAR
 ) -> FloatArray:
-    """Return displacements (N, 3) blended between points that stay and points that move: hinge and trailing edge.
+    """Return displacements (N, 3) blended between points that stay (hinge) and points that move (trailing edge).
 
-    With the hinge edges fixed and the whole trailing edge of a wedge rotated, the displacement is an affine
-    field and planar faces stay planar to rounding. Not so with spanwise blending: see `blend_strip`.
+    If the hinge edges stay and the whole trailing edge of a wedge rotates, the displacement is affine, and plane faces
+    stay plane to rounding. Spanwise blending does not have this property: see `blend_strip`.
 
     Parameters
     ----------
-    nodes : (N, 3) where the displacement is wanted.
-    fixed, moved : (F, 3) and (M, 3) data sites; points of `moved` that coincide with fixed ones must not move.
+    nodes : (N, 3) nodes to move.
+    fixed, moved : (F, 3) and (M, 3) data sites; where they coincide, `moved` must not move.
     moved_by : (M, 3) displacements of `moved`.
     """
     sites = joined([pinned(fixed), DataSites(moved, moved_by)])
@@ -39,18 +39,17 @@ def blend(
 def blend_strip(
     nodes: FloatArray, strip: NDArray[np.bool_], displacement: FloatArray, fixed: FloatArray, kernel: Kernel = LINEAR
 ) -> FloatArray:
-    """Blend spanwise between fixed points and nodes that already know their displacement.
+    """Blend spanwise between fixed points and nodes of known displacement.
 
-    The kernel is global: fitted to trailing edge and rib at once it bends the whole aileron out of plane. So
-    blend chordwise first, keep that displacement beyond the strip, and let the strip alone connect it to the
-    rib.
+    The kernel is global: fitted to the trailing edge and the rib together it bends the whole aileron. So blend
+    chordwise first, keep that displacement outside the strip, and let the strip alone connect it to the rib.
 
     Parameters
     ----------
     nodes : (N, 3) nodes of the surface.
-    strip : (N,) True for nodes of the strip next to the rib.
-    displacement : (N, 3) displacements by chordwise blending; kept, bit for bit, where `strip` is False.
-    fixed : (F, 3) points that stay: hinge edges and rib, as far as they bound the strip.
+    strip : (N,) whether a node is in the strip next to the rib.
+    displacement : (N, 3) displacements by chordwise blending; they stay exactly the same outside the strip.
+    fixed : (F, 3) points that stay: the hinge edges and the rib beside the strip.
     """
     if strip.all() or not strip.any():
         raise ValueError(f"{int(strip.sum())} of {len(strip)} nodes lie in the strip: some must, and some must not")
@@ -70,15 +69,15 @@ def elongate(
     still: FloatArray,
     kernel: Kernel = LINEAR,
 ) -> FloatArray:
-    """Return the ways (N, k) that stretch the root of a rotated tail until its root line lies on the fuselage.
+    """Return displacements (N, k) that extend the root of a rotated tail until its root line lies on the fuselage.
 
     Parameters
     ----------
     nodes : (N, 3) nodes of the rotated tail.
-    inside : (N,) True for nodes of the root region; the others do not move.
-    root, root_by : (M, 3) rotated nodes of the root line, and (M, k) their ways to the fuselage: displacements (k = 3),
-        or lengths along given directions (k = 1), which keep planes that contain these directions planar.
-    still : (F, 3) points that do not move: sites on the region's face towards the tip.
+    inside : (N,) whether a node is in the root region; others do not move.
+    root, root_by : (M, 3) rotated nodes of the root line, and (M, k) their displacements to the fuselage: vectors (k =
+        3), or lengths along given directions (k = 1), which keep planes plane that contain these directions.
+    still : (F, 3) points that stay: sites on the region's face towards the tip.
     """
     columns = root_by.shape[1]
     stretch = fit(kernel, np.vstack([root, still]), np.vstack([root_by, np.zeros((len(still), columns))]))
@@ -95,12 +94,12 @@ def slide_panel(
     border: FloatArray,
     kernel: Kernel = DEFAULT_PANEL,
 ) -> FloatArray:
-    """Return displacements (N, 3) of a cylindrical panel's nodes, which follow the root line and stay on it.
+    """Return displacements (N, 3) of a cylindrical panel that follows the root line and stays on the cylinder.
 
     Parameters
     ----------
     nodes : (N, 3) nodes of the panel.
-    cylinder : The fuselage: interpolated nodes bulge and are projected radially back onto it.
+    cylinder : The fuselage; interpolated nodes are projected radially onto it.
     root, root_by : (M, 3) nodes of the undeflected root line and their displacements on the fuselage.
     border : (B, 3) nodes of the panel's border: they stay.
     """
@@ -110,7 +109,7 @@ def slide_panel(
 
 
 def _away_from(fixed: FloatArray, points: FloatArray, moved_by: FloatArray) -> DataSites:
-    """Return the sites that do not coincide with fixed points: at the end of a strip the fixed ones win."""
+    """Return the sites that coincide with no fixed point: at the end of a strip the fixed points count."""
     first = first_coincident(np.vstack([fixed, points]), SAME_POINT)[len(fixed) :]
     keep = first >= len(fixed)
     return DataSites(points[keep], moved_by[keep])

@@ -1,4 +1,4 @@
-"""A surface blended between nodes that stay and nodes that follow a motion (appendix A)."""
+"""A surface blended between nodes that stay and nodes that follow a motion (paper appendix A)."""
 
 from dataclasses import dataclass, field, replace
 from numbers import Real
@@ -14,21 +14,21 @@ from .appendix_a import blend, blend_strip
 from .motions import Functions, Motion, MotionLaw
 from .surface import NodeSet, OnPatches, Surface, TrailingEdge
 
-MOST = 800  # nodes of either kind that a direct solve takes in a moment
+MOST = 800  # largest number of nodes of either kind for a direct solve
 NEAR = 0.35  # of the largest distance from the hinge: held nodes beyond are on a rib
 LINEAR = 1e5  # shape parameter times the surface's size: the multiquadric is then linear in r
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rib:
-    """Where a surface ends at a parent without a gap, and how it is blended there.
+    """Ribs where a surface ends at a parent without a gap, and the strip that is blended there.
 
     Attributes
     ----------
-    nodes : held nodes on ribs; None: those far from the hinge.
-    share : width of the strip that is blended spanwise, as a share of the surface's length along `direction`.
-    width : the same as a length; 0: from the share.
-    direction : (3,) direction in which the strip is measured; None: the hinge's.
+    nodes : held nodes on ribs; None for those far from the hinge.
+    share : width of the strip, as a share of the surface's length along `direction`.
+    width : width of the strip as a length; 0 to use `share`.
+    direction : (3,) direction across the strip; None for the hinge's.
     """
 
     nodes: NodeSet | None = None
@@ -43,21 +43,21 @@ class Rib:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Blended:
-    """Between held nodes and driven ones, by a multiquadric that is linear in the distance.
+    """A motion blended between held and driven nodes, by a multiquadric that is linear in the distance.
 
-    Held nodes far from the hinge are on a rib without a gap: there a strip of the surface is blended spanwise. Beyond
-    it planar faces stay planar (appendix A) if the hinge nodes are those of the hinge edges alone.
+    Held nodes far from the hinge are on a rib without a gap; a strip beside it is blended spanwise. Outside the strip
+    plane faces stay plane (appendix A), if the hinge nodes are only those of the hinge edges.
 
     Attributes
     ----------
-    base : the motion of the driven nodes.
+    base : motion of the driven nodes.
     held : nodes that stay; by default those shared with other patches.
-    driven : nodes that follow; by default the sharp edges far from the hinge.
-    rib : what happens beside closed ribs.
-    hinge_nodes : held nodes from which the surface is blended chordwise; None: those near the hinge.
-    epsilon : shape parameter of the multiquadric, 1/length; 0: `LINEAR` over the surface's size.
+    driven : nodes that follow `base`; by default the sharp edges far from the hinge.
+    rib : how strips beside closed ribs are blended.
+    hinge_nodes : held nodes of the chordwise blending; None for those near the hinge.
+    epsilon : shape parameter of the multiquadric, 1/length; 0 for `LINEAR` over the surface's size.
 
-    Raises InputError if `base` is no motion, or `held` or `driven` no set of nodes.
+    Raises InputError if `base` is not a motion, or `held` or `driven` not a set of nodes.
     """
 
     base: Motion
@@ -92,9 +92,9 @@ class Blended:
         return self.base.axis
 
     def law(self, surface: Surface) -> "BlendedLaw":
-        """Sort the surface's nodes.
+        """Find the held, driven and strip nodes of a surface.
 
-        Raises InputError if no node stays or none follows, or the strips beside ribs cover the whole surface.
+        Raises InputError if no node is held or none driven, or if the strips cover the whole surface.
         """
         hinge, points = self.base.axis, surface.points
         if hinge is None:
@@ -131,9 +131,9 @@ class BlendedLaw:
 
     Attributes
     ----------
-    base : the motion of the driven nodes.
-    held, driven, front : (K,) nodes that stay, that follow, and those from which the surface is blended chordwise.
-    strip : (K,) nodes beside closed ribs, blended spanwise.
+    base : motion of the driven nodes.
+    held, driven, front : (K,) nodes that stay, that follow, and the held ones of the chordwise blending.
+    strip : (K,) nodes beside closed ribs, which are blended spanwise.
     kernel : the multiquadric.
     """
 
@@ -147,16 +147,16 @@ class BlendedLaw:
 
     @property
     def exact(self) -> BoolArray:
-        """Nodes (K,) beyond the strips beside closed ribs."""
+        """Nodes (K,) outside the strips beside closed ribs."""
         return ~self.strip
 
     def displacement(self, amount: float) -> FloatArray:
-        """Return how far each node (K, 3) moves."""
+        """Return the displacement (K, 3)."""
         return self._spread(self.base.displacement(amount))
 
     @property
     def functions(self) -> Functions:
-        """The base's: blending is linear."""
+        """Functions of the base motion, because blending is linear."""
         return self.base.functions
 
     def frozen_at(self, amount: float) -> "BlendedLaw":
@@ -164,7 +164,7 @@ class BlendedLaw:
         return replace(self, base=self.base.frozen_at(amount))
 
     def _spread(self, full: FloatArray) -> FloatArray:
-        """Blend between zero at the held nodes and `full` (K, 3) at the driven ones."""
+        """Blend between 0 at the held nodes and `full` (K, 3) at the driven nodes."""
         points, rows = self.points, _thinned(self.points, self.driven)
         out = blend(points, points[_thinned(points, self.front)], points[rows], full[rows], self.kernel)
         out[self.driven] = full[self.driven]
@@ -175,7 +175,7 @@ class BlendedLaw:
 
 
 def _strip(rib: Rib, points: FloatArray, ribs: BoolArray, hinge: Axis) -> BoolArray:
-    """Return which of points (K, 3) lie within the strips beside the ribs (K,)."""
+    """Return which of points (K, 3) lie in the strips beside the rib nodes (K,)."""
     if not ribs.any():
         return np.zeros(len(points), dtype=bool)
     station = points @ (hinge.direction if rib.direction is None else rib.direction)
@@ -186,6 +186,6 @@ def _strip(rib: Rib, points: FloatArray, ribs: BoolArray, hinge: Axis) -> BoolAr
 
 
 def _thinned(points: FloatArray, mask: BoolArray) -> IntArray:
-    """Return rows of a mask, at most MOST of them, evenly spread."""
+    """Return the rows of a mask; more than `MOST` are thinned evenly."""
     rows = np.flatnonzero(mask)
     return rows[farthest(points[rows], MOST)] if len(rows) > MOST else rows

@@ -1,7 +1,7 @@
-"""How a surface moves: values that give the displacement of its nodes for any amount.
+"""Motions: the displacement of a surface's nodes for any amount.
 
-A motion has one number, its amount: degrees of a rotation, or the share of a table of displacements. Put on a surface
-it becomes a law, which has done all that does not depend on the amount.
+The amount is one number: degrees of a rotation, or the share of a table of displacements. A motion on a surface becomes
+a law, which holds all that does not depend on the amount.
 """
 
 from dataclasses import dataclass, field
@@ -22,8 +22,8 @@ from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 
 from .surface import Surface
 
-MOST_FUNCTIONS = 6  # of an amount, whose fields are read
-MOST = 3000  # points of a table that a direct solve takes
+MOST_FUNCTIONS = 6  # most functions of one amount
+MOST = 3000  # most points of a table for a direct solve
 
 
 class Functions(Protocol):
@@ -31,26 +31,26 @@ class Functions(Protocol):
 
     @property
     def count(self) -> int:
-        """Their number k: at so many amounts the displacement is read to find the fields."""
+        """Number k of functions, and of amounts at which the displacement is read to find their fields."""
         ...
 
     @property
     def finer(self) -> "Functions | None":
-        """More functions, for displacements of which these are no sum; None if there are none."""
+        """The next larger set of functions; None if there is none."""
         ...
 
     def values(self, amount: float) -> FloatArray:
-        """Return their values (k,)."""
+        """Return the values (k,)."""
         ...
 
     def rates(self, amount: float) -> FloatArray:
-        """Return their derivatives (k,), per unit of the amount."""
+        """Return the derivatives (k,) per unit of the amount."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """Of an angle a in degrees: sin a and 1 - cos a, a rotation's (Rodrigues); of more than two also those of 2 a, 3 a.
+    """sin a and 1 - cos a of an angle a in degrees (Rodrigues' formula); further ones are those of 2 a and 3 a.
 
     Cells that follow a blended surface nearby, or slide on a cylinder, need more than two.
     """
@@ -59,16 +59,16 @@ class Turn:
 
     @property
     def finer(self) -> "Turn | None":
-        """Two functions more, up to six."""
+        """Two more functions, up to six."""
         return Turn(self.count + 2) if self.count < MOST_FUNCTIONS else None
 
     def values(self, amount: float) -> FloatArray:
-        """Return sines, and one less cosines without cancellation."""
+        """Return the sines, and 1 less the cosines without cancellation."""
         angles = np.radians(amount) * np.arange(1, self.count // 2 + 1)
         return np.column_stack([np.sin(angles), 2.0 * np.sin(0.5 * angles) ** 2]).ravel()
 
     def rates(self, amount: float) -> FloatArray:
-        """Return k cos k a and k sin k a, per degree."""
+        """Return k cos k a and k sin k a per degree."""
         factors = np.arange(1, self.count // 2 + 1)
         angles, speeds = np.radians(amount) * factors, np.radians(1.0) * factors
         return np.column_stack([speeds * np.cos(angles), speeds * np.sin(angles)]).ravel()
@@ -83,7 +83,7 @@ class Powers:
 
     @property
     def finer(self) -> "Powers | None":
-        """Two functions more, up to six."""
+        """Two more functions, up to six."""
         return Powers(self.count + 2, self.scale) if self.count + 2 <= MOST_FUNCTIONS else None
 
     def values(self, amount: float) -> FloatArray:
@@ -98,14 +98,14 @@ class Powers:
 
 @dataclass(frozen=True, slots=True)
 class Fixed:
-    """Of a plan for one amount: 1 there, twice, for a displacement and what its rounding leaves."""
+    """Functions of a plan for one amount: 1 and 1, for a displacement and its rounding error."""
 
     amount: float
     count: int = 2
     finer: None = None
 
     def values(self, amount: float) -> FloatArray:
-        """Return ones; InputError at another amount."""
+        """Return ones; InputError at any other amount."""
         if amount != self.amount:
             raise InputError(f"{amount:g}: the plan is of {self.amount:g} alone; make one with a range")
         return np.ones(2)
@@ -120,25 +120,25 @@ class MotionLaw(Protocol):
 
     @property
     def exact(self) -> BoolArray:
-        """Which nodes (K,) keep the surface's own shape: not those that connect it to what stays."""
+        """Which nodes (K,) keep the surface's shape; others connect it to what stays."""
         ...
 
     def displacement(self, amount: float) -> FloatArray:
-        """Return how far each node (K, 3) moves."""
+        """Return the displacement (K, 3)."""
         ...
 
     @property
     def functions(self) -> Functions:
-        """Functions of the amount of which the displacement is a sum, with fixed fields."""
+        """Functions of the amount; the displacement is a sum of fixed fields times these."""
         ...
 
     def frozen_at(self, amount: float) -> "MotionLaw":
-        """Return the law with the choices that it makes at an amount, so that it is smooth around that."""
+        """Return the law with its choices frozen at an amount, so that it is smooth around it."""
         ...
 
 
 class Motion(Protocol):
-    """The prescribed motion of a surface's nodes."""
+    """A prescribed motion of a surface's nodes."""
 
     @property
     def unit(self) -> str:
@@ -157,10 +157,10 @@ class Motion(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rotation:
-    """Rigid rotation about a hinge, right-handed from its first point to its second.
+    """Rigid rotation about a hinge, right-handed from the first hinge point to the second.
 
-    Looking from the first point to the second, a positive angle turns clockwise. `about` makes one of two points; or of
-    one, x and y, about which a plane mesh turns counter-clockwise.
+    Seen from the first point towards the second, a positive angle turns clockwise. `about` takes two points; or one
+    point x, y, about which a plane mesh turns counter-clockwise.
 
     Attributes
     ----------
@@ -175,9 +175,9 @@ class Rotation:
 
     @classmethod
     def about(cls, first: ArrayLike, second: ArrayLike | None = None) -> "Rotation":
-        """Take the hinge through two points (3,), in the mesh's unit, or that along z through one (2,).
+        """Take the hinge through two points (3,) in the mesh's unit, or along z through one point (2,).
 
-        Raises InputError if the points coincide or are none.
+        Raises InputError if the points coincide or are not finite.
         """
         if second is None:
             a = bounded(first, "hinge")
@@ -198,7 +198,7 @@ class Rotation:
         return "deg"
 
     def law(self, surface: Surface) -> "RotationLaw":
-        """Return the rotation of a surface's nodes."""
+        """Return the rotation of the nodes of a surface."""
         return RotationLaw(self.axis, surface.points)
 
 
@@ -220,27 +220,27 @@ class RotationLaw:
 
     @property
     def functions(self) -> Functions:
-        """The sine of the angle, and one less its cosine."""
+        """Sine of the angle, and 1 less its cosine."""
         return Turn()
 
     def frozen_at(self, amount: float) -> "RotationLaw":
-        """Return the law itself: it makes no choice."""
+        """Return the law: it makes no choices."""
         del amount
         return self
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Table:
-    """Displacements known at points of another mesh, such as those of a structure under load: bending and torsion.
+    """Displacements at points of another mesh, such as bending and torsion of a structure under load.
 
-    Thin plate splines bring them onto the surface.
+    Thin plate splines interpolate them at the surface's nodes.
 
     Attributes
     ----------
     points, vectors : (P, 3) each, in the mesh's unit of length.
-    hinge : an axis along the surface, where the box should follow one.
+    hinge : an axis along the surface that the box follows; None for none.
 
-    Raises InputError if the shapes differ, there are fewer than 4 points, or a number is not finite.
+    Raises InputError if shapes differ, if there are fewer than 4 points, or if a number is not finite.
     """
 
     points: FloatArray = field(repr=False)
@@ -257,11 +257,11 @@ class Table:
 
     @classmethod
     def read(cls, path: str | PathLike[str], hinge: Axis | None = None) -> "Table":
-        """Read a .csv of x, y, z, dx, dy, dz with a line of titles, or an .npz with `points` and `vectors`.
+        """Read a .csv of x, y, z, dx, dy, dz with a title line, or an .npz with `points` and `vectors`.
 
-        For a plane mesh the .csv may have x, y, dx, dy alone.
+        A .csv for a plane mesh may have x, y, dx, dy only.
 
-        Raises InputError if the file cannot be read as one of these.
+        Raises InputError for any other content.
         """
         if not isinstance(path, str | PathLike):
             raise InputError(f"table = {shortened(path)} is no path of a file")
@@ -280,7 +280,7 @@ class Table:
 
     @property
     def unit(self) -> str:
-        """Unit of the amount: the whole table is 1."""
+        """Unit of the amount; 1 is the whole table."""
         return "of the table"
 
     @property
@@ -289,7 +289,7 @@ class Table:
         return self.hinge
 
     def law(self, surface: Surface) -> "TableLaw":
-        """Interpolate the table at a surface's nodes; InputError if it has two displacements for one point."""
+        """Interpolate the table at the nodes of a surface; InputError for a point with two displacements."""
         first = first_coincident(self.points)
         torn = np.flatnonzero((self.vectors != self.vectors[first]).any(axis=1))
         if len(torn):
@@ -314,30 +314,30 @@ class TableLaw:
         return np.ones(len(self.vectors), dtype=bool)
 
     def displacement(self, amount: float) -> FloatArray:
-        """Return the share `amount` of the vectors."""
+        """Return `amount` times the vectors."""
         return np.asarray(amount * self.vectors)
 
     @property
     def functions(self) -> Functions:
-        """The share."""
+        """The amount itself."""
         return Powers(1)
 
     def frozen_at(self, amount: float) -> "TableLaw":
-        """Return the law itself: it makes no choice."""
+        """Return the law: it makes no choices."""
         del amount
         return self
 
 
 @dataclass(frozen=True, slots=True)
 class Moving:
-    """Patches that move together, and how far.
+    """Patches that move together, their motion and its amount.
 
     Attributes
     ----------
     patches : names or wildcards.
-    motion : how.
+    motion : the motion.
     amount : degrees, or the share of a table.
-    range : amounts that a box, and a plan, must hold; None: from 0 to the amount.
+    range : amounts that the box and a plan must contain; None for 0 to the amount.
     """
 
     patches: tuple[str, ...]
@@ -365,5 +365,5 @@ class Moving:
 
     @property
     def ends(self) -> tuple[float, float]:
-        """The range: from 0 to the amount, unless another is given."""
+        """Ends of the range; without a range 0 and the amount."""
         return self.range or (min(0.0, self.amount), max(0.0, self.amount))

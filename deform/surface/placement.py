@@ -16,29 +16,38 @@ from .surface import Surface
 from .tail_root import RootLaw
 
 UNITS = (1000.0, 0.001, 25.4, 1.0 / 25.4, 0.3048, 1.0 / 0.3048, 39.37, 1.0 / 39.37)
-"""Factors between metres, millimetres, inches and feet."""
+"""Ratios of metres, millimetres, inches and feet."""
 HALF, QUARTER = 0.5, 0.25
-"""Share of a surface along its hinge that the hinge's two points span at least; share of its width that is far."""
+"""Least share of the surface's span between the hinge points; share of its width from which a hinge is far."""
 HALF_TURN = 1.1 * np.pi
-"""Largest angle without nodes around a hinge between an upper and a lower skin, with some allowance."""
+"""Largest angle without nodes as seen from a hinge between two skins: half a turn with some allowance."""
 MEANT = "correct it, or say --force (force = true) if it is meant"
+FULL = 0.99
+"""Share of the angle that counts as the full angle."""
+OUTER = 0.9
+"""Share of the trailing edge's distance from the hinge, beyond which held nodes are its ends."""
+FAR_FROM_ITS_WAY = 0.5
+"""Share of the largest distance from the hinge, beyond which nodes are on the trailing edge of an unblended surface."""
+NO_DISTANCE = 1e-9
+"""Distance from a rigid turn, in chords, that is rounding."""
+STATIONS = 2001
+"""Number of stations along the span at which the angle is averaged; nodes are placed 1000 times as finely."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placement:
-    """A hinge beside the surface that turns about it; lengths in the mesh's unit.
+    """A hinge beside its surface; lengths in the mesh's unit.
 
     Attributes
     ----------
     surface : its patches, for messages.
     axis : the hinge.
     width : extent of the surface across the hinge.
-    distance : of the hinge's line from the nearest node; 0 inside the surface, whose nodes are all around it.
-    covered : share of the surface's extent along the hinge that lies between the two points of the hinge; 1 where these
-        are not known.
-    ahead : how far the surface reaches to the other side of the hinge than its farthest node.
-    chord : second largest extent of the surface, whichever way it lies.
-    ends : (E, 3) the two points of the hinge, as far as they are known, with their `apart` (E,) from the nearest node.
+    distance : distance of the hinge's line from the nearest node; 0 if nodes surround the line.
+    covered : share of the surface's extent along the hinge that lies between the hinge points; 1 if these are unknown.
+    ahead : how far the surface reaches beyond the hinge, on the side opposite to its farthest node.
+    chord : second largest extent of the surface in its principal directions.
+    ends, apart : (E, 3) the hinge points, if known, and (E,) their distances from the nearest nodes.
     """
 
     surface: str
@@ -53,7 +62,7 @@ class Placement:
 
     @classmethod
     def of(cls, surface: Surface, axis: Axis) -> "Placement":
-        """Measure where the hinge lies."""
+        """Measure the position of a hinge."""
         points = surface.points
         radial = axis.radial(points)
         along = (points - axis.point) @ axis.direction
@@ -73,11 +82,11 @@ class Placement:
 
     @property
     def near(self) -> bool:
-        """Whether the hinge passes the surface no farther away than it is wide."""
+        """Whether the hinge is no farther from the surface than this is wide."""
         return self.distance <= self.width
 
     def check(self, surface: Surface, force: bool) -> None:
-        """Raise InputError if the hinge is far away, unless by `force`, or fits in another unit of length."""
+        """Raise InputError if the hinge is far away (unless `force`); say if another unit of length would fit."""
         if self.near or force:
             return
         fits = [(there.distance, factor) for factor, there in self._elsewhere(surface)]
@@ -86,11 +95,11 @@ class Placement:
 
     @property
     def passes(self) -> str:
-        """How far away the hinge is, in words."""
+        """Distance of the hinge, in words."""
         return f"its line passes {self.distance:.4g} from {self.surface}, which is {self.width:.4g} wide across it"
 
     def _elsewhere(self, surface: Surface) -> Iterator[tuple[float, "Placement"]]:
-        """Yield units of the hinge, by their factor, in which it fits to the surface."""
+        """Yield the placement of the hinge in other units of length where it fits, by the unit's factor."""
         for factor in UNITS:
             length = None if self.axis.length is None else factor * self.axis.length
             there = Placement.of(surface, replace(self.axis, point=factor * self.axis.point, length=length))
@@ -98,7 +107,7 @@ class Placement:
                 yield factor, there
 
     def warnings(self, blended: bool) -> Iterator[str]:
-        """Yield what makes it likely that the hinge is wrong, as sentences."""
+        """Yield signs of a wrong hinge, as sentences."""
         if self.distance > QUARTER * self.width:
             yield f"hinge: {self.passes}: is it the right one?"
         if self.covered < HALF:
@@ -115,35 +124,23 @@ class Placement:
 
 
 def _surrounds(radial: FloatArray, axis: Axis) -> bool:
-    """Return whether vectors (N, 3) away from an axis leave no more than half of the circle around it free."""
+    """Return whether vectors (N, 3) from an axis leave no gap larger than `HALF_TURN` around it."""
     first = radial[0]
     angles = np.sort(np.arctan2(radial @ np.cross(axis.direction, first), radial @ first))
     return bool(np.diff(angles, append=angles[0] + 2.0 * np.pi).max() < HALF_TURN)
 
 
-FULL = 0.99
-"""Share of the angle from which on it counts as the full angle."""
-OUTER = 0.9
-"""Of the distance of the trailing edge from the hinge: held nodes beyond are its ends."""
-FAR_FROM_ITS_WAY = 0.5
-"""Of the largest distance from the hinge: what counts as trailing edge where no nodes follow a motion."""
-NO_DISTANCE = 1e-9
-"""Chords from a rigid turn that are rounding."""
-STATIONS = 2001
-"""Places along the span at which the angle is averaged, and the resolution of nodes' places is finer by 1000."""
-
-
 @dataclass(frozen=True, slots=True)
 class Reached:
-    """How much of its angle a surface reaches.
+    """Share of its angle that a surface reaches.
 
     Attributes
     ----------
     full : share of the span over which the trailing edge reaches the full angle.
     mean : mean of the trailing edge's angle over the span, as a share of the angle.
-    off : largest distance of a node from where the rigid turn would bring it, over the chord there, from the hinge to
-        the trailing edge; without the strips beside closed ribs, and without a tail's root.
-    place : coordinates of that node before, in the mesh's unit of length.
+    off : largest distance of a node from its place after a rigid turn, over the local chord from hinge to trailing
+        edge; without strips beside closed ribs and without a tail's root.
+    place : undeflected coordinates of that node, in the mesh's unit.
     """
 
     full: float
@@ -153,9 +150,9 @@ class Reached:
 
     @classmethod
     def of(cls, points: FloatArray, moved: FloatArray, axis: Axis, amount: float, law: MotionLaw) -> "Reached":
-        """Compare the nodes (K, 3) of a surface, which moved by (K, 3), with a turn about the hinge by an amount.
+        """Compare the displacement `moved` (K, 3) of a surface's nodes with a turn about the hinge by `amount`.
 
-        A node's share of the angle is its displacement along that of the turn, over the length of the latter.
+        A node's share of the angle is its displacement along the turn's, over the length of the turn's.
         """
         turn, station = axis.displacement(points, amount), points @ axis.direction
         reach, square = np.linalg.norm(axis.radial(points), axis=1), np.sum(turn**2, axis=1)
@@ -179,21 +176,21 @@ class Reached:
         """The figures as a sentence."""
         place = ", ".join(f"{x:.4g}" for x in self.place)
         share = f"{self.full:.0%} of the span turns by the full angle; the mean over the span is {self.mean:.0%} of it"
-        if self.full in (0.0, 1.0):  # as in a plane mesh, which has no span
+        if self.full in (0.0, 1.0):  # a plane mesh has no span
             share = "turns by the full angle" if self.full else f"turns by {self.mean:.0%} of the angle on average"
         off = f"; nodes are up to {self.off:.2g} chords from a rigid turn, at ({place})"
         return share + (off if self.off >= NO_DISTANCE else "")
 
 
 def _turning(law: MotionLaw) -> BoolArray:
-    """Return which nodes (K,) a rigid turn would bring where they go: not in strips, panels and extended roots."""
+    """Return which nodes (K,) a rigid turn should move: not those in strips, panels and extended roots."""
     return law.beyond_root if isinstance(law, RootLaw) else law.exact
 
 
 def _edge(law: MotionLaw, station: FloatArray, reach: FloatArray) -> BoolArray:
-    """Return which nodes (K,) are on the trailing edge: those that follow a blended motion, and its ends that stay.
+    """Return the nodes (K,) of the trailing edge: the driven nodes of a blended motion, and its ends.
 
-    Of other motions they are those far from the hinge, of a tail those beyond its root.
+    Of other motions these are the nodes far from the hinge; of a tail those outboard of its root.
     """
     if not isinstance(law, BlendedLaw):
         turning = _turning(law)

@@ -1,4 +1,4 @@
-"""A surface that moves, and ways to say which of its nodes are meant."""
+"""A moving surface, and rules that select its nodes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -16,8 +16,8 @@ from sdm_deflect.deform.mesh.cells import whole
 from sdm_deflect.deform.mesh.edges import polygons_of, sharp_edges
 from sdm_deflect.deform.mesh.mesh import Mesh
 
-FAR = 0.5  # of the largest distance from the hinge: sharp edges beyond are the trailing edge
-ALONG = 0.5  # cosine between an edge and the hinge above which the edge runs along it
+FAR = 0.5  # of the largest distance from the hinge: sharp edges beyond are on the trailing edge
+ALONG = 0.5  # cosine between an edge and the hinge, above which the edge runs along it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +37,7 @@ class Surface:
 
     @classmethod
     def of(cls, mesh: Mesh, names: Sequence[str]) -> "Surface":
-        """Collect the nodes of patches; InputError for a name that is none, and where there are no nodes."""
+        """Collect the nodes of patches; InputError for an unknown patch, or if there are no nodes."""
         patches = mesh.named(names, "the surface")
         nodes = mesh.on(*patches)
         if not len(nodes):
@@ -51,16 +51,16 @@ class Surface:
 
     @property
     def label(self) -> str:
-        """Its patches, for messages."""
+        """Names of the patches, for messages."""
         return ", ".join(self.patches)
 
     def on(self, names: Sequence[str]) -> BoolArray:
-        """Return which of the nodes (K,) also lie on the named patches."""
+        """Return which of the nodes (K,) are also on the named patches."""
         return np.isin(self.nodes, self.mesh.on(*names), assume_unique=True)
 
     @property
     def neighbours(self) -> tuple[str, ...]:
-        """Other patches that share nodes with it, but for planes of symmetry and those whose nodes have images."""
+        """Other patches that share nodes with the surface, except symmetry planes and periodic patches."""
         bound = {name for pair in self.mesh.periodic for name in pair.patches}
         bound |= {patch.name for patch in self.mesh.patches if patch.constraint}
         others = [name for name in self.mesh.names if name not in (*self.patches, *bound)]
@@ -68,22 +68,22 @@ class Surface:
 
 
 class NodeSet(Protocol):
-    """Says which nodes of a surface are meant."""
+    """A rule that selects nodes of a surface."""
 
     def of(self, surface: Surface, hinge: Axis) -> BoolArray:
-        """Return a mask (K,) over the surface's nodes."""
+        """Return the selected nodes as a mask (K,)."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class OnPatches:
-    """Nodes that also lie on these patches: neighbours, or some of the surface's own; none named: any neighbour.
+    """Nodes that are also on these patches; without names, on any neighbouring patch.
 
-    A wildcard stands for neighbours only: the surface's own patches are to be named in full.
+    A wildcard stands for neighbours only; patches of the surface itself must be named in full.
 
     Parameters
     ----------
-    names : Names or wildcards; or a single one.
+    names : One name or wildcard, or several.
     """
 
     names: tuple[str, ...] = ()
@@ -93,7 +93,7 @@ class OnPatches:
             object.__setattr__(self, "names", (self.names,))
 
     def of(self, surface: Surface, hinge: Axis) -> BoolArray:
-        """Return a mask (K,) over the surface's nodes."""
+        """See `NodeSet`."""
         del hinge
         if not self.names:
             return surface.on(surface.neighbours)
@@ -103,13 +103,13 @@ class OnPatches:
 
 @dataclass(frozen=True, slots=True)
 class TrailingEdge:
-    """Sharp edges that run along the hinge, far from it; in a plane mesh the nodes where lines turn.
+    """Sharp edges along the hinge and far from it; in a plane mesh the nodes where lines turn sharply.
 
     Parameters
     ----------
-    dihedral : Degrees by which the faces turn at the edge, at least; above 0, below 180.
+    dihedral : Least angle between the faces at the edge: degrees between 0 and 180.
 
-    Raises InputError if it is no such number.
+    Raises InputError for any other number.
     """
 
     dihedral: float = 40.0
@@ -119,12 +119,12 @@ class TrailingEdge:
             raise InputError(f"dihedral = {shortened(self.dihedral)} must be degrees between 0 and 180")
 
     def of(self, surface: Surface, hinge: Axis) -> BoolArray:
-        """Return a mask (K,) over the surface's nodes."""
+        """See `NodeSet`."""
         points, faces = surface.mesh.points, surface.mesh.faces_of(surface.patches)
         edges = sharp_edges(points, polygons_of(faces), self.dihedral)
         vectors = points[edges[:, 1]] - points[edges[:, 0]]
         along = np.abs(vectors @ hinge.direction) > ALONG * np.linalg.norm(vectors, axis=1)
-        along |= edges[:, 0] == edges[:, 1]  # a node of a plane mesh
+        along |= edges[:, 0] == edges[:, 1]  # in a plane mesh an edge is one node
         reach = np.linalg.norm(hinge.radial(surface.points), axis=1)
         far = surface.nodes[reach > FAR * reach.max()]
         return np.isin(surface.nodes, np.intersect1d(distinct(edges[along]), far, True), assume_unique=True)
@@ -138,7 +138,7 @@ class Listed:
     ----------
     nodes : (K,) indices, counted from 0.
 
-    Raises InputError if they are no whole numbers.
+    Raises InputError if they are not whole numbers.
     """
 
     nodes: IntArray
@@ -148,18 +148,18 @@ class Listed:
 
     @classmethod
     def read(cls, path: Path) -> "Listed":
-        """Read node indices, counted from 0, from a text file; InputError if it holds anything else."""
+        """Read node indices, counted from 0, from a text file; InputError for any other content."""
         with damaged(path, "list of node indices"), path.open(encoding="utf-8") as text:
             return cls(np.loadtxt(text, dtype=np.intp, ndmin=1))
 
     def of(self, surface: Surface, hinge: Axis) -> BoolArray:
-        """Return a mask (K,) over the surface's nodes."""
+        """See `NodeSet`."""
         del hinge
         return np.isin(surface.mesh.numbers(surface.nodes), self.nodes)
 
 
 def name_of(patches: Sequence[str]) -> str:
-    """Return a name for patches together: their own, or what their names begin with."""
+    """Return a name for several patches: the only name, or the common beginning."""
     alike = takewhile(lambda letters: len(set(letters)) == 1, zip(*patches, strict=False))
     start = "".join(letters[0] for letters in alike).rstrip("_-. /")
     return patches[0] if len(patches) == 1 else start if len(start) > 2 else f"{patches[0]} and {len(patches) - 1} more"

@@ -1,4 +1,4 @@
-"""An all-moving surface on a cylindrical body: its root stays on the body, whose panel follows (appendix A)."""
+"""An all-moving tail whose root stays on a cylindrical body; a panel of the body follows (appendix A)."""
 
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -15,28 +15,28 @@ from .appendix_a import elongate, slide_panel
 from .motions import Functions, Powers
 from .surface import Surface
 
-POWERS = 6  # of the angle, for its displacement within 15 degrees: they miss it by .014 of the usual tolerance
-SCALE = 15.0  # deg, at which these powers are 1
+POWERS = 6  # powers of the angle for displacements up to 15 degrees; they miss by 0.014 of the usual tolerance
+SCALE = 15.0  # degrees at which these powers are 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RootOnCylinder:
-    """Rotation of a tail whose root line slides on a cylinder, with the panel around it.
+    """Rotation of a tail whose root line slides on a cylinder, with the panel around the root.
 
-    Every plane of the tail contains the apex of its trapezoid, so a node that slides along its ray to the (rotated)
-    apex stays on its planes: the root line slides until it meets the cylinder, and a multiquadric of that sliding
-    distance extends the root region (the paper interpolates the displacement vector, which leaves the planes by what
-    the blending is not affine). The panel follows by thin plate splines between root line and border, then radially
-    back onto the cylinder.
+    All planes of the tail meet in the apex of its trapezoid. A node that slides along its ray to the rotated apex stays
+    in its planes. So the root line slides along rays until it meets the cylinder, and a multiquadric of the sliding
+    distance extends the root region. (The paper interpolates the displacement vector, which leaves the planes
+    slightly.) The panel follows by thin plate splines between root line and border, projected radially onto the
+    cylinder.
 
     Attributes
     ----------
     hinge : the axis of rotation.
     cylinder : the body.
-    apex : (3,) where the tail's planes meet.
-    panel : patches of the body that follow; all other patches of the surface rotate.
-    within : panel nodes outside stay, and those that would leave it.
-    depth : length of the root region that is extended, outboard of the root line.
+    apex : (3,) point where the tail's planes meet.
+    panel : patches of the body that follow; the other patches of the surface rotate.
+    within : hexahedron outside which panel nodes stay; so do nodes that would leave it.
+    depth : length of the extended root region, outboard of the root line.
     epsilon : shape parameter of the multiquadric, 1/length.
     """
 
@@ -59,7 +59,7 @@ class RootOnCylinder:
         return self.hinge
 
     def law(self, surface: Surface) -> "RootLaw":
-        """Sort the surface's nodes into tail, root line, panel and the panel's border."""
+        """Find the nodes of tail, root line, panel and the panel's border."""
         mesh = surface.mesh
         tail = surface.on([name for name in surface.patches if name not in self.panel])
         panel = surface.on(self.panel)
@@ -72,10 +72,9 @@ class RootOnCylinder:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RootLaw:
-    """The motion of points (K, 3): masks (K,) of the tail, of its panel, and of the panel's nodes that stay.
+    """The motion of points (K, 3): masks (K,) of the tail, its panel, and the panel's nodes that stay.
 
-    Which nodes belong to the root region, and which further ones stay, is decided anew at each amount, unless it is
-    held at `chosen_at`.
+    The root region and the nodes that stay are chosen anew at each amount, unless `chosen_at` fixes them.
     """
 
     motion: RootOnCylinder
@@ -92,15 +91,15 @@ class RootLaw:
 
     @property
     def beyond_root(self) -> BoolArray:
-        """Nodes (K,) of the tail outboard of the region that is extended."""
+        """Nodes (K,) of the tail outboard of the extended region."""
         beyond = self.tail.copy()
         beyond[self.tail] = ~self._region(0.0).inside
         return beyond
 
     def displacement(self, amount: float) -> FloatArray:
-        """Return how far each node (K, 3) moves.
+        """Return the displacement (K, 3).
 
-        Raises InputError if the tail turns so far that its root misses the cylinder.
+        Raises InputError if the tail turns so far that a ray of its root misses the cylinder.
         """
         chosen_at = amount if self.chosen_at is None else self.chosen_at
         region = self._region(chosen_at)
@@ -108,11 +107,11 @@ class RootLaw:
 
     @property
     def functions(self) -> Functions:
-        """Powers of the angle: no sum of sine and cosine, for the root slides."""
+        """Powers of the angle: the root slides, so sine and cosine are not enough."""
         return Powers(POWERS, SCALE)
 
     def frozen_at(self, amount: float) -> "RootLaw":
-        """Return the law with the same nodes in the root region and at rest as at an amount."""
+        """Return the law with the root region and the staying nodes of an amount."""
         return replace(self, chosen_at=amount)
 
     def _region(self, amount: float) -> "RootRegion":
@@ -120,7 +119,7 @@ class RootLaw:
         return RootRegion.of(rotated, rotated[self.panel[self.tail]], self.motion.depth)
 
     def _staying(self, amount: float, region: "RootRegion") -> BoolArray:
-        """Return the panel's nodes (K,) that stay, those that would leave the hexahedron among them."""
+        """Return the panel's nodes (K,) that stay, including those that would leave the hexahedron."""
         stays, within = self.stays, self.motion.within
         while True:
             follow = self.panel & ~self.tail & ~stays
@@ -145,7 +144,7 @@ class RootLaw:
 
 
 class RootRegion(NamedTuple):
-    """Which of the tail's nodes (T,) are extended, and still points (F, 3) outboard, as shares of the root's box."""
+    """Tail nodes (T,) that are extended, and points (F, 3) outboard that stay."""
 
     inside: BoolArray
     still: FloatArray
@@ -159,7 +158,7 @@ class RootRegion(NamedTuple):
 
 
 def root_on(cylinder: Cylinder, root: FloatArray, rays: FloatArray) -> FloatArray:
-    """Return where the rays (R, 3) of a tail's root nodes (R, 3) meet the body; InputError if one misses it."""
+    """Return where the rays (R, 3) of the root nodes (R, 3) meet the cylinder; InputError if one misses it."""
     try:
         return cylinder.projected_along(root, rays)
     except ValueError as error:
@@ -175,8 +174,8 @@ def _extension(
 ) -> FloatArray:
     """Return the displacement (T, 3) that extends the rotated tail (T, 3) onto the cylinder along rays to its apex.
 
-    The root nodes slide until they meet the cylinder. Nodes within `depth` outboard of them slide by a multiquadric of
-    that distance, which is zero at the tip-facing end of the root region.
+    The root nodes slide until they meet the cylinder. Nodes within `depth` outboard slide by a multiquadric of that
+    distance, which is zero at the region's end towards the tip.
     """
     rays = (apex - rotated) / np.linalg.norm(apex - rotated, axis=1, keepdims=True)
     onto = root_on(motion.cylinder, rotated[root], rays[root]) - rotated[root]

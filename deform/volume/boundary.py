@@ -1,4 +1,4 @@
-"""The nodes whose displacement is known: those that move, those that stay, those that slide."""
+"""Known nodes: those that move, those that stay, and those that slide or move like their images."""
 
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -26,35 +26,35 @@ if TYPE_CHECKING:
 
 ZERO_LENGTH = 1e-9  # of the moving surfaces' size: lengths below are zero
 LEAST = 1e-8  # length of the moving surfaces, as a share of the largest coordinate or of 1
-ON_SHAPE = 1e-6  # of it: a moving node this near to a sliding shape is put on it
-ALIKE = 0.01  # of the largest displacement: images that move alike but for this get the mean, and keep their plane
+ON_SHAPE = 1e-6  # of the same: a moving node this near to a sliding shape is put on it
+ALIKE = 0.01  # of the largest displacement: images that differ by less move by their mean, and stay in their plane
 ACROSS = 0.1  # cosine between a hinge and the normal of a plane, below which the surface turns across the plane
-COARSE = 0.1  # of the moving surface's median edge: a tolerance above it is a slip
+COARSE = 0.1  # of the moving surface's median edge: a larger tolerance is probably a mistake
 Amounts = tuple[float, ...]
 """Amount of each moving surface: degrees, or the share of a table."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PrescribedNodes:
-    """Moving, fixed and sliding nodes of the whole mesh; of several kinds of one node moving comes first, then fixed.
+    """Moving, fixed and sliding nodes of the whole mesh. A node with several roles is moving first, then fixed.
 
     Attributes
     ----------
-    job : what is asked.
-    mesh : the mesh; of one that is one cell thick the plane mesh, without the nodes of the back.
+    job : what to deflect.
+    mesh : the mesh; in a case one cell thick the plane mesh, without the nodes of the back.
     surfaces, laws : the moving surfaces and their motions, in the job's order.
     nodes : (K,) sorted indices of their nodes, each once.
     fixed : patches that stay.
     fixed_nodes : (F,) sorted indices of the nodes of fixed patches that do not move.
-    sliding : sliding patches, those that the file calls planes of symmetry among them.
+    sliding : sliding patches, with the symmetry planes of the file.
     size : largest extent of the moving nodes.
-    images : nodes that move as images of one another.
-    pairs : names of the patches of periodic pairs, which are neither fixed nor moving.
-    sides : names of the same of cases one cell thick.
-    walls : planes of all these patches, where they are plane.
-    covered : patches all of whose faces are on others that are named: nothing need be said of them.
-    thin : the mesh one cell thick, if it is that.
-    known : displacements (K, 3) by the amounts for which they are at hand.
+    images : nodes that move like their images.
+    pairs : patches of periodic pairs, which are neither fixed nor moving.
+    sides : front and back of a case one cell thick.
+    walls : planes of `pairs` and `sides`, where they are plane.
+    covered : patches whose faces all belong to other named patches; the job need not name them.
+    thin : the mesh one cell thick; None for others.
+    known : displacements (K, 3) computed in advance, by amounts.
     """
 
     job: Job
@@ -76,7 +76,7 @@ class PrescribedNodes:
 
     @classmethod
     def of(cls, mesh: Mesh, job: Job) -> "PrescribedNodes":
-        """Sort the patches of a mesh; InputError for names that are no patches, or that are given two parts."""
+        """Sort the patches of a mesh by role; InputError for an unknown patch, or one with two roles."""
         thin, mesh = _thin(mesh, job)
         moves = [name for moving in job.surfaces for name in mesh.named(moving.patches, "the surface")]
         slides = {name: slide.shape for slide in job.slides for name in mesh.named([slide.patch], "slide")}
@@ -106,27 +106,28 @@ class PrescribedNodes:
 
     @property
     def components(self) -> tuple[int, ...]:
-        """Directions in which nodes move: in a plane mesh the two within it."""
+        """Directions in which nodes move: two in a plane mesh, otherwise all."""
         return tuple(c for c in XYZ if c != self.mesh.across) if self.mesh.plane else XYZ
 
     def both(self, nodes: IntArray) -> IntArray:
-        """Return sorted nodes (K,), in a mesh one cell thick with those on the other side."""
+        """Return sorted nodes (K,); in a mesh one cell thick with their images on the other side."""
         return self.thin.images.closed(nodes, len(self.mesh.points)) if self.thin else nodes
 
     @property
     def declared(self) -> tuple[str, ...]:
-        """Patches whose motion is known: the job names them, or the file pairs them."""
+        """Patches with a role: named by the job, paired by the file, or covered."""
         return (*self.moving, *self.fixed, *(patch.patch for patch in self.sliding), *self.pairs, *self.covered)
 
     @property
     def free(self) -> tuple[str, ...]:
-        """Every patch whose nodes may move."""
+        """Patches whose nodes may move."""
         return (*self.moving, *(patch.patch for patch in self.sliding), *self.pairs, *self.sides, *self.covered)
 
     def displacement(self, amounts: Amounts) -> FloatArray:
         """Return the displacement (K, 3) of `nodes`.
 
-        Raises InputError if two surfaces move a shared node differently, a node shared with a fixed patch moves, or one
+        Raises InputError if two surfaces move a shared node differently, if a node shared with a fixed patch moves, or
+        if one shared with a sliding patch leaves its shape.
         shared with a sliding patch leaves its shape.
         """
         if amounts in self.known:
@@ -143,17 +144,17 @@ class PrescribedNodes:
         return out
 
     def knowing(self, some: Iterable[Amounts]) -> "PrescribedNodes":
-        """Return the same with the displacements at some amounts computed in advance: each may take a fit."""
+        """Return the same with the displacements at some amounts computed in advance: a motion may need a fit."""
         return replace(self, known={amounts: self.displacement(amounts) for amounts in some})
 
     def frozen_at(self, amounts: Amounts) -> "PrescribedNodes":
-        """Return the same with the choices that each law makes at its amount: displacements are smooth around it."""
+        """Return the same with each law's choices frozen at its amount, so that displacements are smooth around it."""
         laws = (law.frozen_at(amount) for law, amount in zip(self.laws, amounts, strict=True))
         return replace(self, laws=tuple(laws), known={})
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings: signs that a hinge or the tolerance is wrong."""
+        """Signs that a hinge or the tolerance is wrong, as sentences."""
         placements = _placements(self.job, self.surfaces)
         texts = [text for placement, _, blended in placements for text in placement.warnings(blended)]
         patches = [name for surface in self.surfaces for name in surface.patches]
@@ -170,7 +171,7 @@ class PrescribedNodes:
         return tuple(texts)
 
     def farthest(self, amounts: Amounts) -> Iterator[tuple[Surface, FloatArray, FloatArray]]:
-        """Yield each surface with place and displacement (3,) of the node that moves farthest."""
+        """Yield each surface with the place (3,) and displacement (3,) of the node that moves farthest."""
         move = self.displacement(amounts)
         for surface in self.surfaces:
             vectors = move[np.searchsorted(self.nodes, surface.nodes)]
@@ -178,7 +179,7 @@ class PrescribedNodes:
             yield surface, surface.points[row], vectors[row]
 
     def reached(self, amounts: Amounts) -> Iterator[tuple[Surface, Reached | None]]:
-        """Yield each surface with what it reaches of its angle; None for motions without one, and for an angle of 0."""
+        """Yield each surface with the share of its angle that it reaches; None without a hinge, and at angle 0."""
         move = self.displacement(amounts)
         for surface, law, moving, amount in zip(self.surfaces, self.laws, self.job.surfaces, amounts, strict=True):
             vectors, axis = move[np.searchsorted(self.nodes, surface.nodes)], moving.motion.axis
@@ -191,19 +192,19 @@ class PrescribedNodes:
         return np.isin(self.nodes, self.mesh.on(*self.fixed), assume_unique=True)
 
     def _on_sliding(self) -> Iterable[tuple[SlidingPatch, IntArray]]:
-        """Yield the sliding patches with the rows of the moving nodes that they share."""
+        """Yield the sliding patches with the rows of the moving nodes on them."""
         for patch in self.sliding:
             rows = np.flatnonzero(np.isin(self.nodes, patch.nodes, assume_unique=True))
             if len(rows):
                 yield patch, rows
 
     def _joined(self, parts: list[FloatArray], fault: str) -> FloatArray:
-        """Combine the displacements of the surfaces into one for `nodes` (K, 3)."""
+        """Join the displacements of the surfaces to those of `nodes` (K, 3); InputError where two differ."""
         out = np.full((len(self.nodes), 3), np.nan)
         for surface, part in zip(self.surfaces, parts, strict=True):
             rows = np.searchsorted(self.nodes, surface.nodes)
             known = out[rows]
-            apart = np.abs(known - part).max(axis=1) > ZERO_LENGTH * self.size  # nan, not known yet, compares false
+            apart = np.abs(known - part).max(axis=1) > ZERO_LENGTH * self.size  # nan (unknown) compares false
             if apart.any():
                 raise InputError(
                     f"{self.mesh.name}: {int(apart.sum())} nodes of {surface.label} also belong to another moving "
@@ -226,7 +227,7 @@ class PrescribedNodes:
                 )
 
     def _alike(self, displacement: FloatArray) -> FloatArray:
-        """Make the displacement (K, 3) of periodic images equal; InputError if the motion makes them differ."""
+        """Return the displacement (K, 3) with images moving alike; InputError if the motion moves them differently."""
         if not len(self.images.nodes):
             return displacement
         mesh, largest = self.mesh, float(np.abs(displacement).max(initial=0.0))
@@ -246,7 +247,7 @@ class PrescribedNodes:
         return out
 
     def _keep_plane(self, displacement: FloatArray) -> None:
-        """Keep a displacement (K, 3) in the plane of a plane mesh; InputError if it leaves that."""
+        """Project a displacement (K, 3) into the plane of a plane mesh; InputError if it leaves the plane."""
         if not self.mesh.plane:
             return
         off = np.abs(displacement[:, self.mesh.across]).max(initial=0.0)
@@ -259,7 +260,7 @@ class PrescribedNodes:
         displacement[:, self.mesh.across] = 0.0
 
     def _left_behind(self, displacement: FloatArray) -> float:
-        """Hold moving nodes whose images are on no moving surface; return their largest displacement."""
+        """Set to zero the displacement of nodes whose images are on no moving surface; return its largest value."""
         lone = np.isin(self.nodes, self.images.nodes, assume_unique=True)
         lone[self.images.among(self.nodes).nodes] = False
         largest = float(np.abs(displacement[lone]).max(initial=0.0))
@@ -280,7 +281,7 @@ class PrescribedNodes:
         return on_shape
 
     def _ends_on(self, patch: SlidingPatch) -> bool:
-        """Return whether a surface ends on this plane, such as an outlet: its nodes are projected back onto it."""
+        """Return whether a surface ends on this plane, such as an outlet: its nodes are then projected back onto it."""
         normals = [patch.surface.normal] if isinstance(patch.surface, Plane) else []
         axes = [moving.motion.axis for moving in self.job.surfaces]
         return all(axis and abs(float(axis.direction @ n)) < ACROSS for n in normals for axis in axes) and bool(normals)
@@ -291,7 +292,7 @@ def _images(mesh: Mesh, flat: tuple[str, ...]) -> Images:
 
 
 def _thin(mesh: Mesh, job: Job) -> "tuple[ThinMesh | None, Mesh]":
-    """Return the mesh as one cell thick, None if it is not, and the mesh on which motions are interpolated."""
+    """Return the mesh one cell thick, or None, and the mesh in which displacements are interpolated."""
     if job.sections or not any(pair.thin for pair in mesh.periodic):
         return None, mesh
     from sdm_deflect.deform.mesh.thin import ThinMesh
@@ -301,9 +302,9 @@ def _thin(mesh: Mesh, job: Job) -> "tuple[ThinMesh | None, Mesh]":
 
 
 def _bound(mesh: Mesh, moves: list[str], slides: dict[str, str]) -> tuple[tuple[str, ...], ...]:
-    """Return the patches of periodic pairs and of cases one cell thick, as far as they have pairs of nodes.
+    """Return the patches of periodic pairs, the sides of cases one cell thick, and the patches of both that stay plane.
 
-    Third come those of both that shall stay plane. Raises InputError if one moves, or slides on any other shape.
+    Raises InputError if one of them moves, or slides on another shape than a plane.
     """
     known = {name: len(pair.nodes) for pair in mesh.periodic for name in pair.patches if name in mesh.names}
     thin = tuple(patch.name for patch in mesh.patches if patch.constraint in THIN)
@@ -314,12 +315,11 @@ def _bound(mesh: Mesh, moves: list[str], slides: dict[str, str]) -> tuple[tuple[
 
 
 def _without(names: Iterable[str], others: Container[str]) -> tuple[str, ...]:
-    """Return the names that are not among others."""
     return tuple(name for name in names if name not in others)
 
 
 def _check_bound(mesh: Mesh, names: Iterable[str], moves: list[str], slides: dict[str, str], pairs: set[str]) -> None:
-    """Raise if a periodic patch moves or slides on a shape. If its nodes are paired, it may slide on its plane."""
+    """Raise if a periodic patch moves or slides on a shape; with paired nodes it may slide on its plane."""
     for name in names:
         if slides.get(name) == "plane" and name in pairs:
             fitted("plane", mesh.points[mesh.patch(name).nodes], name, mesh.normal)
@@ -333,7 +333,7 @@ def _check_bound(mesh: Mesh, names: Iterable[str], moves: list[str], slides: dic
 
 
 def _size(mesh: Mesh, nodes: IntArray) -> float:
-    """Return the largest extent of the moving nodes (K,); InputError if it is nothing beside their coordinates."""
+    """Return the largest extent of the moving nodes (K,); InputError if rounding hides it."""
     size, far = float(np.ptp(mesh.points[nodes], axis=0).max()), float(np.abs(mesh.points[nodes]).max())
     if 0.0 < size < LEAST * max(1.0, far):
         raise InputError(
@@ -344,7 +344,6 @@ def _size(mesh: Mesh, nodes: IntArray) -> float:
 
 
 def _check_sections(mesh: Mesh, job: Job) -> None:
-    """Raise if a section is no patch."""
     for section in job.sections:
         if section.patch not in mesh.names:
             hint = nearest(section.patch, mesh.names, "the patches are")
@@ -352,13 +351,13 @@ def _check_sections(mesh: Mesh, job: Job) -> None:
 
 
 def _symmetry(mesh: Mesh, named: tuple[str, ...]) -> dict[str, str]:
-    """Return the symmetry planes that the job does not name: their nodes slide by default."""
+    """Return the symmetry planes that the job does not name: their nodes slide."""
     unnamed = [patch for patch in mesh.patches if patch.constraint == "symmetry" and patch.name not in named]
     return {patch.name: "plane" for patch in unnamed if plane_of(mesh, patch.nodes)}
 
 
 def _covered(mesh: Mesh, named: tuple[str, ...]) -> tuple[str, ...]:
-    """Return unnamed patches whose faces all belong to named ones, such as a group of all walls."""
+    """Return the unnamed patches whose faces all belong to named ones, such as a group of all walls."""
     nodes = mesh.on(*named)
     some = [p for p in mesh.patches if p.name not in named and np.isin(p.nodes, nodes, assume_unique=True).all()]
     if not some:
@@ -369,26 +368,25 @@ def _covered(mesh: Mesh, named: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _walls(mesh: Mesh) -> tuple[Plane, ...]:
-    """Return the planes in which one side of a pair lies."""
+    """Return the planes of the sides of periodic pairs."""
     planes = [plane_of(mesh, nodes) for pair in mesh.periodic for nodes in pair.nodes.T]
     return tuple(plane for plane in planes if plane)
 
 
 def _check_hinges(job: Job, surfaces: Sequence[Surface]) -> None:
-    """Raise if a hinge lies too far from its surface."""
     for placement, surface, _ in _placements(job, surfaces):
         placement.check(surface, job.force)
 
 
 def _placements(job: Job, surfaces: Sequence[Surface]) -> Iterator[tuple[Placement, Surface, bool]]:
-    """Yield the placement of each hinge beside its surface, and whether the motion is blended."""
+    """Yield the placement of each hinge, its surface, and whether the motion is blended."""
     for moving, surface in zip(job.surfaces, surfaces, strict=True):
         if moving.motion.axis is not None:
             yield Placement.of(surface, moving.motion.axis), surface, isinstance(moving.motion, Blended)
 
 
 def _check_parts(mesh: Mesh, moves: list[str], fixed: tuple[str, ...], sliding: dict[str, str]) -> None:
-    """Raise if a patch is given two parts."""
+    """Raise if a patch has two roles."""
     for one, other, what in (
         (moves, fixed, "moving and fixed"),
         (moves, sliding, "moving and sliding"),

@@ -1,4 +1,4 @@
-"""The mesh at one angle, deflected as a plan says, and the error of the interpolants between their sites."""
+"""The mesh at one angle, and the error of the interpolants between their sites."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -29,19 +29,19 @@ if TYPE_CHECKING:
     from sdm_deflect.deform.mesh.orthogonality import State
 
 DEGREES, SHARE = 0.05, 1e-3
-"""Step of the fourth-order difference, in degrees or as a share of a table: it errs by 1e-11 of the derivative."""
+"""Step of the fourth-order difference, in degrees or as a share of a table; relative error of the derivative 1e-11."""
 MOST_MIDPOINTS = 20_000
 """Largest number of sample points; larger sets are thinned evenly."""
 
 
 @dataclass(frozen=True, slots=True)
 class ErrorBetween:
-    """Error of the interpolants between the data sites, a length: largest in any direction, as at the sites.
+    """Error of the interpolants between the data sites, a length: the largest of the directions.
 
     Attributes
     ----------
-    max, p99 : the largest, and what 99 % of the points do not exceed.
-    points : number of points.
+    max, p99 : the largest error, and its 99th percentile.
+    points : number of sample points.
     """
 
     max: float
@@ -50,7 +50,7 @@ class ErrorBetween:
 
     @classmethod
     def of(cls, boundary: PrescribedNodes, steps: Sequence[Step], displacement: FloatArray) -> "ErrorBetween | None":
-        """Measure the steps of a deflection whose moving nodes (K, 3) go so far; None for surfaces without faces.
+        """Measure a deflection, given the displacement (K, 3) of its moving nodes; None for surfaces without faces.
 
         The reference displacement of a midpoint is the mean of its corners': exact for a rotation. For motions that
         bend a face, the error includes the bending.
@@ -70,7 +70,7 @@ class ErrorBetween:
 
 
 def _corners(faces: Polygons) -> Polygons:
-    """Return the corners of edges, then of faces, each edge once; of more than `MOST_MIDPOINTS` of both, every n-th."""
+    """Return the corners of each edge and each face; more than `MOST_MIDPOINTS` in all are thinned evenly."""
     edges = np.empty((0, 2), dtype=np.intp) if are_lines(faces) else np.sort(edges_of(faces)[0], axis=1)
     edges = np.unique(edges, axis=0)
     sizes = np.concatenate([np.full(len(edges), 2), np.diff(faces.offsets)])
@@ -83,25 +83,25 @@ def _corners(faces: Polygons) -> Polygons:
 
 
 def _means(values: FloatArray, corners: Polygons) -> FloatArray:
-    """Return the mean (P, 3) of the values (N, 3) at the corners of each."""
+    """Return the mean (P, 3) of values (N, 3) over the corners of each edge or face."""
     sums = np.add.reduceat(values[corners.nodes], corners.offsets[:-1], axis=0)
     return np.asarray(sums / np.diff(corners.offsets)[:, None])
 
 
 @dataclass(frozen=True, eq=False)
 class BoxDeflection:
-    """The mesh at one amount of each surface of a box, and how it got there.
+    """The mesh at given amounts of the surfaces of one box.
 
     Attributes
     ----------
-    plan : what was decided before.
+    plan : the plan of the box.
     amounts : of the moving surfaces.
-    steps : the solves, one unless a single step inverted further cells.
+    steps : its steps; several if one step inverted cells.
     exact : (N, 3) deflected coordinates; outside the box they are those of the mesh.
     seconds : time it took.
-    repaired : the repair, where one was needed.
-    fitted_at : amounts to which the steps belong; None: these.
-    residual : largest error at a data site; None: that of the steps.
+    repaired : the repair; None without.
+    fitted_at : amounts for which the steps were fitted; None for `amounts`.
+    residual : largest error at a data site; None for that of the steps.
     """
 
     plan: BoxPlan = field(repr=False)
@@ -117,9 +117,9 @@ class BoxDeflection:
     def at(
         cls, plan: BoxPlan, amounts: Amounts, points: FloatArray, repair: FloatArray | None = None
     ) -> "BoxDeflection":
-        """Build a deflection without steps from its final coordinates (N, 3).
+        """Return a deflection without steps, given its final coordinates (N, 3).
 
-        `repair` is how far a repair moved each node (N, 3), if there was one.
+        `repair` is the displacement (N, 3) by a repair, if there was one.
         """
         repaired, wanted = None, plan.job.repair
         if repair is not None and wanted.mode != "off" and repair[plan.changed].any():
@@ -129,17 +129,17 @@ class BoxDeflection:
 
     @property
     def angle(self) -> float:
-        """The first surface's amount."""
+        """Amount of the first surface."""
         return self.amounts[0]
 
     @cached_property
     def points(self) -> FloatArray:
-        """Deflected coordinates (N, 3) as the file that is to be written holds them (`BoxPlan.precision`)."""
+        """Deflected coordinates (N, 3), rounded as the file to be written rounds them."""
         return self.plan.precision.rounded(self.exact, self.plan.mesh.points)
 
     @cached_property
     def inverted(self) -> int:
-        """Number of touched cells that are inverted at the end and were not before."""
+        """Number of newly inverted cells."""
         return inverted_count(self.plan.touched, self.points)
 
     @cached_property
@@ -148,7 +148,7 @@ class BoxDeflection:
         return self.plan.touched.quality(self.points)
 
     def stored(self, precision: Precision) -> "BoxDeflection":
-        """Return the same deflection rounded for another file, from its unrounded coordinates."""
+        """Return the deflection rounded for another file, from its unrounded coordinates."""
         return replace(self, plan=replace(self.plan, precision=precision))
 
     @property
@@ -158,7 +158,7 @@ class BoxDeflection:
 
     @cached_property
     def error_between(self) -> ErrorBetween | None:
-        """Error of the interpolants on the moving surfaces between their nodes; None for surfaces without faces."""
+        """Error of the interpolants between the data sites of the moving surfaces; None for surfaces without faces."""
         amounts = self.fitted_at or self.amounts
         return ErrorBetween.of(self.plan.boundary, self.steps, self.plan.boundary.displacement(amounts))
 
@@ -169,7 +169,7 @@ class BoxDeflection:
 
     @cached_property
     def conditions(self) -> tuple[float, ...]:
-        """Condition of each group of directions, the largest of all steps; none if its factors are not at hand."""
+        """Condition number of each group of directions, the largest of all steps; empty if the factors are not kept."""
         with single_threaded_blas():
             of_steps = [[factor.condition() for factor in step.fits.factors] for step in self.steps]
         return tuple(map(max, zip(*of_steps, strict=True)))
@@ -177,11 +177,11 @@ class BoxDeflection:
 
 @dataclass(frozen=True, eq=False)
 class Deflection:
-    """The mesh at one angle, and how it got there in each box.
+    """The mesh at one angle of the first surface.
 
     Attributes
     ----------
-    plan : what was decided before.
+    plan : the plan of all boxes.
     boxes : the deflection in each box, from the undeflected mesh.
     """
 
@@ -190,9 +190,9 @@ class Deflection:
 
     @classmethod
     def at(cls, plan: Plan, points: FloatArray, repair: FloatArray | None = None) -> "Deflection":
-        """Build a deflection without steps, at the plan's angle, from its final coordinates (N, 3).
+        """Return a deflection without steps at the plan's angle, given its final coordinates (N, 3).
 
-        `repair` is how far repairs moved each node (N, 3), if there were any.
+        `repair` is the displacement (N, 3) by repairs, if there were any.
         """
         boxes = (BoxDeflection.at(box, plan.amounts_of(box, plan.angle), points, repair) for box in plan.boxes)
         return cls(plan, tuple(boxes))
@@ -204,7 +204,7 @@ class Deflection:
 
     @property
     def angle(self) -> float:
-        """The first surface's amount."""
+        """Amount of the first surface."""
         return self.boxes[0].angle
 
     @property
@@ -214,8 +214,8 @@ class Deflection:
 
     @cached_property
     def points(self) -> FloatArray:
-        """Deflected coordinates (N, 3): of each box its own."""
-        if len(self.boxes) == 1:  # no copy of a large array
+        """Deflected coordinates (N, 3); each box moves its own nodes."""
+        if len(self.boxes) == 1:  # saves a copy of a large array
             return self.boxes[0].points
         points = self.plan.undeflected.copy()
         for box in self.boxes:
@@ -225,17 +225,17 @@ class Deflection:
 
     @cached_property
     def inverted(self) -> int:
-        """Number of touched cells that are inverted at the end and were not before."""
+        """Number of newly inverted cells."""
         return inverted_count(self.plan.touched, self.points)
 
     @property
     def seconds(self) -> float:
-        """Time it took."""
+        """Time taken."""
         return sum(box.seconds for box in self.boxes)
 
     @property
     def repairs(self) -> tuple[RepairResult, ...]:
-        """The repairs of the boxes that needed one."""
+        """Repairs of the boxes that needed one."""
         return tuple(box.repaired for box in self.boxes if box.repaired)
 
     @cached_property
@@ -245,31 +245,31 @@ class Deflection:
 
     @cached_property
     def least(self) -> tuple[tuple[Least, Least], ...]:
-        """Least quality before and now, by type, of the touched cells that were good before."""
+        """Least quality before and now by type, of the touched cells that were good before."""
         return least_of(self.plan.touched, self.points, self.quality)
 
     @cached_property
     def faces(self) -> "State | None":
-        """Measures of the touched cells' faces, as in OpenFOAM's checkMesh; None without polyhedra."""
+        """Measures of the touched cells' faces, as OpenFOAM's checkMesh has them; None without polyhedra."""
         return self.plan.faces.at(self.points) if self.plan.faces else None
 
     @property
     def moved_by_repair(self) -> FloatArray | None:
-        """How far (N, 3) repairs moved each node from where the interpolants put it; None without a repair."""
+        """Displacement (N, 3) by repairs; None without a repair."""
         if not self.repairs:
             return None
         return np.asarray(np.sum([box.points - box.interpolated for box in self.boxes], axis=0))
 
     def stored(self, precision: Precision) -> "Deflection":
-        """Return the same deflection as another file holds it."""
+        """Return the deflection rounded for another file."""
         return Deflection(self.plan.keeping(precision), tuple(box.stored(precision) for box in self.boxes))
 
     def sensitivity(self) -> FloatArray:
-        """Return d(points)/d(angle) (N, 3) in length units per unit of the amount, from the same centres.
+        """Return d(points)/d(angle) (N, 3) in lengths per unit of the amount, on the same centres.
 
-        With several steps it is the derivative with respect to the end of the last one.
+        With several steps it is the derivative at the end of the last one.
 
-        Raises InputError for a repaired mesh: a repair ends where cells are good enough, which has no derivative.
+        Raises InputError for a repaired mesh: a repair ends where cells are good enough, so it has no derivative.
         """
         if self.repairs:
             raise InputError(
@@ -284,7 +284,7 @@ class Deflection:
 
 
 def _rate(one: BoxDeflection, speeds: Amounts) -> FloatArray:
-    """Return d(points)/d(angle) (N, 3) at the end of the last step, whose centres stay; the amounts go at `speeds`."""
+    """Return d(points)/d(angle) (N, 3) at the end of the last step, on its centres; the amounts change at `speeds`."""
     plan, step, count = one.plan, one.steps[-1], len(one.steps)
     boundary = plan.boundary.frozen_at(one.amounts)
     h = DEGREES if plan.job.surfaces[0].motion.unit == "deg" else SHARE
@@ -300,7 +300,7 @@ def _rate(one: BoxDeflection, speeds: Amounts) -> FloatArray:
 
 
 def deflect(plan: Plan, angle: float, progress: Progress = silent, earlier: Deflection | None = None) -> Deflection:
-    """Deflect every box to an angle of the first surface; the centres of an earlier deflection come first."""
+    """Deflect every box to an angle of the first surface; start from the centres of an earlier deflection."""
     known = earlier.boxes if earlier else [None] * len(plan.boxes)
     pairs = zip(plan.boxes, known, strict=True)
     boxes = (deflect_box(box, plan.amounts_of(box, angle), progress, reused) for box, reused in pairs)
@@ -312,10 +312,10 @@ def deflect_box(
 ) -> BoxDeflection:
     """Deflect one box to the amounts of its surfaces in one step, and repair the mesh.
 
-    Where cells invert that did not before, the amounts are taken in twice as many steps while that leaves at most half
-    as many such cells, and as long as the repair leaves any. If no number of steps leaves none, the one with the fewest
-    is the result. A number of steps is passed over if one of them has no solution, for example because a moving node
-    meets a fixed one on the way. A single step uses the centres and factors of an earlier deflection of a single step.
+    If cells are newly inverted, the number of steps is doubled as long as that halves their number, and the repair
+    leaves some. The result is the deflection with the fewest. A number of steps is skipped if one of them cannot be
+    solved, for example because a moving node meets a fixed one on the way. A single step uses the centres and factors
+    of an earlier deflection of a single step.
     """
     reused = earlier.steps[0] if earlier is not None and len(earlier.steps) == 1 else None
     attempts, count, most = [stepped(plan, amounts, 1, progress, reused)], 1, plan.job.fitting.max_steps
@@ -334,7 +334,7 @@ def deflect_box(
 
 
 def _possible(plan: BoxPlan, amounts: Amounts, count: int, progress: Progress) -> BoxDeflection | None:
-    """Deflect in several steps; None if one has no solution."""
+    """Deflect in several steps; None if one of them cannot be solved."""
     try:
         return stepped(plan, amounts, count, progress)
     except (InputError, CoincidentSitesError, SolveError):
@@ -342,7 +342,7 @@ def _possible(plan: BoxPlan, amounts: Amounts, count: int, progress: Progress) -
 
 
 def with_repair(deflection: BoxDeflection, progress: Progress = silent) -> BoxDeflection:
-    """Repair the mesh if the job asks for it and cells are inverted or too poor."""
+    """Repair the mesh if the job asks for it, and cells are inverted or too poor."""
     plan, wanted = deflection.plan, deflection.plan.job.repair
     if wanted.mode == "off" or not plan.touched.count:
         return deflection
@@ -356,7 +356,7 @@ def with_repair(deflection: BoxDeflection, progress: Progress = silent) -> BoxDe
 
 
 def least_of(touched: TouchedCells, points: FloatArray, quality: Sequence[Quality]) -> tuple[tuple[Least, Least], ...]:
-    """Return the least quality before and at points (N, 3), by type, of the touched cells that were good before."""
+    """Return the least quality before and at points (N, 3) by type, of the touched cells that were good before."""
     before = touched.least(touched.mesh.points, touched.quality_before)
     return tuple(zip(before, touched.least(points, quality), strict=True))
 
@@ -367,9 +367,9 @@ def stepped(
 ) -> BoxDeflection:  # fmt: skip
     """Deflect in equal steps, each from the end of the last one.
 
-    A single step starts from the centres of an earlier one; if they are held, they are the only ones.
+    A single step starts from the centres of an earlier one, and adds none if they are `held`.
 
-    Raises InputError, which blames the radius of a kernel that has one, for a system that cannot be solved.
+    Raises InputError for a system that cannot be solved; the message names the kernel's radius, if it has one.
     """
     begin, nodes, start = perf_counter(), plan.sites.moving, plan.boundary.mesh.points
     points, steps, reached = start, [], np.zeros((len(nodes), 3))
@@ -385,15 +385,15 @@ def stepped(
             remedy = "A smaller radius makes the system better conditioned"
             raise InputError(f"{plan.boundary.mesh.name}: {given}: {error} {remedy}") from None
         points, reached = steps[-1].points, target
-    points[nodes] = start[nodes] + reached  # the places asked for, without the rounding of the steps
+    points[nodes] = start[nodes] + reached  # the exact places, without the rounding of the steps
     return BoxDeflection(plan, amounts, tuple(steps), plan.moved(points), perf_counter() - begin)
 
 
 def shared(amounts: Amounts, k: int, count: int) -> Amounts:
-    """Return the amounts after k of so many equal steps."""
+    """Return the amounts after k of `count` equal steps."""
     return tuple(amount * k / count for amount in amounts)
 
 
 def inverted_count(touched: TouchedCells, points: FloatArray) -> int:
-    """Return how many touched cells are inverted with the mesh at `points` (N, 3) and were not before."""
+    """Return the number of newly inverted touched cells, with the mesh at `points` (N, 3)."""
     return int(np.count_nonzero(touched.newly_inverted(points)))

@@ -1,8 +1,6 @@
-"""The excerpt of a mesh in pieces that a deflection needs: its boundary, the nodes in the box, and the cells there.
+"""The excerpt of a mesh read in pieces: its boundary, the nodes in the boxes, and the cells that these nodes touch.
 
-Nodes keep their order, so that all that follows from an excerpt has the same bits as from the whole mesh.
-
-Pieces of a mesh compared with a box: which nodes lie inside, which cells they touch, which cells are inverted.
+Nodes keep their order, so all that follows from an excerpt has the same bits as from the whole mesh.
 """
 
 from collections.abc import Sequence
@@ -33,7 +31,10 @@ if TYPE_CHECKING:
     from sdm_deflect.deform.mesh.thin import Halfway
 
 PROBES, PROBED = 8, 1 << 14
-"""Places in a block of cells where their order is looked at, and cells at each."""
+"""Number of places in a block of cells where their numbering is tested, and cells at each."""
+LARGER = 4
+"""Ratio of the memory that judging a polyhedron takes to that of another cell."""
+Block = TypeVar("Block", bound=Faces)
 
 
 class Window(NamedTuple):
@@ -42,8 +43,8 @@ class Window(NamedTuple):
     Attributes
     ----------
     points : (P, 3) coordinates.
-    changed : (P,) which of them may move.
-    keys : (P,) of those on patches, random numbers of which a face's key is the sum; 0 of all others.
+    changed : (P,) whether a point may move.
+    keys : (P,) random numbers of nodes on patches, 0 of others; the key of a face is the sum over its nodes.
     """
 
     points: FloatArray
@@ -53,19 +54,19 @@ class Window(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScanTask:
-    """The box and the patches with which each piece is compared.
+    """What each piece of the mesh is compared with.
 
     Attributes
     ----------
-    pieces : where they are read.
-    boxes : each hexahedron, with the first and last but one point (Z, 2) of each zone that deforms in it.
-    moving : (K,) sorted indices of the nodes that move.
+    pieces : the mesh.
+    boxes : each hexahedron, with the first point and the last but one (Z, 2) of each zone that deforms in it.
+    moving : (K,) sorted indices of moving nodes.
     boundary : (B,) sorted indices of the nodes on patches.
-    keys : (B,) random numbers of these, of which a face's key is the sum.
-    faces : (F,) sorted keys of the faces of patches.
+    keys : (B,) random numbers of `boundary`; the key of a face is the sum over its nodes.
+    faces : (F,) sorted keys of the patches' faces.
     sign : orientation of each block of cells.
-    halfway : of a mesh one cell thick the plane in which nodes are compared with the boxes.
-    held : all points, where these are held in memory.
+    halfway : in a mesh one cell thick, the plane in which nodes are compared with the boxes.
+    held : all points, if they are held in memory.
     """
 
     pieces: Pieces
@@ -79,7 +80,7 @@ class ScanTask:
     held: Window | None = field(default=None, repr=False)
 
     def holding(self) -> "ScanTask":
-        """Return it with all points held in memory."""
+        """Return the task with all points held in memory."""
         points = np.empty((self.pieces.points, 3))
         for start in range(0, len(points), threads.LIMITS.points):
             stop = min(start + threads.LIMITS.points, len(points))
@@ -87,10 +88,10 @@ class ScanTask:
         return replace(self, held=self.view_of(points, 0))
 
     def view(self, nodes: IntArray) -> tuple[Window, IntArray]:
-        """Return the points that cells with nodes (M, k) or (K,) need, and the rows of these there, as many.
+        """Return the points that cells with nodes (M, k) or (K,) need, and the nodes as rows of these points.
 
-        Where cells near one another in the file have nodes near one another, they are a range of points, else the
-        corners of these cells alone. InputError for nodes that are not there.
+        If neighbours in the file have near nodes, the points are a range; else only the corners of these cells.
+        InputError for nodes that do not exist.
         """
         low, high = int(nodes.min()), int(nodes.max()) + 1
         if low < 0 or high > self.pieces.points:
@@ -110,7 +111,7 @@ class ScanTask:
         return Window(points, changed, keys), np.searchsorted(unique, nodes)
 
     def view_of(self, points: FloatArray, first: int) -> Window:
-        """Return a view of a range of points (P, 3), the first of which has that index."""
+        """Return a window on a range of points (P, 3) that starts at index `first`."""
         changed = self.inside(points, np.arange(first, first + len(points)))
         keys = np.zeros(len(points), dtype=np.uint64)
         rows = slice(*np.searchsorted(self.moving, (first, first + len(points))))
@@ -120,7 +121,7 @@ class ScanTask:
         return Window(points, changed, keys)
 
     def inside(self, points: FloatArray, nodes: IntArray) -> BoolArray:
-        """Return which nodes (K,) at points (K, 3) lie in a box, and in a zone that deforms in it."""
+        """Return which nodes (K,) at points (K, 3) lie in a box, in a zone that deforms there."""
         inside = np.zeros(len(nodes), dtype=np.bool_)
         points = self.halfway.places(points) if self.halfway else points
         for box, zones in self.boxes:
@@ -132,7 +133,7 @@ class ScanTask:
 
     @property
     def is_scattered(self) -> bool:
-        """Whether cells near one another in the file have nodes that are not."""
+        """Whether neighbours in the file have nodes far apart in it."""
         far = places = 0
         for block, (_, count) in enumerate(self.pieces.blocks):
             for start in np.linspace(0, max(0, count - PROBED), PROBES).astype(int).tolist() if count else ():
@@ -143,7 +144,7 @@ class ScanTask:
 
 
 class CellsFound(NamedTuple):
-    """Rows (R,) of touched cells, and these; of all how many are inverted, and only mirrored; faces (F,) on patches."""
+    """Touched cells and their rows (R,); numbers of inverted and of mirrored cells; patch faces (F,) of all cells."""
 
     rows: IntArray
     cells: Cells | SomePolyhedra
@@ -153,7 +154,7 @@ class CellsFound(NamedTuple):
 
 
 def nodes_inside(task: ScanTask, item: tuple[int, int]) -> tuple[IntArray, FloatArray]:
-    """Return which points of a range lie inside (M,), and where (M, 3); InputError for coordinates that are none."""
+    """Return the points of a range that lie inside: indices (M,) and places (M, 3); InputError if not finite."""
     start, stop = item
     points = task.held.points[start:stop] if task.held else task.pieces.coordinates(start, stop)
     numbers = np.arange(start, stop)
@@ -163,7 +164,7 @@ def nodes_inside(task: ScanTask, item: tuple[int, int]) -> tuple[IntArray, Float
 
 
 def check_points(pieces: Pieces, points: FloatArray, numbers: IntArray) -> None:
-    """Raise InputError if coordinates (K, 3) are not finite or too large; `numbers` (K,) name the points."""
+    """Raise InputError if coordinates (K, 3) are not finite or too large; `numbers` (K,) are the points' indices."""
     if not (points.min(initial=0.0) > -LARGEST and points.max(initial=0.0) < LARGEST):
         bad = ~(np.abs(points) < LARGEST).all(axis=1)
         what = f"beyond {LARGEST:g}" if np.isfinite(points).all() else "not finite"
@@ -171,7 +172,7 @@ def check_points(pieces: Pieces, points: FloatArray, numbers: IntArray) -> None:
 
 
 def scan_cells(task: ScanTask, item: tuple[int, int, int]) -> CellsFound:
-    """Judge some cells of a block."""
+    """Judge a range of cells of a block."""
     block, start, stop = item
     stored = task.pieces.cells_of(block, start, stop)
     view, nodes = task.view(stored.nodes)
@@ -185,12 +186,12 @@ def scan_cells(task: ScanTask, item: tuple[int, int, int]) -> CellsFound:
     if len(other) and isinstance(stored, Cells):
         stored = replace(stored, nodes=other_hand(stored, other))
     found = touching(cells, view.changed) if task.held or view.changed.any() else np.empty(0, dtype=np.intp)
-    found = found[found < stop - start]  # the last of polyhedra stands for all others
+    found = found[found < stop - start]  # one row stands for all polyhedra outside
     return CellsFound(start + found, _some(stored, cells, found), inverted, len(other), _faces_seen(task, view, cells))
 
 
 def beside(task: ScanTask, item: tuple[int, IntArray]) -> CellsFound:
-    """Return some polyhedra (R,) of a block, none of which is touched, with all their faces."""
+    """Return some untouched polyhedra (R,) of a block with all their faces."""
     block, rows = item
     stored = task.pieces.cells_of(block, int(rows[0]), int(rows[-1]) + 1)
     assert isinstance(stored, SomePolyhedra)
@@ -201,7 +202,7 @@ def beside(task: ScanTask, item: tuple[int, IntArray]) -> CellsFound:
 
 
 def _some(stored: Cells | SomePolyhedra, cells: Volume, rows: IntArray) -> Cells | SomePolyhedra:
-    """Return rows (R,) of cells as they are stored."""
+    """Return rows (R,) of cells in the form in which they are stored."""
     if isinstance(stored, Cells):
         return Cells(stored.shape, stored.nodes[rows])
     assert isinstance(cells, Polyhedra)
@@ -213,7 +214,7 @@ def _some(stored: Cells | SomePolyhedra, cells: Volume, rows: IntArray) -> Cells
 
 
 def _common(nodes: IntArray, known: IntArray) -> tuple[IntArray, IntArray]:
-    """Return the places, in each of two sorted arrays of distinct indices, of those that both have; `own` has some."""
+    """Return the positions, in two sorted arrays of distinct indices, of their common entries."""
     first, end = np.searchsorted(known, (nodes[0], nodes[-1] + 1))
     near = known[first:end]
     place = np.searchsorted(nodes, near)
@@ -222,7 +223,7 @@ def _common(nodes: IntArray, known: IntArray) -> tuple[IntArray, IntArray]:
 
 
 def _faces_seen(task: ScanTask, view: Window, cells: Volume) -> IntArray:
-    """Return which faces (F,) of patches the cells have."""
+    """Return the patch faces (F,) of the cells."""
     if isinstance(cells, Polyhedra):
         keys = face_keys(cells.faces.rows(len(cells.neighbour), len(cells.faces)), view.keys)
     else:
@@ -233,17 +234,12 @@ def _faces_seen(task: ScanTask, view: Window, cells: Volume) -> IntArray:
     return distinct(place[task.faces[place] == keys])
 
 
-LARGER = 4
-"""How many times the memory of another cell a polyhedron takes while it is judged."""
-Block = TypeVar("Block", bound=Faces)
-
-
 def excerpt(
     mesh: MeshInPieces, jobs: Sequence[Job], angles: Sequence[float], runner: Runner, progress: Progress = silent
 ) -> Mesh:
-    """Read the part of a mesh that jobs need at the first one's angles.
+    """Read the part of a mesh that jobs need at some angles of the first one.
 
-    All points and cells are read once and judged, piece by piece.
+    All points and cells are read once and judged piece by piece.
 
     Raises InputError if a job does not suit the mesh, or the mesh is damaged.
     """
@@ -267,7 +263,7 @@ def excerpt(
 
 
 def _border(mesh: MeshInPieces) -> Mesh:
-    """Return the boundary of a mesh, without cells, and the nodes that are images of one another."""
+    """Return the boundary of a mesh without cells, and its periodic nodes."""
     nodes = union(*(patch.nodes for patch in mesh.patches), *(pair.nodes for pair in mesh.periodic))
     if len(nodes) and (nodes[0] < 0 or nodes[-1] >= mesh.pieces.points):
         raise InputError(f"{mesh.name}: patches name points that are not among the {mesh.pieces.points}")
@@ -277,7 +273,7 @@ def _border(mesh: MeshInPieces) -> Mesh:
 
 
 def _numbered(mesh: MeshInPieces, points: FloatArray, cells: tuple[Volume, ...], whole: Whole) -> Mesh:
-    """Return a mesh of some nodes: patches, zones and periodic pairs in their numbers."""
+    """Return a mesh of some of the nodes, with patches, zones and periodic pairs in their numbering."""
 
     def own(block: Block) -> Block:
         return replace(block, nodes=np.searchsorted(whole.nodes, block.nodes))
@@ -297,7 +293,7 @@ def _numbered(mesh: MeshInPieces, points: FloatArray, cells: tuple[Volume, ...],
 
 
 def _task(mesh: MeshInPieces, border: Mesh, own: Mesh, jobs: Sequence[Job], angles: Sequence[float]) -> ScanTask:
-    """Return the task for jobs at the first one's angles; `own` is the border that is prepared for them."""
+    """Return the task for jobs at some angles of the first one; `own` is the border `prepared` for them."""
     assert border.whole is not None
     boxes, moving, halfway = [], [np.empty(0, dtype=np.intp)], None
     for job in jobs:
@@ -314,12 +310,12 @@ def _task(mesh: MeshInPieces, border: Mesh, own: Mesh, jobs: Sequence[Job], angl
 
 
 def _in_memory(task: ScanTask) -> ScanTask:
-    """Return the task with all points held in memory, if these are few, or if cells need them in no order."""
+    """Return the task with all points in memory, if they are few or the cells' nodes are scattered."""
     return task.holding() if task.pieces.points <= threads.LIMITS.held or task.is_scattered else task
 
 
 def _nodes_inside(task: ScanTask, runner: Runner, progress: Progress) -> tuple[IntArray, FloatArray]:
-    """Return the nodes (M,) in the box and their coordinates (M, 3); InputError for coordinates that are no numbers."""
+    """Return the nodes (M,) in the boxes and their places (M, 3); InputError for coordinates that are not finite."""
     count = task.pieces.points
     items = [(start, min(start + threads.LIMITS.points, count)) for start in range(0, count, threads.LIMITS.points)]
     scanned = []
@@ -335,7 +331,7 @@ def _cells(
 ) -> tuple[list[list[CellsFound]], ScanTask]:
     """Judge all cells; return the touched ones of each block, and the task with the blocks' orientation.
 
-    InputError if a face of a patch is of no cell.
+    InputError if a patch face belongs to no cell.
     """
     pieces = task.pieces
     if not sum(count for _, count in pieces.blocks):
@@ -357,7 +353,7 @@ def _cells(
 
 
 def _around(task: ScanTask, block: int, scanned: list[CellsFound], runner: Runner) -> list[CellsFound]:
-    """Return the polyhedra beyond the faces of the touched ones, with all their faces: their centres are needed."""
+    """Return the polyhedra next to the touched ones with all their faces: their centres are needed."""
     sides = [piece.cells.sides for piece in scanned if isinstance(piece.cells, SomePolyhedra)]
     known = union(*(piece.rows for piece in scanned))
     cells = np.setdiff1d(union(*(ends for side in sides for ends in (side.owner, side.neighbour))), known, True)
@@ -386,9 +382,9 @@ def _refuse_loose(mesh: MeshInPieces, task: ScanTask, missing: Keys) -> None:
 
 
 def _block(shape: str, scanned: Sequence[CellsFound], nodes: IntArray) -> tuple[Volume, IntArray]:
-    """Return the touched cells of a block in the numbers of the excerpt, and their rows in the whole mesh.
+    """Return the touched cells of a block in the numbering of the excerpt, and their rows in the whole mesh.
 
-    Of polyhedra those beyond their faces are there, too, and those beyond these, the latter without all their faces.
+    Touched polyhedra come with their neighbours, and these with neighbours that lack some faces.
     """
     some = [piece.cells for piece in scanned if isinstance(piece.cells, SomePolyhedra)]
     if some:

@@ -1,7 +1,7 @@
-"""A deflection as a function of coordinates alone: small enough to be sent to where the nodes of a large mesh lie.
+"""A deflection as a function of coordinates alone: small enough to send to where a large mesh is.
 
-What moves a node is its undeflected place: by the box, the interpolants, nearby boundary nodes, and a table of nodes
-with prescribed final positions. So any part of a mesh can be moved anywhere, in any order, and twice.
+A node's displacement follows from its undeflected place: by the box, the interpolants, boundary nodes nearby, and a
+table of nodes with prescribed final places. So any part of a mesh can be moved anywhere and in any order.
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,22 +32,22 @@ if TYPE_CHECKING:
 POINTS_AT_A_TIME = 1 << 18
 """Nodes moved at a time."""
 NEAR = 1e-6
-"""Share of the distance between places within which a point is no other one, but one that was rounded."""
+"""Share of the distance between places, below which a point is a rounded copy of a place."""
 ARRAYS = ("boundary", "values", "turns", "part")
 """Arrays of a step by their names in a file."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FieldStep:
-    """How nodes within the flow move in one step.
+    """The displacement of nodes inside the flow in one step.
 
     Attributes
     ----------
     interpolant : the fitted one.
-    boundary, values, turns : (B, 3), (B, 3), (B, 3, 3) boundary nodes at the start of the step, their displacements,
-        and their rotations less the identity.
-    part : (B,) which of them may move differently: each moving surface, and the rest.
-    reach : how far from them nodes follow; 0: none does.
+    boundary, values, turns : (B, 3), (B, 3), (B, 3, 3) boundary nodes at the start of the step, their displacements and
+        their rotations R - 1.
+    part : (B,) part of each: nodes of different parts may move differently.
+    reach : distance up to which nodes follow the boundary; 0 for nowhere.
     """
 
     interpolant: Interpolant
@@ -59,7 +59,7 @@ class FieldStep:
 
     @classmethod
     def of(cls, plan: BoxPlan, step: Step) -> "FieldStep":
-        """Take what a step of a plan has found."""
+        """Take the result of a step of a plan."""
         boundary = step.start.points[step.start.known]
         part = np.zeros(len(boundary), dtype=np.intp)
         for i, rows in enumerate(plan.sites.parts(plan.boundary)):
@@ -69,7 +69,7 @@ class FieldStep:
         return cls(step.fits.interpolant, boundary, step.known, turns, part, near.reach if near else 0.0)
 
     def displacement(self, points: FloatArray) -> FloatArray:
-        """Return how far nodes at points (M, 3) move."""
+        """Return the displacement of nodes at points (M, 3)."""
         out = self.interpolant(points)
         if not self.reach:
             return out
@@ -81,17 +81,17 @@ class FieldStep:
 
 @dataclass(frozen=True, eq=False)
 class FieldBox:
-    """Where the points of one box come to be.
+    """The displacement in one box.
 
     Attributes
     ----------
-    box : points outside stay, but for those of `places`.
+    box : points outside stay, except those at `places`.
     zones : names of the zones that deform.
-    steps : one after another.
-    places, ends : (K, 3) undeflected coordinates of nodes with a prescribed end, and these ends: nodes of moving, fixed
-        and sliding patches in the box, images of others, and nodes that a repair has moved. No place is there twice.
-    planes : (S, 3) component, station and tolerance of faces of overlapping blocks, in whose planes nodes stay.
-    halfway : of a mesh one cell thick the plane of box and steps.
+    steps : the steps, in order.
+    places, ends : (K, 3) undeflected and final places of nodes with a prescribed end: nodes of moving, fixed and
+        sliding patches in the box, images of others, and nodes moved by a repair. Each place occurs once.
+    planes : (S, 3) component, station and tolerance of block faces, whose nodes stay in the plane.
+    halfway : in a mesh one cell thick, the plane of box and steps.
     """
 
     box: Hexahedron = field(repr=False)
@@ -104,7 +104,7 @@ class FieldBox:
 
     @classmethod
     def of(cls, one: BoxDeflection) -> "FieldBox":
-        """Take what a deflection has found in one box; InputError as of `Field.of`."""
+        """Take the result of a deflection in one box; InputError as for `Field.of`."""
         plan, sites, thin = one.plan, one.plan.sites, one.plan.boundary.thin
         prescribed = np.zeros(len(plan.mesh.points), dtype=np.bool_)
         images = (thin or plan.boundary).images
@@ -131,7 +131,7 @@ class FieldBox:
         )
 
     def move(self, given: FloatArray, out: FloatArray) -> None:
-        """Write the final positions of the points `given` (M, 3) inside the box into `out` (M, 3)."""
+        """Write the final places of the points `given` (M, 3) inside the box into `out` (M, 3)."""
         start = self.halfway.places(given) if self.halfway else given
         inside = self.box.contains(start)
         inner = np.flatnonzero(inside | self._among(given))
@@ -152,7 +152,7 @@ class FieldBox:
         out[inner[exact]] = self.ends[row[exact]]
 
     def matches(self, points: FloatArray) -> tuple[BoolArray, BoolArray]:
-        """Return which places (K,) coincide with a point (M, 3), and which only nearly do: `NEAR` of the spacing."""
+        """Return which places (K,) coincide with a point (M, 3), and which do so but for `NEAR` of the spacing."""
         found, near = np.zeros((2, len(self.places)), dtype=np.bool_)
         some = points[self._among(points)]
         if len(some):
@@ -163,7 +163,7 @@ class FieldBox:
         return found, near
 
     def _among(self, points: FloatArray) -> BoolArray:
-        """Return which points lie between the least and the largest coordinates of the places."""
+        """Return which points lie within the bounding box of the places."""
         low, high = self.places.min(axis=0, initial=np.inf), self.places.max(axis=0, initial=-np.inf)
         room = NEAR * np.linalg.norm(high - low) if len(self.places) else 0.0
         return np.asarray(((points >= low - room) & (points <= high + room)).all(axis=1))
@@ -175,27 +175,27 @@ class FieldBox:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Field:
-    """Where each point of a mesh comes to be.
+    """Final places of all points of a mesh.
 
     Attributes
     ----------
-    boxes : the deflection in one box, or in several that do not overlap.
+    boxes : one field for each box; boxes do not overlap.
     """
 
     boxes: tuple[FieldBox, ...]
 
     @classmethod
     def of(cls, deflected: Sequence[BoxDeflection]) -> "Field":
-        """Take what deflections in boxes have found, unrounded; InputError if nodes at one place move apart."""
+        """Take the unrounded results of deflections; InputError if nodes at one place move differently."""
         return cls(tuple(FieldBox.of(one) for one in deflected))
 
     def apply(self, points: FloatArray, progress: Progress = silent) -> FloatArray:
         """Return the deflected coordinates (N, 3) of undeflected points (N, 3); points that stay keep their bits.
 
-        The nodes are of zones that deform. Each row depends on nothing but itself: any part of a mesh gives the same
-        bits as the whole.
+        The points belong to zones that deform. Each row depends on itself alone, so any part of a mesh has the bits of
+        the whole.
 
-        Raises InputError if the points are no finite numbers (N, 3).
+        Raises InputError if the points are not finite numbers (N, 3).
         """
         given = bounded(points, "points")
         if given.ndim != 2 or given.shape[1] != 3:
@@ -209,7 +209,7 @@ class Field:
         return out
 
     def arrays(self, tag: str = "") -> dict[str, Any]:
-        """Return it as arrays whose names end with a tag; `stored` makes it of them."""
+        """Return the field as arrays whose names end with a tag, for `stored`."""
         arrays: dict[str, Any] = {f"boxes{tag}": np.array(len(self.boxes))}
         for b, box in enumerate(self.boxes):
             own = f"_{b}{tag}"
@@ -229,7 +229,7 @@ class Field:
 
     @classmethod
     def stored(cls, arrays: Mapping[str, Any], tag: str = "") -> "Field":
-        """Make a field of arrays; ValueError or KeyError if they do not fit together."""
+        """Make a field of the arrays of `arrays`; ValueError or KeyError if they do not fit together."""
         return cls(tuple(_box(arrays, f"_{b}{tag}") for b in _counted(arrays, f"boxes{tag}")))
 
 
@@ -249,7 +249,7 @@ def _box(stored: Mapping[str, Any], tag: str) -> FieldBox:
 
 
 def _counted(stored: Mapping[str, Any], name: str) -> range:
-    """Return the numbers of the boxes or steps of a file; ValueError if there are none."""
+    """Return the indices of the boxes or steps of a file; ValueError if there are none."""
     if (count := int(stored[name])) < 1:
         raise ValueError(f"{name} = {count} must be at least 1")
     return range(count)

@@ -1,4 +1,4 @@
-"""A job: one frozen value that says what is to move in a mesh, and how."""
+"""A job: what to deflect in a mesh, and how, as one frozen value."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -41,14 +41,14 @@ class Sliding:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Section:
-    """A face of an overlapping block that cuts the box: nodes may slide in its plane (section 5.2).
+    """A face of an overlapping block that cuts the box (section 5.2).
 
     Attributes
     ----------
     patch : its name.
     point : (3,) any point of the plane.
     component : 0, 1 or 2: the axis along its normal.
-    slides : whether its nodes slide in it; else they stay.
+    slides : whether its nodes slide in the plane; if not, they stay.
     """
 
     patch: str
@@ -63,14 +63,15 @@ class Job(JobOptions):
 
     Attributes
     ----------
-    surfaces : the moving surfaces; in a sweep the first one's amount is the angle, the others keep their ratio to it.
+    surfaces : the moving surfaces. In a sweep the angle is the first one's amount, and the others keep their ratio to
+        it.
     slides : patches that stay on a plane, a cylinder, or their own surface.
     box : rule for the confining hexahedron.
     sections : faces of an overlapping block that cut the box.
-    repair_slides : further patches whose nodes may slide while cells are mended: moving ones too, where they then are.
-        A ``"plane"`` is each plane face of the patch.
-    selections : parts of patches that become patches, before all else.
-    periodic : patches that are images of one another, where the file does not say so.
+    repair_slides : further patches on which a repair may slide nodes, moving patches too. ``"plane"`` means each plane
+        face of the patch.
+    selections : parts of patches that become patches first of all.
+    periodic : pairs of patches that are images of each other, where the file does not say so.
     """
 
     surfaces: tuple[Moving, ...]
@@ -92,7 +93,7 @@ class Job(JobOptions):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Every name of a patch in it, and every wildcard."""
+        """Every patch name and wildcard in the job."""
         return (
             *(name for moving in self.surfaces for name in moving.patches),
             *self.fixed,
@@ -109,9 +110,9 @@ class Job(JobOptions):
 
     @property
     def ratios(self) -> tuple[float, ...]:
-        """Amount of each surface per unit of the first one's.
+        """Amount of each surface per unit of the first one's amount.
 
-        Raises InputError if the first one's own amount is zero, so that nothing is in proportion to it.
+        Raises InputError if the first one's amount is zero.
         """
         if not self.angle and any(self.amounts):
             moves = next(surface for surface in self.surfaces if surface.amount)
@@ -122,11 +123,11 @@ class Job(JobOptions):
         return tuple(amount / self.angle if self.angle else 1.0 for amount in self.amounts)
 
     def amounts_at(self, angle: float) -> tuple[float, ...]:
-        """Return the amount of each surface when the first one's is `angle` and the others keep their ratio to it."""
+        """Return the amount of each surface at an angle of the first one."""
         return self.amounts if angle == self.angle else tuple(angle * ratio for ratio in self.ratios)
 
     def beside(self, first: "Job", angle: float) -> float:
-        """Return the amount of this job's first surface when that of the first job is `angle`."""
+        """Return the amount of this job's first surface at an angle of the first job's."""
         if self is first:
             return angle
         return replace(self, surfaces=(first.surfaces[0], *self.surfaces)).amounts_at(angle)[1]
@@ -134,7 +135,7 @@ class Job(JobOptions):
     def ends(self, angles: Sequence[float]) -> tuple[tuple[float, ...], ...]:
         """Return the amounts at the smallest and the largest angle of the first surface.
 
-        For each surface with a range also its ends, with the others at rest.
+        A surface with a range adds the ends of the range, with the others at rest.
         """
         ends = [self.amounts_at(angle) for angle in dict.fromkeys((min(angles), max(angles)))]
         for i, surface in enumerate(self.surfaces):
@@ -143,7 +144,7 @@ class Job(JobOptions):
         return tuple(dict.fromkeys(ends))
 
     def over(self, first: "Job", angles: Sequence[float]) -> "Job":
-        """Return the job with a range of each surface that holds its amounts at some angles of the first job's."""
+        """Return the job with ranges that contain the surfaces' amounts at some angles of the first job's surface."""
         poses = [self.amounts_at(self.beside(first, angle)) for angle in angles]
         ranges = [(min(0.0, *own), max(0.0, *own)) for own in zip(*poses, strict=True)]
         pairs = zip(self.surfaces, ranges, strict=True)
@@ -151,21 +152,20 @@ class Job(JobOptions):
         return replace(self, surfaces=tuple(surfaces))
 
     def at(self, angle: float) -> "Job":
-        """Return the job with the first surface at `angle`, the others in their proportion to it."""
+        """Return the job with the first surface at `angle` and the others in proportion."""
         amounts = self.amounts_at(angle)
         moved = (replace(surface, amount=amount) for surface, amount in zip(self.surfaces, amounts, strict=True))
         return replace(self, surfaces=tuple(moved))
 
 
 def prepared(mesh: Mesh, jobs: Sequence[Job]) -> Mesh:
-    """Turn the jobs' selections into patches and their periodic patches into pairs; all jobs name the same.
+    """Return the mesh with the jobs' selections as patches and their periodic patches paired; all jobs have the same.
 
-    A patch that slides on its plane and is no plane is cut into its parts if each of these is one. Both sides of a mesh
-    one cell thick become a pair if they slide in their planes.
+    A patch that slides in its plane but is not plane is cut into plane parts, if it has such parts. Both sides of a
+    mesh one cell thick become a pair if they slide in their planes. Cells numbered in the opposite sense to most of
+    their block are reversed.
 
-    Cells of a block that are counted in the other hand than most are turned over.
-
-    Raises InputError if one of them does not suit the mesh.
+    Raises InputError if a selection or a pair does not suit the mesh.
     """
     names = tuple(dict.fromkeys(name for job in jobs for name in (*job.names, *_in_planes(mesh, job))))
     if jobs[0].selections or any(MARK in name for name in names):
@@ -187,12 +187,12 @@ def _of_one_hand(mesh: Mesh) -> Mesh:
 
 
 def ratios_of(jobs: Sequence[Job]) -> tuple[float, ...]:
-    """Return the amount of each surface of all jobs per unit of the first one's; InputError as of `Job.ratios`."""
+    """Return the amount of each surface of all jobs per unit of the first one's; InputError as for `Job.ratios`."""
     return tuple(amount for job in jobs for amount in job.amounts_at(job.beside(jobs[0], 1.0)))
 
 
 def _in_planes(mesh: Mesh, job: Job) -> Iterator[str]:
-    """Yield ``NAME#*`` for each patch that is to slide on a plane and consists of several plane parts."""
+    """Yield ``NAME#*`` for each patch that shall slide in its plane and consists of several plane parts."""
     slide = [one.patch for one in job.slides if one.shape == "plane"]
     for patch in mesh.patches:
         wanted = any(meant(text, patch.name) for text in slide) or patch.constraint == "symmetry"
@@ -206,7 +206,7 @@ def _in_planes(mesh: Mesh, job: Job) -> Iterator[str]:
 
 
 def _planes(mesh: Mesh, job: Job) -> set[str]:
-    """Return the patches that slide on their plane: as the job says, or the file, if the job says nothing."""
+    """Return the patches that slide in their plane: as the job says, else as the file says."""
     moving = [patch for surface in job.surfaces for patch in surface.patches]
     parts = ((moving, "the surface"), (job.fixed, "fixed"), ([one.patch for one in job.slides], "slide"))
     named = {name for patches, what in parts for name in mesh.named(patches, what)}
@@ -215,6 +215,6 @@ def _planes(mesh: Mesh, job: Job) -> set[str]:
 
 
 def _named_by(motion: Motion) -> tuple[str, ...]:
-    """Return every name of a patch, and every wildcard, in a motion."""
+    """Return every patch name and wildcard in a motion."""
     sets = (motion.held, motion.driven) if isinstance(motion, Blended) else ()
     return tuple(name for nodes in sets if isinstance(nodes, OnPatches) for name in nodes.names)

@@ -1,7 +1,7 @@
-"""A deflected mesh as a sum of fixed fields, its modes: each surface has a few, times functions of its amount.
+"""A deflected mesh as a sum of fixed fields, its modes, each times a function of one surface's amount.
 
-For a hinge x(a) = X0 + sin a S + (1 - cos a) V, for a table x(s) = X0 + s T; several surfaces add up. X0 is the mesh.
-The fields are read off from deflections at the ends of the range, each with its own steps and its own repair.
+A hinge gives x(a) = X0 + sin a S + (1 - cos a) V, a table x(s) = X0 + s T, and several surfaces add up; X0 is the
+undeflected mesh. The fields are read from deflections at the ends of the range, each with its own steps and repair.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,18 +22,18 @@ from .plan import BoxPlan
 from .step import take
 
 MISSED = 0.1
-"""Share of the tolerance by which the modes may miss a deflection on the same centres between the amounts read."""
+"""Share of the tolerance by which modes may miss a deflection on the same centres between the ends."""
 
 
 @dataclass(frozen=True, slots=True)
 class Control:
-    """A moving surface, and the amounts that it can have.
+    """A moving surface and the range of its amount.
 
     Attributes
     ----------
-    name, patches, unit : of the surface, and of its amount.
-    low, high : ends of the range, which holds 0.
-    functions : of the amount.
+    name, patches, unit : name and patches of the surface, unit of the amount.
+    low, high : ends of the range, which contains 0.
+    functions : functions of the amount that the fields are multiplied by.
     """
 
     name: str
@@ -45,14 +45,14 @@ class Control:
 
     @property
     def reads(self) -> tuple[float, ...]:
-        """Amounts at which the fields are read, as many as there are functions; the ends of the range among them."""
+        """Amounts at which the fields are read: as many as functions, with the ends of the range."""
         amounts = np.linspace(self.low, self.high, self.functions.count + 1)
         inner = 0.0 not in (self.low, self.high) and len(amounts) > 2
         dropped = 1 + np.argmin(np.abs(amounts[1:-1])) if inner else np.argmin(np.abs(amounts))
         return tuple(np.delete(amounts, dropped).tolist())
 
     def share(self, end: float) -> FloatArray:
-        """Return the weights (k,) by which a repair at an end of the range fades: none but the first two."""
+        """Return the weights (k,) by which a repair at an end of the range fades; only the first two are not zero."""
         count, other = min(2, self.functions.count), self.low + self.high - end
         ends = [self.functions.values(amount)[:count] for amount in (end, other or -end)[:count]]
         out = np.zeros(self.functions.count)
@@ -60,7 +60,7 @@ class Control:
         return out
 
     def samples(self, count: int) -> tuple[float, ...]:
-        """Return so many amounts at equal distances, the one nearest to 0 replaced by that."""
+        """Return `count` evenly spaced amounts, with 0 in place of the one nearest to it."""
         amounts = np.linspace(self.low, self.high, count)
         amounts[np.argmin(np.abs(amounts))] = 0.0
         return tuple(amounts.tolist())
@@ -72,15 +72,15 @@ class Control:
 
 
 class Readings(NamedTuple):
-    """Deflections of one surface alone, and how the fields are made of them.
+    """Deflections of one surface alone, and the weights that turn them into fields.
 
     Attributes
     ----------
     control : the surface.
-    box, row : the plan of its box, and the surface's place in it.
-    deflections : r of them.
-    weights : (k, r) of their displacements, by function.
-    ends : the deflections to the ends of the range, with their adaptations.
+    box, row : the plan of the box, and the index of the surface in it.
+    deflections : r deflections.
+    weights : (k, r) weights of their displacements in the field of each function.
+    ends : deflections to the ends of the range, with their adaptations.
     """
 
     control: Control
@@ -94,11 +94,11 @@ class Readings(NamedTuple):
     def of(
         cls, box: BoxPlan, row: int, control: Control, progress: Progress = silent, known: BoxDeflection | None = None
     ) -> "Readings":
-        """Deflect a surface of a box, the one at `row`, to each amount that is read; the others stay.
+        """Deflect the surface `row` of a box to each amount to be read; the others stay.
 
-        Where the functions miss a deflection between, more are taken. A deflection that is `known` is not made again.
+        Where the functions miss a deflection between, further amounts are read. A `known` deflection is used as it is.
 
-        Raises InputError if a surface cannot move so far, or the modes miss a deflection between by more than `MISSED`.
+        Raises InputError if a surface cannot move so far, or if the modes miss a deflection by more than `MISSED`.
         """
         while True:
             found = cls._read(box, row, control, progress, known)
@@ -117,10 +117,10 @@ class Readings(NamedTuple):
     def _read(
         cls, box: BoxPlan, row: int, control: Control, progress: Progress, known: BoxDeflection | None
     ) -> "Readings":
-        """Deflect to the amounts that are read: to the ends as `deflect_box` does, between them on their centres.
+        """Deflect to the ends of the range as `deflect_box` does, and to amounts between on the centres of the ends.
 
-        What is read is without repairs. The repair at an end has the share 1 there, and none at 0 and at the other end,
-        or at the other sign of the end if that is 0.
+        The fields are read without repairs. The repair of an end has the share 1 there, and 0 at amount 0 and at the
+        other end (at the opposite amount, if the other end is 0).
         """
         own, reads = _with_free_nodes_repaired(box), control.reads
         poses = [_alone(box, row, amount) for amount in reads]
@@ -145,19 +145,19 @@ class Readings(NamedTuple):
         return cls(control, box, row, tuple(plain), weights, tuple(ends.values()))
 
     def nearest(self, amount: float) -> BoxDeflection:
-        """Return the end of the range nearest to an amount."""
+        """Return the deflection at the end of the range nearest to an amount."""
         return min(self.ends, key=lambda one: abs(one.amounts[self.row] - amount))
 
     def missed(self) -> float:
-        """Return by how much sums of the fields miss the displacement on the centres of one reading, a length.
+        """Return the largest distance between the modes and a deflection on the centres of one reading.
 
-        It is measured in the middle between amounts that are read, and 0.
+        It is measured halfway between the amounts that were read, and 0.
         """
         reads = self.control.reads
         end = self.deflections[int(np.argmax(np.abs(reads)))]
 
         def on_centers(amount: float) -> FloatArray:
-            """Return the displacement (M, 3) of the nodes inside, on the centres of the end's first step."""
+            """Return the displacement (M, 3) of the nodes inside on the centres of the end's first step."""
             move, step = self.box.boundary.displacement(_alone(self.box, self.row, amount)), end.steps[0]
             points = take(step.start, move, step, held=True, runner=self.box.runner).points
             return (points - step.start.points)[self.box.region.inside]
@@ -175,9 +175,9 @@ class Readings(NamedTuple):
 def _on_shared_centers(
     box: BoxPlan, poses: Sequence[Amounts], end: BoxDeflection, progress: Progress
 ) -> list[BoxDeflection]:
-    """Deflect to each pose in one step on the same centres: those of the end, and what the other poses add to them.
+    """Deflect to each pose in one step on the same centres: those of the end, and those that the poses add.
 
-    An end that needs steps has centres for each; the other poses then have their own.
+    If the end needs several steps, each has its own centres, and the poses have their own, too.
     """
     if len(end.steps) > 1:
         return [end if pose == end.amounts else stepped(box, pose, len(end.steps), progress) for pose in poses]
@@ -190,12 +190,12 @@ def _on_shared_centers(
 
 
 def _alone(box: BoxPlan, row: int, amount: float) -> Amounts:
-    """Return the amounts of the surfaces of a box where all but one rest."""
+    """Return the amounts of the surfaces of a box with all but one at rest."""
     return tuple(amount if i == row else 0.0 for i in range(len(box.job.surfaces)))
 
 
 def _deflected(box: BoxPlan, pose: Amounts, progress: Progress, known: BoxDeflection | None) -> BoxDeflection:
-    """Deflect a box, unless that is known: in double precision, with the same repair or without any."""
+    """Deflect a box in double precision, unless the deflection is known, with the same repair or none."""
     if not known or known.amounts != pose or not known.plan.precision.is_double:
         return deflect_box(box, pose, progress)
     alike = not known.repaired or known.plan.job.repair_slides == box.job.repair_slides
@@ -203,9 +203,9 @@ def _deflected(box: BoxPlan, pose: Amounts, progress: Progress, known: BoxDeflec
 
 
 def _with_free_nodes_repaired(box: BoxPlan) -> BoxPlan:
-    """Return a plan whose repair moves no node of a wall: no fixed field would keep it on a plane that turns.
+    """Return a plan whose repair moves no node of a wall: no fixed field keeps such nodes on a plane that turns.
 
-    Without any repair for a root that slides: its motion is a sum of many functions, and no two say how it turns.
+    A root that slides has no repair at all: its motion is a sum of many functions.
     """
     job = replace(box.job, repair_slides=())
     if any(law.functions.count > 2 for law in box.boundary.laws):
@@ -214,10 +214,10 @@ def _with_free_nodes_repaired(box: BoxPlan) -> BoxPlan:
 
 
 def residuals(one: BoxDeflection, steps: int) -> FloatArray:
-    """Return by how much the interpolants of a deflection miss the data sites in each step (steps, S, 3).
+    """Return the errors of a deflection's interpolants at the data sites in each step (steps, S, 3).
 
-    They are those of the boundary, then those of the box; of steps that it does not have they are 0. Sites in layers
-    beside the surface, which each step chooses anew, are not among them.
+    Boundary sites come first, then zero sites; layer sites are left out, because each step chooses them anew. Steps
+    that the deflection does not have are 0.
     """
     sites, out = one.plan.sites, []
     counts = np.cumsum([0, len(sites.moving), len(sites.fixed)])
@@ -235,14 +235,14 @@ def residuals(one: BoxDeflection, steps: int) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Modes:
-    """Coordinates of nodes as functions of the amounts of surfaces.
+    """Coordinates of nodes as functions of the surfaces' amounts.
 
     Attributes
     ----------
     controls : the surfaces.
     start : (N, 3) undeflected coordinates.
-    rows : of each surface the nodes (M,) that it moves.
-    fields : of each surface (k, M, 3), one for each function.
+    rows : for each surface the nodes (M,) that it moves.
+    fields : for each surface (k, M, 3), one field for each function.
     """
 
     controls: tuple[Control, ...]
@@ -251,9 +251,9 @@ class Modes:
     fields: tuple[FloatArray, ...] = field(repr=False)
 
     def at(self, amounts: Amounts) -> FloatArray:
-        """Return the coordinates (N, 3) at amounts, one for each surface; at zero they are the mesh's to the bit.
+        """Return the coordinates (N, 3) at amounts, one for each surface; at zero they equal the mesh's exactly.
 
-        Terms are added in a fixed order: a part of the nodes has the bits of the whole.
+        Terms are added in a fixed order, so a part of the nodes has the bits of the whole.
         """
         out = self.start.copy()
         for (rows, fields), control, amount in zip(self._own, self.controls, amounts, strict=True):
@@ -264,7 +264,7 @@ class Modes:
         return out
 
     def jvp(self, amounts: Amounts, speeds: Amounts) -> FloatArray:
-        """Return the derivative (N, 3) of the coordinates in the direction of `speeds`, one for each surface."""
+        """Return the derivative (N, 3) of the coordinates along `speeds`, one for each surface."""
         out = np.zeros_like(self.start)
         for (rows, fields), rates, speed in zip(self._own, self._rates(amounts), speeds, strict=True):
             for rate, one in zip(rates, fields, strict=True):
@@ -272,7 +272,7 @@ class Modes:
         return out
 
     def vjp(self, amounts: Amounts, gradient: FloatArray) -> FloatArray:
-        """Return the derivative (n,) by each amount of a function with the `gradient` (N, 3) by the coordinates."""
+        """Return the derivative (n,) by the amounts of a function whose gradient by the coordinates is (N, 3)."""
         pairs = zip(self._own, self._rates(amounts), strict=True)
         return np.array([rates @ np.einsum("kmi,mi->k", fields, gradient[rows]) for (rows, fields), rates in pairs])
 
@@ -287,7 +287,7 @@ class Modes:
 
 
 def fields_of(weights: FloatArray, displacements: Sequence[FloatArray]) -> FloatArray:
-    """Return the fields (k, M, 3) of displacements (r, M, 3) by weights (k, r), summed in a fixed order."""
+    """Return the fields (k, M, 3): displacements (r, M, 3) weighted by (k, r), summed in a fixed order."""
     out = np.zeros((len(weights), *displacements[0].shape))
     for j, one in enumerate(displacements):
         for k, row in enumerate(weights):

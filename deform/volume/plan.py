@@ -1,4 +1,4 @@
-"""A plan: all that is decided before anything is fitted."""
+"""A plan: all that is decided before the first fit."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -38,15 +38,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class BoxPlan:
-    """The nodes that move in one box, the box, the sites and the cells touched, for all angles of a job.
+    """Known nodes, box, sites and touched cells of one box, for all angles of a job.
 
     Attributes
     ----------
-    boundary, region, sites : nodes of known displacement, the box, and where displacements are interpolated.
+    boundary, region, sites : the known nodes, the box and the nodes in it, the data sites.
     touched : the cells that may change.
-    more : further additions to the method.
-    runner : who evaluates the interpolant.
-    precision : how the file that is to be written keeps coordinates.
+    more : additions beyond those of the job.
+    runner : evaluates the interpolant.
+    precision : how the file to be written rounds coordinates.
     """
 
     boundary: PrescribedNodes
@@ -61,9 +61,7 @@ class BoxPlan:
     def of(
         cls, mesh: Mesh, job: Job, angles: Sequence[float], progress: Progress = silent, more: Sequence[Addition] = ()
     ) -> "BoxPlan":
-        """Decide motion, box and sites for several angles of a job, in a mesh that is `prepared` for it.
-
-        `more` are additions that the job does not know.
+        """Plan a job for several angles in a mesh that is `prepared` for it; `more` are further additions.
 
         Raises InputError if the job does not suit the mesh.
         """
@@ -91,27 +89,27 @@ class BoxPlan:
 
     @property
     def job(self) -> Job:
-        """What is asked of the box."""
+        """Job of the box."""
         return self.boundary.job
 
     @property
     def moving(self) -> tuple[tuple[Moving, Surface], ...]:
-        """What is asked of each moving surface, and the surface."""
+        """Each moving surface, with its motion and amount."""
         return tuple(zip(self.job.surfaces, self.boundary.surfaces, strict=True))
 
     @property
     def patches(self) -> tuple[str, ...]:
-        """Names of the moving patches, the control surface's first."""
+        """Names of the moving patches, those of the first surface first."""
         return tuple(name for _, surface in self.moving for name in surface.patches)
 
     @property
     def surface(self) -> str:
-        """Name of the first moving patch: the control surface."""
+        """Name of the first moving patch."""
         return self.patches[0]
 
     @property
     def hexahedron(self) -> Hexahedron:
-        """The box; around a mesh one cell thick it is at least as high as that."""
+        """The box; in a mesh one cell thick extended to the height of that cell."""
         box, thin = self.region.hexahedron, self.boundary.thin
         if not thin:
             return box
@@ -122,7 +120,7 @@ class BoxPlan:
 
     @property
     def inside(self) -> IntArray:
-        """Sorted indices of the nodes inside, in the zones that deform."""
+        """Sorted indices of the nodes inside that may be interpolated."""
         return self.boundary.both(self.region.inside)
 
     @property
@@ -137,14 +135,14 @@ class BoxPlan:
 
     @cached_property
     def unheld(self) -> BoundaryGaps:
-        """What patches miss of the boundary where nodes may move, and what they hold beside it."""
+        """Boundary faces near moving nodes that are on no patch, and patch faces that are no boundary."""
         return BoundaryGaps.of(self.touched, self.changed, self.patches)
 
     def freedom(self, points: FloatArray) -> FreeNodes:
-        """Return which nodes a repair may move, with the mesh at `points` (N, 3), and on what they stay.
+        """Return the nodes that a repair may move, with the mesh at `points` (N, 3), and their shapes.
 
-        Nodes on a face of a cell that is on no patch stay, for other zones may fit to them, and so do nodes of moving
-        patches beyond the box. Layers keep their heights, and images of one another move alike.
+        Nodes of boundary faces on no patch stay, because other zones may join there; so do nodes of moving patches
+        outside the box. Layers keep their heights, and images move alike.
         """
         mesh, job = self.mesh, self.job
         shapes: dict[str, SlidingSurface | str] = {}
@@ -171,12 +169,12 @@ class BoxPlan:
         return freedom.with_columns(Columns.of(self.touched, self.walls), points)
 
     def moved(self, places: FloatArray) -> FloatArray:
-        """Return where the nodes (N, 3) come to be; `places` (N, 3) are those of the mesh that is interpolated."""
+        """Return the moved nodes (N, 3) of the whole mesh, given those of the mesh that is interpolated."""
         return self.boundary.thin.moved(places) if self.boundary.thin else places
 
     @cached_property
     def additions(self) -> tuple[Addition, ...]:
-        """What is added to the paper's method here, in the order in which it acts; what is off is not even loaded."""
+        """Additions in the order in which they act; those that are off are not loaded."""
         job, sites = self.job, self.sites
         found: list[Addition] = []
         if job.near_wall:
@@ -194,7 +192,7 @@ class BoxPlan:
         return (*found, *self.more, *([sites.bind] if sites.bind else []))
 
     def start(self, points: FloatArray) -> Start:
-        """Return the start of a step with the mesh that is interpolated at `points` (N, 3)."""
+        """Return the start of a step, with the interpolated mesh at `points` (N, 3)."""
         fitting, sites = self.job.fitting, self.sites
         free = np.setdiff1d(self.region.inside, sites.known, assume_unique=True)
         options = GreedyOptions(
@@ -213,12 +211,12 @@ class BoxPlan:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """All that is decided before the fit: disjoint boxes of one mesh.
+    """Plans of disjoint boxes in one mesh.
 
     Attributes
     ----------
     boxes : the plan of each box; at least one.
-    angles : amounts of the first surface that its box holds.
+    angles : amounts of the first surface that its box contains.
     """
 
     boxes: tuple[BoxPlan, ...]
@@ -226,10 +224,10 @@ class Plan:
 
     @classmethod
     def of(cls, mesh: Mesh, jobs: Sequence[Job], angles: Sequence[float] = (), progress: Progress = silent) -> "Plan":
-        """Plan every job, for its own angle or for what it is at several of the first one's.
+        """Plan every job, for its own angle or for several angles of the first job.
 
-        The plan's mesh has the selections of the jobs as patches. Raises InputError if a job does not suit the mesh, or
-        two boxes overlap.
+        The plan's mesh has the jobs' selections as patches. Raises InputError if a job does not suit the mesh, or two
+        boxes overlap.
         """
         mesh, first = prepared(mesh, jobs), jobs[0]
         wanted = tuple(angles) or (first.angle,)
@@ -244,7 +242,7 @@ class Plan:
 
     @property
     def job(self) -> Job:
-        """What is asked of the first box."""
+        """Job of the first box."""
         return self.boxes[0].job
 
     @property
@@ -259,37 +257,37 @@ class Plan:
 
     @property
     def runner(self) -> Runner:
-        """Who evaluates the interpolants."""
+        """Evaluates the interpolants."""
         return self.boxes[0].runner
 
     @property
     def precision(self) -> Precision:
-        """How the file that is to be written keeps coordinates."""
+        """How the file to be written rounds coordinates."""
         return self.boxes[0].precision
 
     def keeping(self, precision: Precision, runner: Runner | None = None) -> "Plan":
-        """Return it for a file that keeps coordinates so, and perhaps with others to evaluate the interpolants."""
+        """Return the plan for a file of some precision, and perhaps another runner."""
         runner = runner or self.runner
         return replace(self, boxes=tuple(replace(box, precision=precision, runner=runner) for box in self.boxes))
 
     @property
     def moving(self) -> tuple[tuple[Moving, Surface], ...]:
-        """What is asked of each moving surface, and the surface."""
+        """Each moving surface, with its motion and amount."""
         return tuple(pair for box in self.boxes for pair in box.moving)
 
     @property
     def patches(self) -> tuple[str, ...]:
-        """Names of the moving patches, the control surface's first."""
+        """Names of the moving patches, those of the first surface first."""
         return tuple(name for box in self.boxes for name in box.patches)
 
     @property
     def surface(self) -> str:
-        """Name of the first moving patch: the control surface."""
+        """Name of the first moving patch."""
         return self.patches[0]
 
     @property
     def stays(self) -> tuple[str, ...]:
-        """Names of the patches that stay, whatever box they are in."""
+        """Names of the patches that stay in every box."""
         moving = self.patches
         names = dict.fromkeys(name for box in self.boxes for name in box.boundary.fixed)
         return tuple(name for name in names if name not in moving)
@@ -301,7 +299,7 @@ class Plan:
 
     @property
     def fixed(self) -> IntArray:
-        """Sorted indices of the fixed nodes inside."""
+        """Sorted indices of the fixed nodes inside the boxes."""
         return union(*(box.boundary.both(box.sites.fixed) for box in self.boxes))
 
     @property
@@ -310,16 +308,16 @@ class Plan:
         return union(*(box.walls for box in self.boxes))
 
     def angle_of(self, box: BoxPlan, angle: float) -> float:
-        """Return the amount of the first surface of a box when that of all is `angle`."""
+        """Return the amount of the first surface of a box, given that of the first surface of all."""
         return box.job.beside(self.job, angle)
 
     def amounts_of(self, box: BoxPlan, angle: float) -> Amounts:
-        """Return the amount of each moving surface of a box when the first one's of all is `angle`."""
+        """Return the amount of each moving surface of a box, given that of the first surface of all."""
         return box.job.amounts_at(self.angle_of(box, angle))
 
     @cached_property
     def undeflected(self) -> FloatArray:
-        """Coordinates (N, 3) of the mesh before, as the file that is to be written holds them."""
+        """Coordinates (N, 3) of the undeflected mesh, rounded as the file rounds them."""
         return self.precision.rounded(self.mesh.points, self.mesh.points)
 
     @cached_property
@@ -329,12 +327,12 @@ class Plan:
 
     @property
     def before(self) -> tuple[Quality, ...]:
-        """Their quality, by type, as the mesh is."""
+        """Quality of the touched cells before, by type."""
         return self.touched.quality_before
 
     @cached_property
     def faces(self) -> "TouchedFaces | None":
-        """The faces of touched cells as OpenFOAM's checkMesh measures them; None without polyhedra."""
+        """Faces of touched cells, measured as OpenFOAM's checkMesh does; None without polyhedra."""
         if not any(isinstance(block, Polyhedra) for block in self.mesh.cells):
             return None
         from sdm_deflect.deform.mesh.orthogonality import TouchedFaces

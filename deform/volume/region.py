@@ -1,4 +1,4 @@
-"""The part of a mesh that deforms: the box, the nodes inside, and what may not be there."""
+"""The nodes in the box, and what must not be there."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -18,23 +18,22 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from .boundary import ZERO_LENGTH, Amounts, PrescribedNodes
 from .job import Section
 
-POSES = 4  # positions between rest and the full angle that the box has to hold
+POSES = 4  # positions between rest and the full angle that the box must contain
 ON_FACE = 1e-6  # of the moving surfaces' size: nodes this near to a face of the box are on it
-TOUCHING = 1e-9  # of a box's size: boxes that share less depth only touch
+TOUCHING = 1e-9  # of a box's size: boxes that overlap by less only touch
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoxNodes:
-    """The confining hexahedron and what is in it.
+    """The confining hexahedron and the nodes in it.
 
     Attributes
     ----------
-    box : the hexahedron, the reason for its shape, and its faces without zero sites.
-    inside : (M,) sorted indices of the nodes inside, in the zones that deform.
-    zones : names of those zones.
-    fixed : (F,) nodes inside that stay: of fixed patches, and of any other patch that touches a face of the box.
-    sections : faces of an overlapping block that cut the box, with their nodes inside (S,) that belong to no other
-        patch.
+    box : the hexahedron, why it was chosen, and its open faces.
+    inside : (M,) sorted indices of the nodes inside that may be interpolated.
+    zones : names of the zones of these nodes.
+    fixed : (F,) nodes inside that stay: on fixed patches, and on other patches that touch a face of the box.
+    sections : block faces that cut the box, each with its nodes inside (S,) that are on no other patch.
     filter_seconds : time to find `inside`.
     """
 
@@ -54,11 +53,11 @@ class BoxNodes:
     def of(cls, boundary: PrescribedNodes, all_amounts: Sequence[Amounts]) -> "BoxNodes":
         """Confine the motion to all of the given amounts.
 
-        Raises InputError if a moving node leaves the box, or the box contains nodes of a patch that is not declared.
+        Raises InputError if a moving node leaves the box, or if nodes of a patch without a role are in the box.
         """
         mesh = boundary.mesh
         zones, box = confined(boundary, all_amounts)
-        box.hexahedron.contains(mesh.points[:1])  # loads the compiled test: not part of the filter's time
+        box.hexahedron.contains(mesh.points[:1])  # loads compiled code, which is not counted as filter time
         start = perf_counter()
         inside = _inside(mesh, zones, box.hexahedron)
         if boundary.thin:
@@ -71,18 +70,18 @@ class BoxNodes:
 
 
 def confined(boundary: PrescribedNodes, all_amounts: Sequence[Amounts]) -> tuple[tuple[Zone, ...], Chosen]:
-    """Return the zones that deform, and the box that holds the motion to all of the given amounts.
+    """Return the zones that deform, and the box that contains the motion to all of the given amounts.
 
-    Of the mesh they need no more than its patches.
+    Of the mesh only the patches are needed.
     """
     zones = _zones(boundary)
     return zones, boundary.job.box.choose(_scene(boundary, zones, all_amounts))
 
 
 def check_disjoint(boxes: Sequence[tuple[str, Hexahedron]], settings: str = "box") -> None:
-    """Raise InputError naming the first pair of boxes that overlap, and by how much: each confines its own motion.
+    """Raise InputError for the first pair of boxes that overlap; the message says by how much.
 
-    The message ends with the `settings` that say how large they are.
+    The message ends with the `settings` that make them smaller.
     """
     for (one, a), (other, b) in combinations(boxes, 2):
         depth = shared_depth(a, b)
@@ -93,8 +92,8 @@ def check_disjoint(boxes: Sequence[tuple[str, Hexahedron]], settings: str = "box
 
 
 def shared_depth(a: Hexahedron, b: Hexahedron) -> float:
-    """Radius of the largest ball in both hexahedra; negative if they are apart (linear program)."""
-    from scipy.optimize import linprog  # takes a tenth of a second to load
+    """Return the radius of the largest ball in both hexahedra; negative if they are apart (linear program)."""
+    from scipy.optimize import linprog  # loading takes 0.1 s
 
     planes = np.vstack([a.planes, b.planes])
     constraints = np.column_stack([planes[:, :3], np.ones(len(planes))])
@@ -103,7 +102,7 @@ def shared_depth(a: Hexahedron, b: Hexahedron) -> float:
 
 
 def _zones(boundary: PrescribedNodes) -> tuple[Zone, ...]:
-    """Return the zones that hold moving nodes, and those that the job adds."""
+    """Return the zones with moving nodes, and those that the job names."""
     mesh, wanted = boundary.mesh, boundary.job.zones
     names = [name for zone in mesh.zones for name in zone.blocks or (zone.name,)]
     for name in wanted:
@@ -137,14 +136,14 @@ def _scene(boundary: PrescribedNodes, zones: tuple[Zone, ...], all_amounts: Sequ
 
 
 def _obstacles(boundary: PrescribedNodes, zones: tuple[Zone, ...]) -> IntArray:
-    """Return the nodes (O,) of patches of which nothing is known, in the zones that deform."""
+    """Return the nodes (O,) of patches without a role, in the zones that deform."""
     known = (*boundary.declared, *boundary.sides)
     nodes = boundary.mesh.on(*(name for name in boundary.mesh.names if name not in known))
     return np.concatenate([nodes[(nodes >= zone.start) & (nodes < zone.stop)] for zone in zones])
 
 
 def check_moving(boundary: PrescribedNodes, hexahedron: Hexahedron, all_amounts: Sequence[Amounts]) -> None:
-    """Raise if a node that moves starts or ends outside."""
+    """Raise if a moving node starts or ends outside the box."""
     start = boundary.mesh.points[boundary.nodes]
     for amounts in all_amounts:
         move = boundary.displacement(amounts)
@@ -161,13 +160,13 @@ def check_moving(boundary: PrescribedNodes, hexahedron: Hexahedron, all_amounts:
 
 
 def _reach(start: FloatArray, end: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the least and largest coordinates (3,) of points (K, 3), at the start or at the end."""
+    """Return the least and largest coordinates (3,) of points (K, 3) that move from `start` to `end`."""
     both = np.vstack([start, end])
     return both.min(axis=0), both.max(axis=0)
 
 
 def _check_clear(boundary: PrescribedNodes, hexahedron: Hexahedron, inside: IntArray) -> None:
-    """Raise if the box contains nodes of a patch that must not be there."""
+    """Raise if a patch without a role has nodes in the box."""
     mesh, job, tol = boundary.mesh, boundary.job, ON_FACE * boundary.size
     allowed = {*boundary.declared, *boundary.sides} - (set() if job.near_wall else set(boundary.fixed))
     for patch in mesh.patches:
@@ -195,7 +194,7 @@ def _check_clear(boundary: PrescribedNodes, hexahedron: Hexahedron, inside: IntA
 
 
 def _remedy(mesh: Mesh, patch: Patch, tol: float) -> str:
-    """Say how to declare a patch: a plane one may slide as well."""
+    """Return how the user can give a patch a role; a plane one may also slide."""
     for pair in mesh.periodic:
         if patch.name in pair.patches:
             sides = " and ".join(dict.fromkeys(pair.patches))
@@ -206,7 +205,7 @@ def _remedy(mesh: Mesh, patch: Patch, tol: float) -> str:
 
 
 def _at_rest(boundary: PrescribedNodes, inside: IntArray) -> tuple[IntArray, tuple[tuple[Section, IntArray], ...]]:
-    """Return the boundary nodes inside that stay, and those of each section that slide in its plane."""
+    """Return the boundary nodes inside that stay, and the nodes of each section that slide in its plane."""
     mesh, tol = boundary.mesh, ON_FACE * boundary.size
     slides = [section for section in boundary.job.sections if section.slides]
     others = [name for name in mesh.names if name not in boundary.free]
@@ -223,7 +222,7 @@ def _at_rest(boundary: PrescribedNodes, inside: IntArray) -> tuple[IntArray, tup
 
 
 def _with_images(boundary: PrescribedNodes, inside: IntArray, fixed: IntArray) -> IntArray:
-    """Return the nodes inside that stay, with those that have an image which stays, or is not inside."""
+    """Return the nodes inside that stay, with those whose image stays or is not inside."""
     images, moves = boundary.images, np.zeros(len(boundary.mesh.points), dtype=np.bool_)
     if not len(images.nodes):
         return fixed

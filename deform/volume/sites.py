@@ -1,4 +1,4 @@
-"""Where displacements are known at the start of a step: nodes of the boundary, and zero sites on the box."""
+"""Where displacements are known: nodes of the boundary, and zero sites on the box."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -31,31 +31,31 @@ if TYPE_CHECKING:
 
 NO_ROWS = np.empty(0, dtype=np.intp)
 NEIGHBOURS = 7
-TOLERANCE = 0.01  # of the median edge: largest error at a site, unless the job says otherwise
-MOST_FIXED = 30_000  # sites on fixed patches; a larger patch is thinned, and verified as a whole
-MOST_RADIUS = 1e4  # of a kernel: diagonals of the box; at least a median edge of the surface over this
-HALVINGS = 6  # of the distance of sites on the box at most, while none is left
-SHEARED = 0.01  # strain of the moving surface, times its size over its largest displacement: above, it shears
-CLOSE = 0.5  # distance from one part over that from the next: above, a node hardly follows either
-SMALL = 0.01  # deg, or share of a table, at which the shear is measured: it changes by 1e-4 of itself up to there
+TOLERANCE = 0.01  # of the median edge: default of the largest error at a site
+MOST_FIXED = 30_000  # sites on fixed patches; larger sets are thinned, and checked as a whole
+MOST_RADIUS = 1e4  # of a kernel: diagonals of the box; the radius is at least a median edge divided by this
+HALVINGS = 6  # how often the spacing on the box is halved at most, while no site is left
+SHEARED = 0.01  # strain times the surface's size over its largest displacement: above, the motion shears the surface
+CLOSE = 0.5  # ratio of the distances of the nearest two parts: above, a node hardly follows either
+SMALL = 0.01  # degrees, or share of a table, at which the shear is measured: up to there it changes by 1e-4 of itself
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sites:
-    """Rows of nodes whose displacement is known, and points on the box.
+    """Known nodes inside the box, which of them are data sites, and zero sites on the box.
 
     Attributes
     ----------
     moving : (K,) moving nodes.
-    distinct : rows of `moving` at places of their own: coincident nodes move as one.
+    distinct : rows of `moving` without repeated places: coincident nodes move as one.
     fixed : (F,) nodes inside that stay.
-    sampled : rows of `fixed` that are data sites, at most `MOST_FIXED`, none where a moving node is.
-    bind : what binds nodes inside that neither move nor stay; None without any.
-    zero : sites of zero displacement on the box, and on sections of it for some directions.
-    edges : (E, 2) rows of `known` that an edge of the boundary joins, or that are near where there are no faces.
-    sheared : (K,) moving nodes that the motion shears: it is not rigid beside them, whatever its amount.
-    spacing, edge, tolerance : lengths: between zero sites, of the surface's median edge, of a site's error.
-    kernel, radius : what interpolates, and its radius, a length; 0 for a kernel without.
+    sampled : rows of `fixed` that are data sites: at most `MOST_FIXED`, none at the place of a moving node.
+    bind : the bound nodes; None without any.
+    zero : zero sites on the box, and on sections of it, which hold some directions only.
+    edges : (E, 2) rows of `known` that an edge of the boundary joins; without faces, rows of near nodes.
+    sheared : (K,) moving nodes beside which the motion shears the surface, whatever the amount.
+    spacing, edge, tolerance : lengths: between zero sites; median edge of the surface; largest error at a site.
+    kernel, radius : the kernel and its radius, a length; 0 for a kernel without.
     """
 
     moving: IntArray = field(repr=False)
@@ -74,7 +74,7 @@ class Sites:
 
     @property
     def slid(self) -> IntArray:
-        """Sorted, distinct indices of all nodes inside that slide, or go with their images."""
+        """Sorted indices of the bound nodes inside."""
         return self.bind.nodes if self.bind else NO_ROWS
 
     @property
@@ -84,21 +84,21 @@ class Sites:
 
     @property
     def known(self) -> IntArray:
-        """Indices of all nodes of known displacement inside: moving, fixed, sliding; each once."""
+        """Indices of the known nodes inside: moving, fixed, bound; each once."""
         return np.concatenate([self.moving, self.fixed, self.slid])
 
     @property
     def coincident(self) -> int:
-        """Number of moving nodes that are at the place of another."""
+        """Number of moving nodes at the place of another one."""
         return len(self.moving) - len(self.distinct)
 
     def zero_sites(self, component: int) -> int:
-        """Return the number of zero sites for one direction."""
+        """Number of zero sites that hold one direction."""
         return sum(len(sites) for sites in self.zero if component in sites.components)
 
     @classmethod
     def of(cls, boundary: PrescribedNodes, region: BoxNodes, more: Sequence[Addition] = ()) -> "Sites":
-        """Place the sites; `more` are further additions to the method."""
+        """Place the sites; `more` are additions beyond those of the job."""
         job, mesh = boundary.job, boundary.mesh
         bind = _bound(boundary, region)
         slid = bind.nodes if bind else NO_ROWS
@@ -122,11 +122,11 @@ class Sites:
         )  # fmt: skip
 
     def keeping(self, boundary: PrescribedNodes, first: LayerEdges) -> "Sites":
-        """Return the same with a tolerance that keeps the first layer's edges.
+        """Return the sites with a tolerance that keeps the height of the first layer.
 
-        The mesh follows a wall over the length L at most, an edge or the distance of another part's nodes. There an
-        error of t changes the median height h by less than half of what the check allows, c h, if t <= c L**2 / (20 h);
-        see `Reach`. Edges of thin cells and of thick ones have limits of their own.
+        The mesh follows a wall over a length L: one edge, or the distance of another part. There an error t changes the
+        median height h by less than half of the allowed c h, if t <= c L**2 / (20 h); see `Reach`. Thin and thick cells
+        have limits c of their own.
         """
         points, certain = boundary.mesh.points, len(self.moving) + len(self.fixed)
         parts = [part[part < certain] for part in self.parts(boundary)]
@@ -142,7 +142,7 @@ class Sites:
         return replace(self, tolerance=tolerance)
 
     def parts(self, boundary: PrescribedNodes) -> list[IntArray]:
-        """Return rows of `known` that may move differently: each moving surface, and the rest."""
+        """Return the rows of `known` in each part that may move differently: each moving surface, and all others."""
         owner = np.full(len(self.known), len(boundary.surfaces))
         for i, surface in reversed(list(enumerate(boundary.surfaces))):
             owner[np.searchsorted(self.moving, surface.nodes)] = i
@@ -150,7 +150,7 @@ class Sites:
 
 
 def _edges(boundary: PrescribedNodes, known: IntArray) -> IntArray:
-    """Return `Sites.edges` between the known nodes (B,)."""
+    """Return `Sites.edges` among the known nodes (B,)."""
     mesh = boundary.mesh
     faces = mesh.faces_of(boundary.declared)
     if not faces:
@@ -163,7 +163,7 @@ def _edges(boundary: PrescribedNodes, known: IntArray) -> IntArray:
 
 
 def _sheared(boundary: PrescribedNodes, known: IntArray, edges: IntArray, certain: int) -> BoolArray:
-    """Return `Sites.sheared`, given the known nodes (B,), the first `certain` of which move or stay."""
+    """Return `Sites.sheared`; the first `certain` of the known nodes (B,) move or stay."""
     move = np.zeros((len(known), 3))
     for surface, law in zip(boundary.surfaces, boundary.laws, strict=True):
         own = law.displacement(SMALL)
@@ -174,10 +174,10 @@ def _sheared(boundary: PrescribedNodes, known: IntArray, edges: IntArray, certai
 
 
 def _radius(fitting: Fitting, corners: FloatArray, edge: float) -> float:
-    """Return the radius of the kernel: given, or chosen; 0 for a kernel without. InputError if it is out of range.
+    """Return the kernel's radius as given or chosen; 0 for a kernel without. InputError if it is out of range.
 
-    Chosen is for Wendland's function the diagonal of the box, so that no site is beyond the reach of another; for the
-    multiquadric the surface's median edge, as Hardy (1971) took about the distance of neighbouring points.
+    The chosen radius of Wendland's function is the diagonal of the box, so that every site reaches every other. That of
+    the multiquadric is the surface's median edge: Hardy (1971) took about the distance of neighbouring points.
     """
     if not KERNELS[fitting.kernel].radius:
         return 0.0
@@ -192,9 +192,9 @@ def _radius(fitting: Fitting, corners: FloatArray, edge: float) -> float:
 
 
 def _distinct(boundary: PrescribedNodes, fixed: IntArray, slid: IntArray) -> tuple[IntArray, IntArray, IntArray]:
-    """Return rows of moving, fixed and sliding nodes at places of their own.
+    """Return the rows of moving, fixed and bound nodes, without repeated places.
 
-    Raises InputError if coincident nodes are to move differently.
+    Raises InputError if coincident nodes would move differently.
     """
     mesh, tol = boundary.mesh, ZERO_LENGTH * boundary.size
     nodes = np.concatenate([boundary.nodes, fixed, slid])
@@ -212,13 +212,13 @@ def _distinct(boundary: PrescribedNodes, fixed: IntArray, slid: IntArray) -> tup
 
 
 def _sampled(mask: BoolArray) -> IntArray:
-    """Return the rows of a mask, every n-th of them if they are more than `MOST_FIXED`."""
+    """Return the rows of a mask; more than `MOST_FIXED` are thinned evenly."""
     rows = np.flatnonzero(mask)
     return rows[:: max(1, -(-len(rows) // MOST_FIXED))]
 
 
 def _bound(boundary: PrescribedNodes, region: BoxNodes) -> "Bind | None":
-    """Return what binds the nodes inside that neither move nor stay, without data sites; None if nothing does."""
+    """Return the bound nodes inside, without data sites yet; None if there are none."""
     mesh, known = boundary.mesh, union(boundary.nodes, region.fixed)
     pairs = union(*(pair.nodes for pair in mesh.periodic if not pair.thin))
     if not boundary.sliding and not len(boundary.images.nodes) and not len(pairs):
@@ -239,7 +239,7 @@ def _bound(boundary: PrescribedNodes, region: BoxNodes) -> "Bind | None":
 
 
 def _sides(boundary: PrescribedNodes) -> tuple[tuple[Plane, float, float], ...]:
-    """Return the planes that bound the mesh, as `Bind.sides`: those that slide, and those of pairs."""
+    """Return `Bind.sides`: sliding planes and periodic planes with the whole surface on one side."""
     sliding = [(one.surface, ZERO_LENGTH) for one in boundary.sliding if isinstance(one.surface, Plane)]
     found = []
     for plane, near in (*sliding, *((wall, PLANE_TOLERANCE) for wall in boundary.walls)):
@@ -264,10 +264,9 @@ def _surface_edge(boundary: PrescribedNodes, distinct: IntArray) -> float:
 def _placed(
     boundary: PrescribedNodes, region: BoxNodes, additions: Sequence[Addition], known: FloatArray, edge: float
 ) -> tuple[float, tuple[DataSites, ...]]:
-    """Return the distance of the sites on the box, and these, which keep apart from known nodes (K, 3).
+    """Return the spacing of zero sites, and the sites, at some distance from known nodes (K, 3).
 
-    Unless it is given, the distance is halved while no site is left: edges along the span of a mesh of one layer of
-    cells may be as long as the box.
+    A chosen spacing is halved while no site is left: a mesh of one layer of cells may have edges as long as the box.
     """
     fitting = boundary.job.fitting
     spacing = region.hexahedron.spacing(fitting.spacing, fitting.spacing_edges * edge)
@@ -281,10 +280,10 @@ def _placed(
 def _zero_sites(
     boundary: PrescribedNodes, region: BoxNodes, additions: Sequence[Addition], known: FloatArray, spacing: float
 ) -> tuple[DataSites, ...]:
-    """Return the zero sites, apart from the nodes of known displacement (K, 3).
+    """Return the zero sites at some distance from the known nodes (K, 3).
 
-    All faces of the box carry sites for all directions, but its open ones. On the section of a block's face they are
-    for its normal direction alone if nodes slide in its plane (section 5.2).
+    All faces of the box but the open ones hold all directions. The section of a block's face holds its normal direction
+    alone if nodes slide in its plane (section 5.2).
     """
     inner = _on_box(boundary, region, additions, spacing)
     faces = zero_sites(inner, known, spacing)
@@ -309,7 +308,7 @@ def _zero_sites(
 
 
 def _on_box(boundary: PrescribedNodes, region: BoxNodes, additions: Sequence[Addition], spacing: float) -> FloatArray:
-    """Return points (P, 3) on all faces of the box but its open ones; in a plane mesh on its outline there."""
+    """Return points (P, 3) on the faces of the box that are not open; in a plane mesh on its outline."""
     mesh, box = boundary.mesh, region.hexahedron
     if mesh.normal is None:
         sites = box.face_sites(spacing, skip=region.box.open_faces)

@@ -1,4 +1,4 @@
-"""One step: the paper's displacement, and the additions that act on it in turn."""
+"""One step: the paper's displacement, then the corrections of the additions."""
 
 from dataclasses import dataclass, field
 from time import perf_counter
@@ -21,9 +21,9 @@ class Start:
     Attributes
     ----------
     points : (N, 3) coordinates of the whole mesh.
-    known : (B,) moving nodes, fixed ones, and then the `bound` ones, which are known after a first pass.
-    rows : rows of `known` that are data sites from the start; the first `surface` are on the moving surface.
-    free : (Q,) nodes that follow.
+    known : (B,) known nodes: moving, fixed, and last the `bound` ones.
+    rows : rows of `known` that are data sites in both passes; the first `surface` are on the moving surface.
+    free : (Q,) free nodes.
     zero : data sites on the box.
     components : directions in which nodes move.
     how : choice of centres.
@@ -44,15 +44,15 @@ class Start:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Step:
-    """The fits of one step, and the displacement that follows.
+    """The fits of one step and the mesh at its end.
 
     Attributes
     ----------
     start : the mesh at its start.
-    first : the fit for the bound nodes, where there are any.
+    first : the fit for the bound nodes; None without any.
     fits : the fit for the free nodes.
-    known : (B, 3) displacements of the known nodes, where they are put.
-    off : (B, 3) the same less those of the interpolant.
+    known : (B, 3) displacements of the known nodes, as prescribed.
+    off : (B, 3) `known` less the interpolant there.
     points : (N, 3) coordinates at the end of the step.
     evaluation_seconds : time to evaluate the interpolant at the free nodes.
     """
@@ -67,7 +67,7 @@ class Step:
 
     @property
     def correction(self) -> float:
-        """Largest distance of a known node from its place before it was put there."""
+        """Largest distance by which a known node is moved from the interpolant to its prescribed place."""
         return float(np.linalg.norm(self.off, axis=1).max())
 
     @property
@@ -80,14 +80,14 @@ def take(
     start: Start, moving: FloatArray, earlier: Step | None = None, held: bool = False, progress: Progress = silent,
     runner: Runner = HERE,
 ) -> Step:  # fmt: skip
-    """Move the surface by (K, 3): first the bound nodes follow, where there are any, then the free ones.
+    """Move the surface by `moving` (K, 3): interpolate at bound nodes first, if there are any, then at free nodes.
 
     Parameters
     ----------
     start : The mesh before.
-    moving : Displacements of the moving nodes, the first of the known ones.
-    earlier : A step from the same start: its centres come first.
-    held : Whether they are the only ones.
+    moving : Displacements (K, 3) of the moving nodes, the first of the known nodes.
+    earlier : A step from the same start; its centres come first.
+    held : Whether to add no centre to these.
     progress : Told of the fits.
     runner : Evaluates the interpolant at the free nodes.
 
@@ -111,7 +111,7 @@ def _passed(
     start: Start, known: FloatArray, last: bool, earlier: Confined | None, held: bool, progress: Progress,
     runner: Runner,
 ) -> tuple[Confined, FloatArray, float]:  # fmt: skip
-    """Return the fit, the displacements (M, 3) of free nodes or before the last pass of bound ones, and its seconds."""
+    """Return the fit, the displacements (M, 3) of free or bound nodes, and the seconds that evaluation took."""
     nodes = start.points[start.known]
     own = DataSites(nodes[start.rows], known[start.rows][:, start.components], start.components)
     further = [sites for one in start.acting for sites in one.sites(known, last)]
@@ -120,7 +120,7 @@ def _passed(
         u = earlier.refit(sites, start.how.strategy)
     else:
         u = Confined.fit(sites, start.surface, start.how, earlier, progress)
-    u(start.points[:1])  # loads compiled code: not part of the evaluation's time
+    u(start.points[:1])  # loads compiled code, which is not counted as evaluation time
     begin = perf_counter()
     to = evaluated(u.interpolant, start.points[start.free], runner) if last else u(nodes[-start.bound :])
     seconds = perf_counter() - begin
@@ -130,7 +130,7 @@ def _passed(
 
 
 def evaluated(interpolant: Interpolant, points: FloatArray, runner: Runner) -> FloatArray:
-    """Evaluate at points (M, 3); the bits do not depend on how they are shared out."""
+    """Evaluate at points (M, 3); the bits do not depend on how the points are divided."""
     if runner.shares_memory or len(points) * len(interpolant.centers) < threads.LIMITS.sent_pairs:
         return interpolant(points)
     size = threads.LIMITS.sent
