@@ -55,8 +55,8 @@ class LocalRotation:
     def strain(self, displacement: FloatArray) -> FloatArray:
         """Return the strain (K,) at each node: how much its edges change beyond the rotation, over their length.
 
-        The displacements (K, 3) are small, so the rotation w is linear in them. With S the sum of the unit edges and H
-        that of the changes, (tr S - S) w is the vector of H - H'.
+        The displacements (K, 3) are small, so the rotation w is linear in them. S is the sum over the unit
+        edges, H the sum over their changes; (tr S - S) w is the vector of H - H'.
         """
         if not len(self.start):
             return np.zeros(self.count)

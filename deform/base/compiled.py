@@ -34,7 +34,7 @@ def default_folder() -> Path:
 
 
 def code_folder() -> Path:
-    """Folder of compiled code: that of Numba's variable NUMBA_CACHE_DIR, or `numba` in the cache folder."""
+    """Folder of compiled code: Numba's variable NUMBA_CACHE_DIR, or `numba` in the cache folder."""
     named = os.environ.get(CODE_VARIABLE)
     return Path(named) if named else default_folder() / "numba"
 
@@ -119,8 +119,7 @@ def _kept(loop: Any) -> Any:
 def _folder() -> str:
     """Return the folder for the present sources; empty if none can be written.
 
-    Numba compares the source of a function with that of its machine code, but not the sources of the functions it
-    calls.
+    Numba notices a change of a function's own source, but not of the functions that it calls.
     """
     if code_complaint():
         return ""

@@ -1,4 +1,4 @@
-"""What a user is told in one sentence instead of a traceback.
+"""Errors that a user sees as one sentence instead of a traceback.
 
 Also how much memory a file may take, and arrays read from .npz files within that.
 """

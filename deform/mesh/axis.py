@@ -14,8 +14,8 @@ class Axis:
     Parameters
     ----------
     point : (3,) any point of the line, in metres.
-    direction : (3,) of any length but zero; kept as a unit vector.
-    length : Distance to the second point of it that was given, None if there is none.
+    direction : (3,) of any length but zero; stored as a unit vector.
+    length : Distance between the two points that gave the line; None if one point and a direction did.
     """
 
     point: FloatArray
@@ -41,7 +41,7 @@ class Axis:
         return np.asarray(np.eye(3) + self._turn(degrees))
 
     def displacement(self, points: FloatArray, degrees: float) -> FloatArray:
-        """Return how far each of points (N, 3) moves in a rotation by `degrees`."""
+        """Return the displacement (N, 3) of points (N, 3) in a rotation by `degrees`."""
         x, y, z = np.moveaxis(points - self.point, 1, 0)[..., None]
         turn = self._turn(degrees).T
         return np.asarray(x * turn[0] + y * turn[1] + z * turn[2])
@@ -57,7 +57,7 @@ class Axis:
         return np.asarray(arm - along * self.direction)
 
     def _turn(self, degrees: float) -> FloatArray:
-        """Return the rotation matrix less the identity, by Rodrigues' formula: small angles keep their digits."""
+        """Return the rotation matrix less the identity by Rodrigues' formula; small angles keep their digits."""
         x, y, z = self.direction
         cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
         angle = np.radians(degrees)
@@ -97,12 +97,12 @@ class Cylinder:
     def projected_along(self, points: FloatArray, directions: FloatArray) -> FloatArray:
         """Return points (N, 3) moved along straight lines onto the surface.
 
-        Each goes to the nearer of the line's two intersections.
+        Each goes to the nearer of the two intersections.
 
         Parameters
         ----------
         points : (N, 3).
-        directions : (N, 3) or (3,): of any length but zero.
+        directions : (N, 3) or (3,), of any length but zero.
 
         Raises ValueError if a line misses the cylinder or runs parallel to its axis.
         """
@@ -113,7 +113,7 @@ class Cylinder:
         missed = ~((a > 0.0) & (b * b >= a * c))
         if missed.any():
             raise ValueError(f"{int(missed.sum())} of {len(missed)} lines miss the cylinder")
-        # The root of smaller magnitude in the form without cancellation: c over the larger sum.
+        # The root of smaller magnitude, in the form without cancellation.
         q = -(b + np.copysign(np.sqrt(b * b - a * c), b))
         t = np.divide(c, q, out=np.zeros_like(c), where=q != 0.0)
         return np.asarray(points + t[:, None] * d)

@@ -1,4 +1,4 @@
-"""Cells, faces and patches: the arrays that a mesh is made of."""
+"""Cells, faces and patches: the arrays of a mesh."""
 
 from __future__ import annotations
 
@@ -16,10 +16,9 @@ from sdm_deflect.deform.base.errors import InputError, shortened
 CORNERS = {
     "line": 2, "triangle": 3, "quad": 4, "tetra": 4, "pyramid": 5, "wedge": 6, "hexahedron": 8,
 }  # fmt: skip
-"""Number of nodes of each shape; names are meshio's, node order is that of VTK's linear cells.
+"""Number of nodes of each shape. Names are meshio's; nodes are in the order of VTK's linear cells.
 
-A wedge's first triangle has its normal pointing outwards, opposite to Gmsh and CGNS: `orientation.mirrored` leads
-from one to the other.
+The normal of a wedge's first triangle points outwards, opposite to Gmsh and CGNS; `MIRRORED` converts one to the other.
 """
 MIRRORED = {
     "tetra": (0, 2, 1, 3), "pyramid": (0, 3, 2, 1, 4), "wedge": (0, 2, 1, 3, 5, 4),
@@ -28,21 +27,21 @@ MIRRORED = {
 """The same corners in the order of the mirror image. For a wedge: from CGNS and Gmsh to VTK, and back."""
 VOLUMES = ("tetra", "pyramid", "wedge", "hexahedron")
 PLANE = ("triangle", "quad")
-"""Cells of a plane mesh, whose points have one z; its boundary consists of lines."""
+"""Cells of a plane mesh, whose points share one coordinate; its boundary consists of lines."""
 RISING = "offsets must rise from 0 to {} in steps of 2 or more"
 OWNERS = "{} faces need as many owners, got {}, and no more neighbours, got {}"
-"""What is wrong with faces, and with their cells, wherever that is found."""
+"""Messages for wrong offsets of faces, and for wrong owners and neighbours."""
 ORTHOGONAL = 1e-6
-"""How far the product of a rotation with its transpose may be from the identity: files have few digits."""
+"""Largest difference of a rotation times its transpose from the identity: files have few digits."""
 LARGEST = 1e40
-"""Coordinates beyond this would overflow where the sixth power of a length is taken."""
+"""Larger coordinates would overflow in the sixth power of a length."""
 Constraint = Literal["", "symmetry", "empty", "wedge"]
-"""What a file says of the nodes of a patch: they stay in its plane; they are copies of those on the opposite side of a
-plane case one cell thick; the same of an axisymmetric case, by a rotation."""
+"""Constraint of a patch's nodes in the file: they stay in its plane; they are copies of the nodes on the other side of
+a plane case one cell thick; or the same of an axisymmetric case, by a rotation."""
 
 
 def whole(values: ArrayLike, what: str) -> IntArray:
-    """Return whole numbers, bytes in the machine's order; InputError, which begins with `what`, if they are others."""
+    """Return an array of whole numbers; else InputError, which begins with `what`."""
     try:
         found = np.asarray(values)
     except ValueError:
@@ -55,7 +54,7 @@ def whole(values: ArrayLike, what: str) -> IntArray:
 
 
 def real(values: ArrayLike, what: str) -> FloatArray:
-    """Return an array of floating-point numbers; InputError, which begins with `what`, if they are none."""
+    """Return an array of floating-point numbers; else InputError, which begins with `what`."""
     try:
         found = np.asarray(values)
         if found.dtype.kind not in "iufO":
@@ -66,7 +65,7 @@ def real(values: ArrayLike, what: str) -> FloatArray:
 
 
 def bounded(values: ArrayLike, what: str) -> FloatArray:
-    """Return an array of finite numbers; InputError, which begins with `what`, if one is none or beyond `LARGEST`."""
+    """Return an array of numbers that are finite and below `LARGEST`; else InputError, which begins with `what`."""
     found = real(values, what)
     if not (found.min(initial=0.0) > -LARGEST and found.max(initial=0.0) < LARGEST):
         raise InputError(f"{what}: a coordinate is not finite, or beyond {LARGEST:g}")
@@ -74,7 +73,7 @@ def bounded(values: ArrayLike, what: str) -> FloatArray:
 
 
 def several(values: object, kinds: tuple[type, ...], what: str) -> tuple[Any, ...]:
-    """Return a list of objects as a tuple; InputError, which begins with `what`, if one is of no such kind."""
+    """Return a list of objects of some kinds as a tuple; else InputError, which begins with `what`."""
     if not isinstance(values, list | tuple) or not all(isinstance(one, kinds) for one in values):
         names = " or ".join(kind.__name__ for kind in kinds)
         raise InputError(f"{what} = {shortened(values)} must be a list of {names}")
@@ -88,9 +87,9 @@ class Cells:
     Parameters
     ----------
     shape : ``"triangle"``, ``"quad"``, ``"tetra"``, ``"pyramid"``, ``"wedge"`` or ``"hexahedron"``, or ``"line"``.
-    nodes : (M, k) node indices in VTK's order, for k nodes of the shape; counted from 0.
+    nodes : (M, k) node indices, counted from 0, in VTK's order.
 
-    Raises InputError if the shape is unknown, or the nodes are not (M, k) whole numbers.
+    Raises InputError if the shape is unknown, or the nodes are not whole numbers (M, k).
     """
 
     shape: str
@@ -109,12 +108,12 @@ class Cells:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Polygons:
-    """Faces of any number of corners, one after another; those of two corners are the lines around a plane mesh.
+    """Faces with any number of corners; faces of two corners are the lines around a plane mesh.
 
     Parameters
     ----------
     nodes : (K,) node indices of all faces.
-    offsets : (F + 1,) where each face begins in `nodes`, and where the last one ends.
+    offsets : (F + 1,) start of each face in `nodes`, and the end of the last one.
     """
 
     nodes: IntArray = field(repr=False)
@@ -136,14 +135,14 @@ class Polygons:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Polyhedra:
-    """Cells of any shape, given by their faces as OpenFOAM does.
+    """Cells of any shape, given by their faces as in OpenFOAM.
 
     Parameters
     ----------
     faces : F faces; the normal of each (right-hand rule) points out of its owner.
     owner : (F,) cell on the back of each face.
     neighbour : (I,) cell in front of the first I faces; the others are on the boundary.
-    kept : What was computed of the cells once, by its name.
+    kept : Results that are computed once, by name.
     """
 
     faces: Polygons
@@ -165,17 +164,17 @@ Volume = Cells | Polyhedra
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """A named part of the boundary, given by its faces, or by its nodes alone.
+    """A named part of the boundary, given by its faces or by its nodes alone.
 
     Parameters
     ----------
-    name : Its name, distinct within a mesh.
+    name : Name, distinct within a mesh.
     faces : Blocks of faces of one shape, or polygons.
-    loose : (K,) node indices that belong to it beside those of its faces.
-    constraint : What the file says of its nodes; empty: nothing.
-    labels : By name, a number (F,) for each face, such as the face of the CAD that it lies on.
+    loose : (K,) node indices that belong to it besides those of its faces.
+    constraint : Constraint of its nodes in the file; empty for none.
+    labels : By name, one number (F,) for each face, such as the face of the CAD that it lies on.
 
-    Raises InputError if the name is no text, or faces, nodes or constraint are something else.
+    Raises InputError if the name is not text, or if faces, nodes or constraint are of another kind.
     """
 
     name: str
@@ -194,7 +193,7 @@ class Patch:
 
     @cached_property
     def nodes(self) -> IntArray:
-        """Sorted, distinct indices (K,) of its nodes."""
+        """Sorted distinct indices (K,) of its nodes."""
         return union(self.loose, *(f.nodes for f in self.faces))
 
     def __len__(self) -> int:
@@ -203,19 +202,19 @@ class Patch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Periodic:
-    """Nodes of which each is the image of another, by one rigid motion: ``image = rotation @ x + shift``.
+    """Pairs of nodes, one the image of the other by a rigid motion: ``image = rotation @ x + shift``.
 
     Parameters
     ----------
-    name : Its name, for messages and the check ``periodic_NAME``.
-    patches : The two patches; where the file names only one, that one twice.
-    nodes : (K, 2) a node, and its image. No node is listed twice in one column. None (K = 0) where the faces of the two
-        patches do not match one to one, as in OpenFOAM's ``cyclicAMI``.
+    name : Name, for messages and the check ``periodic_NAME``.
+    patches : The two patches; if the file names only one, that one twice.
+    nodes : (K, 2) node and image; no node occurs twice in a column. Empty if the faces of the two patches do not match
+        one to one, as in OpenFOAM's ``cyclicAMI``.
     rotation : (3, 3) orthogonal, determinant +1.
     shift : (3,) in the mesh's unit of length.
-    thin : Whether they are the two sides of a plane or axisymmetric case one cell thick.
+    thin : Whether the patches are the two sides of a plane or axisymmetric case one cell thick.
 
-    Raises InputError for arrays of other shapes, and for a matrix that is no rotation.
+    Raises InputError for arrays of other shapes, or if the matrix is not a rotation.
     """
 
     name: str
@@ -243,9 +242,9 @@ class Periodic:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Zone:
-    """A part of a file with points of its own, such as one grid of an overset pair: points start to stop - 1.
+    """A part of a file with its own points start to stop - 1, such as one grid of an overset pair.
 
-    Where several zones of a file fit together, `blocks` has the names of all, and `name` is that of the first.
+    If several zones fit together, `blocks` has the names of all, and `name` is the first.
     """
 
     name: str
@@ -255,7 +254,7 @@ class Zone:
 
 
 def taken(faces: Polygons, rows: IntArray) -> Polygons:
-    """Return some of the faces (R,), in that order."""
+    """Return the faces of rows (R,), in that order."""
     sizes = np.diff(faces.offsets)[rows]
     offsets = np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp)
     return Polygons(faces.nodes[np.arange(offsets[-1]) + np.repeat(faces.offsets[rows] - offsets[:-1], sizes)], offsets)

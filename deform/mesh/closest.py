@@ -1,4 +1,4 @@
-"""The closest points of a set of triangles: a tree of boxes, searched exactly."""
+"""Closest points on a set of triangles, by an exact search in a tree of boxes."""
 
 from dataclasses import dataclass, field
 
@@ -8,20 +8,20 @@ from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, alon
 from sdm_deflect.deform.base.compiled import compiled
 from sdm_deflect.deform.base.threads import in_chunks
 
-LEAF = 4  # triangles in a box that is not divided further
-DEPTH = 64  # boxes that wait at a time: twice the levels of any tree
-DEGENERATE = 1e-12  # square of the sine of an angle, below which a triangle is a segment
-COST = 500  # of one search, in evaluations of a kernel, by which work is shared out
+LEAF = 4  # triangles in a box that is not divided
+DEPTH = 64  # size of the stack of boxes: twice the levels of any tree
+DEGENERATE = 1e-12  # squared sine of an angle, below which a triangle counts as a segment
+COST = 500  # of one search, in kernel evaluations, by which work is divided
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Closest:
-    """The closest points of N points.
+    """The points on a surface closest to N points.
 
     Attributes
     ----------
-    rows : (N,) the triangle of each.
-    weights : (N, 3) its barycentric coordinates there, exactly zero off an edge or a corner that it is on.
+    rows : (N,) triangle of each.
+    weights : (N, 3) barycentric coordinates there, exactly zero opposite an edge or corner that has the point.
     places : (N, 3) the closest points.
     """
 
@@ -32,13 +32,13 @@ class Closest:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Triangles:
-    """Triangles in a balanced tree of boxes along the axes; those without area are segments, or points.
+    """Triangles in a balanced tree of axis-aligned boxes; without area they are segments or points.
 
     Attributes
     ----------
     corners : (T, 3, 3) corners of each triangle.
-    order : (2^L LEAF,) rows of the triangles, box by box; the last row is repeated to fill all boxes.
-    low, high : (2^(L + 1), 3) the boxes: 1 holds all, box i is divided into boxes 2 i and 2 i + 1.
+    order : (2^L LEAF,) rows of the triangles, box by box; the last row is repeated to fill the boxes.
+    low, high : (2^(L + 1), 3) the boxes: box 1 holds all, and box i is divided into boxes 2 i and 2 i + 1.
     """
 
     corners: FloatArray = field(repr=False)
@@ -48,7 +48,7 @@ class Triangles:
 
     @classmethod
     def of(cls, corners: FloatArray) -> "Triangles":
-        """Sort triangles (T, 3, 3), one at least, into boxes: each is halved across the longest extent of the centres.
+        """Sort triangles (T, 3, 3) into boxes; each box is halved across the longest extent of the centres.
 
         Raises ValueError if there are none.
         """
@@ -67,14 +67,14 @@ class Triangles:
 
     @classmethod
     def along_curve(cls, corners: FloatArray) -> "Triangles":
-        """Sort triangles (T, 3, 3) along a curve that fills space: five times as fast, and boxes overlap more."""
+        """Sort triangles (T, 3, 3) along a space-filling curve: five times as fast, but boxes overlap more."""
         levels = max(0, int(np.ceil(np.log2(len(corners) / LEAF))))
         rows = np.minimum(np.arange(LEAF << levels), len(corners) - 1)
         return cls._boxed(corners, along_curve(corners[:, 0] + corners[:, 1] + corners[:, 2])[rows], levels)
 
     @classmethod
     def _boxed(cls, corners: FloatArray, order: IntArray, levels: int) -> "Triangles":
-        """Put boxes around triangles in their order."""
+        """Put boxes around triangles in a given order."""
         leaves = corners[order].reshape(1 << levels, -1, 3)
         low, high = np.empty((2 << levels, 3)), np.empty((2 << levels, 3))
         low[1 << levels :], high[1 << levels :] = leaves.min(axis=1), leaves.max(axis=1)
@@ -85,7 +85,7 @@ class Triangles:
         return cls(np.ascontiguousarray(corners), order, low, high)
 
     def closest(self, points: FloatArray) -> Closest:
-        """Return the closest points of points (N, 3), whatever the number of threads."""
+        """Return the closest points to points (N, 3); the number of threads does not matter."""
         rows, weights = self._found(points, np.inf)
         return Closest(rows, weights, np.einsum("ni,nij->nj", weights, self.corners[rows]))
 
@@ -94,7 +94,7 @@ class Triangles:
         return self._found(points, distance)[0] >= 0
 
     def _found(self, points: FloatArray, distance: float) -> tuple[IntArray, FloatArray]:
-        """Return the triangle (N,) nearer than a distance, -1 where there is none, and the weights (N, 3) there."""
+        """Return the triangle (N,) nearer than a distance, or -1, and the weights (N, 3) there."""
         rows, weights = np.full(len(points), -1, dtype=np.intp), np.zeros((len(points), 3))
         corners, x = self.corners[self.order].reshape(-1, 9), np.ascontiguousarray(points)
 
@@ -116,9 +116,9 @@ def _search(
     rows: IntArray,
     weights: FloatArray,
 ) -> None:  # pragma: no cover - compiled
-    """Fill rows (N,) and weights (N, 3): nearer boxes come first, those beyond the best triangle are left out.
+    """Fill rows (N,) and weights (N, 3); nearer boxes are searched first, those beyond the best triangle not at all.
 
-    Triangles whose distance has a square of `limit` or more do not count.
+    Triangles count whose squared distance is below `limit`.
     """
     leaves = len(low) // 2
     waiting, gaps = np.empty(DEPTH, dtype=np.intp), np.empty(DEPTH)
@@ -150,7 +150,7 @@ def _search(
 
 @compiled
 def _gap(p: FloatArray, low: FloatArray, high: FloatArray) -> float:  # pragma: no cover - compiled
-    """Return the square of a point's distance from a box."""
+    """Return the squared distance of a point from a box."""
     total = 0.0
     for k in range(3):
         off = max(low[k] - p[k], 0.0, p[k] - high[k])
@@ -160,9 +160,9 @@ def _gap(p: FloatArray, low: FloatArray, high: FloatArray) -> float:  # pragma: 
 
 @compiled
 def _weights(p: FloatArray, t: FloatArray) -> tuple[float, float, float]:  # pragma: no cover - compiled
-    """Return the barycentric coordinates of the point of a triangle (9,) that is closest to p (3,).
+    """Return the barycentric coordinates of the point of a triangle (9,) closest to p (3,).
 
-    It is the foot of the perpendicular if that is inside, else the closest point of the three edges.
+    It is the foot of the perpendicular if that is inside, else the closest point on the three edges.
     """
     bb = cc = bc = pb = pc = 0.0
     for k in range(3):
@@ -180,7 +180,7 @@ def _weights(p: FloatArray, t: FloatArray) -> tuple[float, float, float]:  # pra
 
 @compiled
 def _weights_on_edges(p: FloatArray, t: FloatArray) -> tuple[float, float, float]:  # pragma: no cover - compiled
-    """Return the barycentric coordinates of the point on the edges of a triangle (9,) that is closest to p (3,)."""
+    """Return the barycentric coordinates of the point on the edges of a triangle (9,) closest to p (3,)."""
     best, u, v, w = np.inf, 1.0, 0.0, 0.0
     for i in range(3):
         j = (i + 1) % 3

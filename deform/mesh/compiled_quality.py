@@ -1,7 +1,7 @@
-"""Quality and inversion of cells of fixed shape, compiled: the formulas of `quality`.
+"""Quality and inversion of cells of fixed shape: the compiled formulas of `quality`.
 
-Volume cells are taken `LANES` at a time, the coordinates of one corner one after another: so one instruction works on
-several of them, on numbers that are in the nearest cache.
+Volume cells are judged `LANES` at a time, with each coordinate of a corner side by side. So one instruction works on
+several cells, on numbers in the nearest cache.
 """
 
 from collections.abc import Callable
@@ -16,11 +16,11 @@ from .cells import PLANE, Cells
 from .edges import rows_of
 
 BLOCK = 1 << 13
-"""Cells handled at a time: temporaries stay in the processor's cache, and millions of cells in little memory."""
+"""Cells in one block, whose temporaries stay in the processor's cache."""
 LANES = 64
-"""Cells taken at a time: the corners of so many hexahedra are 12 kB."""
+"""Cells judged at a time: the corners of so many hexahedra take 12 kB."""
 WEIGHT = 100
-"""Work on one cell in kernel pairs, by which `in_chunks` shares it out."""
+"""Work on one cell in kernel pairs, by which `in_chunks` divides it."""
 CORNERS = {
     "triangle": ((0, 1, 2, 0),),
     "quad": ((0, 1, 3, 0), (1, 2, 0, 1), (2, 3, 1, 2), (3, 0, 2, 3)),
@@ -31,15 +31,15 @@ CORNERS = {
         (0, 1, 3, 4), (1, 2, 0, 5), (2, 3, 1, 6), (3, 0, 2, 7), (4, 7, 5, 0), (5, 4, 6, 1), (6, 5, 7, 2), (7, 6, 4, 3),
     ),
 }  # fmt: skip
-"""A corner and the three others at its edges, right-handed, in VTK's order of nodes (one corner of a tetrahedron
-stands for all; a pyramid's are those of its base). Of a plane cell the third edge is the unit vector along z, and the
-corner itself stands for its end."""
+"""A corner and the ends of its three edges, right-handed, in VTK's order of nodes. One corner stands for all of a
+tetrahedron; a pyramid has those of its base. The third edge of a plane cell is the unit vector along z, whose end is
+written as the corner itself."""
 AXES = ((0, 3, 7, 4), (1, 2, 6, 5)), ((0, 1, 5, 4), (3, 2, 6, 7)), ((0, 1, 2, 3), (4, 5, 6, 7))
-"""Opposite faces of a hexahedron, whose centres its three axes join."""
+"""Opposite faces of a hexahedron; its axes join their centres."""
 TETRAHEDRA = (0, 1, 2, 4), (0, 2, 3, 4), (0, 1, 3, 4), (1, 2, 3, 4)
-"""Those that a pyramid's nodes form with its tip."""
+"""Tetrahedra of a pyramid's nodes with its tip."""
 WEDGE = 2.0 / np.sqrt(3.0)
-"""One over the determinant of the edges' directions at a corner of the ideal wedge."""
+"""Inverse of the determinant of the edges' directions at a corner of the ideal wedge."""
 TINY = np.finfo(np.float64).tiny
 
 Vector = tuple[float, float, float]
@@ -141,7 +141,7 @@ def _hexahedron(
 def _find_inverted(
     points: FloatArray, nodes: IntArray, orientation: float, corners: IntArray, inverted: BoolArray
 ) -> None:  # pragma: no cover - machine code
-    """Fill in which cells (R,) have a corner where the determinant of three edges is not positive."""
+    """Find the cells (R,) with a corner where the determinant of three edges is not positive."""
     p, least = np.empty((nodes.shape[1], 3, LANES)), np.empty(LANES)
     for start in range(0, len(nodes), LANES):
         few = nodes[start : start + LANES]
@@ -165,7 +165,7 @@ def _judge_corners(
     quality: FloatArray,
     inverted: BoolArray,
 ) -> None:  # pragma: no cover - machine code
-    """Fill in the smallest determinant over the edges' lengths, of corners and axes, and which cells are inverted."""
+    """Fill in the smallest ratio of determinant to edge lengths over corners and axes, and which cells are inverted."""
     p, ways = np.empty((nodes.shape[1], 3, LANES)), np.empty((3, 3, LANES))
     share, least = np.empty(LANES), np.empty(LANES)
     for start in range(0, len(nodes), LANES):
@@ -197,7 +197,7 @@ def _judge_tetrahedra(
     quality: FloatArray,
     inverted: BoolArray,
 ) -> None:  # pragma: no cover - machine code
-    """Fill in the smallest scaled Jacobian of tetrahedra between a cell's nodes, and whether one is inverted."""
+    """Fill in the smallest scaled Jacobian over tetrahedra of a cell's nodes, and whether one is inverted."""
     p, share, least = np.empty((nodes.shape[1], 3, LANES)), np.empty(LANES), np.empty(LANES)
     for start in range(0, len(nodes), LANES):
         few = nodes[start : start + LANES]
@@ -221,9 +221,9 @@ def _judge_tetrahedra(
 def _measure_edges(
     points: FloatArray, nodes: IntArray, determinants: FloatArray, squares: FloatArray
 ) -> None:  # pragma: no cover - machine code
-    """Fill in the determinants of tetrahedra, and the sums of the squared lengths of their edges.
+    """Fill in the determinants of tetrahedra and the sums of their squared edge lengths.
 
-    They are taken one at a time: there is too little to do with their corners to collect them first.
+    Tetrahedra are measured one at a time, because collecting their corners would cost more.
     """
     for i in range(len(nodes)):
         o, p, q, r = nodes[i, 0], nodes[i, 1], nodes[i, 2], nodes[i, 3]
@@ -239,7 +239,7 @@ def _measure_edges(
 def _measure_triangles(
     points: FloatArray, nodes: IntArray, determinants: FloatArray, squares: FloatArray
 ) -> None:  # pragma: no cover - machine code
-    """Fill in twice the area of triangles in a plane of constant z, and the sums of the squared lengths of edges."""
+    """Fill in twice the area of triangles in a plane of constant z, and the sums of their squared edge lengths."""
     for i in range(len(nodes)):
         o, p, q = nodes[i, 0], nodes[i, 1], nodes[i, 2]
         a, b = _way(points, o, p), _way(points, o, q)
@@ -271,7 +271,7 @@ def _way(points: FloatArray, o: int, a: int) -> Vector:  # pragma: no cover - ma
 
 @compiled_exactly
 def _gather(points: FloatArray, few: IntArray, p: FloatArray) -> None:  # pragma: no cover - machine code
-    """Fill the corners p (k, 3, LANES) of a few cells."""
+    """Copy the corners of a few cells to p (k, 3, LANES)."""
     for j in range(len(few)):
         for k in range(few.shape[1]):
             for axis in range(3):
@@ -285,7 +285,7 @@ def _edge(p: FloatArray, o: int, a: int, j: int) -> Vector:  # pragma: no cover 
 
 @compiled_exactly
 def _join(p: FloatArray, axes: IntArray, ways: FloatArray) -> None:  # pragma: no cover - machine code
-    """Fill in the axes (3, 3, LANES) of hexahedra, four times as long."""
+    """Fill in four times the axes (3, 3, LANES) of hexahedra."""
     for k in range(3):
         a, b, c, d = axes[k, 0, 0], axes[k, 0, 1], axes[k, 0, 2], axes[k, 0, 3]
         e, f, g, h = axes[k, 1, 0], axes[k, 1, 1], axes[k, 1, 2], axes[k, 1, 3]
@@ -323,4 +323,4 @@ MEASURES: dict[str, Measure] = {
     "wedge": _wedge,
     "hexahedron": _hexahedron,
 }
-"""What fills in quality (R,) and inversion (R,) of cells, given points (N, 3), nodes (R, k) and their orientation."""
+"""Fills in quality (R,) and inversion (R,) of cells, given points (N, 3), nodes (R, k) and their orientation."""

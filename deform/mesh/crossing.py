@@ -1,13 +1,12 @@
-"""Surfaces that go through one another: faces of patches that intersect after a deflection and did not before.
+"""Faces of patches that intersect after a deflection and did not before.
 
-The other checks are of cells, and all cells may be good where the flow lies over itself: the skin on one side of a thin
-body goes through the skin on its other side, and there is no cell between them.
+The other checks judge cells. All cells may be good although the flow overlaps itself: one skin of a thin body may go
+through the other, with no cell between them.
 
-Faces are cut into triangles, and a tree of boxes says which of them are near one another. Two faces intersect if an
-edge of one goes through a triangle of the other, farther than rounding does. Triangles that share a node, or copies of
-one, are neighbours and are not compared, nor are those in one plane. A face whose nodes are not in one plane has two
-diagonals: a pair of faces that intersects with them is cut once more, at the mean of the nodes of each, and counts if
-it intersects then, too.
+Faces are cut into triangles, and a tree of boxes finds those near one another. Two faces intersect if an edge of one
+goes through a triangle of the other by more than rounding. Triangles that share a node, or copies of one, are not
+compared, nor are triangles in one plane. A face that is not plane has two diagonals. So a pair of faces that intersects
+is cut once more at the mean of each face's nodes. It counts if it still intersects.
 """
 
 from dataclasses import dataclass, field, replace
@@ -25,25 +24,25 @@ from .edges import polygons_of
 from .mesh import Mesh
 
 TOUCH = 1e-7
-"""Of the extent of the faces that moved: faces that reach through others by less only touch them."""
+"""Of the extent of the moved faces: faces that overlap by less only touch."""
 ZERO_LENGTH = 1e-9
-"""Of it: nodes nearer to one another in the undeflected mesh are copies of one node."""
+"""Of the same: nodes nearer to each other in the undeflected mesh are copies of one node."""
 RIM = 1e-9
-"""Barycentric coordinate beyond a triangle's edge up to which an edge of another one goes through it."""
+"""Largest barycentric coordinate outside a triangle at which an edge still goes through it."""
 COST = 500
-"""Work on one triangle, in evaluations of a kernel, by which it is shared out."""
+"""Work on one triangle in kernel evaluations, by which it is divided."""
 
 
 @dataclass(frozen=True, slots=True)
 class Crossings:
-    """Faces that intersect others and did not before.
+    """Faces that newly intersect others.
 
     Attributes
     ----------
-    faces : number of faces that moved and now intersect another face.
-    moved : number of faces with a node that moved.
+    faces : number of moved faces that newly intersect another face.
+    moved : number of faces with a moved node.
     near : number of all faces near them.
-    where : the patches of the first two, and the place, as text; empty without one.
+    where : patches and place of the first two, as text; empty without an intersection.
     """
 
     faces: int
@@ -53,10 +52,10 @@ class Crossings:
 
     @classmethod
     def of(cls, mesh: Mesh, points: FloatArray) -> "Crossings":
-        """Compare the faces of a mesh that moved to points (N, 3) with those near them, and with one another.
+        """Compare faces that moved to points (N, 3) with one another and with faces near them.
 
-        Faces of different zones are not compared: zones overlap. Two patches without a common node that intersect in
-        the undeflected mesh already overlap, too, and are not compared either.
+        Faces of different zones are not compared, because zones overlap. Nor are two patches without a common node that
+        already intersect in the undeflected mesh.
         """
         skin = _NearbyFaces.of(mesh, points)
         if skin is None:
@@ -77,7 +76,7 @@ class Crossings:
 
 
 class _TriangleTree(NamedTuple):
-    """Corners (T, 9) of triangles, their labels (T, 4), which moved (T,), and the boxes of `Triangles`."""
+    """Corners (T, 9) of triangles, their labels (T, 4), whether they moved (T,), and the boxes of `Triangles`."""
 
     corners: FloatArray
     labels: IntArray
@@ -89,14 +88,14 @@ class _TriangleTree(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _NearbyFaces:
-    """Faces near those that moved, cut into triangles.
+    """Moved faces and faces near them, cut into triangles.
 
     Attributes
     ----------
-    faces : F faces; `patch` (F,) the patch of each, `moved` (F,) whether one of its nodes moved.
-    triangles : (T, 3) nodes; of a line, its second end twice. `face` (T,) to which face each belongs.
-    labels : (T, 4) the same nodes, but one and the same for all copies of a node, and the zone.
-    size : extent of the faces that moved.
+    faces, patch, moved : F faces, (F,) the patch of each, and (F,) whether one of its nodes moved.
+    triangles, face : (T, 3) nodes, with the second end of a line twice, and (T,) the face of each.
+    labels : (T, 4) the nodes with one label for all copies of a node, and the zone.
+    size : extent of the moved faces.
     plane : whether the faces are lines.
     """
 
@@ -111,7 +110,7 @@ class _NearbyFaces:
 
     @classmethod
     def of(cls, mesh: Mesh, points: FloatArray) -> "_NearbyFaces | None":
-        """Take the faces of all patches near those that moved to points (N, 3); None if none moved."""
+        """Collect the faces near those that moved to points (N, 3); None if none moved."""
         every = polygons_of(mesh.faces_of(mesh.names))
         if not len(every):
             return None
@@ -140,7 +139,7 @@ class _NearbyFaces:
         return np.asarray(self.faces.nodes[self.faces.offsets[face] : self.faces.offsets[face + 1]])
 
     def intersecting(self, points: FloatArray) -> IntArray:
-        """Return the pairs of faces (P, 2) that intersect with the nodes at points (N, 3), sorted, each once."""
+        """Return the sorted distinct pairs (P, 2) of faces that intersect with the nodes at points (N, 3)."""
         boxes, moved = Triangles.along_curve(points[self.triangles]), self.moved[self.face]
         tree = _TriangleTree(boxes.corners.reshape(-1, 9), self.labels, moved, boxes.low, boxes.high, boxes.order)
         rows, none = np.flatnonzero(moved), np.empty((0, 2), dtype=np.intp)
@@ -161,7 +160,7 @@ class _NearbyFaces:
         return np.unique(np.sort(self.face[pairs], axis=1), axis=0)
 
     def new(self, now: IntArray, before: IntArray) -> IntArray:
-        """Return the pairs (Q, 2) of `now` (P, 2) that are not among those `before`, nor of patches that overlap."""
+        """Return the pairs (Q, 2) of `now` (P, 2) that are not in `before`, and not of patches that overlapped."""
         known = np.isin(_keys(now, len(self.moved)), _keys(before, len(self.moved)))
         ours, theirs = (np.sort(self.patch[pairs], axis=1) for pairs in (now, before))
         for one, other in np.unique(theirs, axis=0):
@@ -170,7 +169,7 @@ class _NearbyFaces:
         return now[~known]
 
     def confirmed(self, pairs: IntArray, points: FloatArray) -> IntArray:
-        """Return the pairs (Q, 2) among P that also intersect if cut at the means of their nodes, at points (N, 3)."""
+        """Return the pairs (Q, 2) of P that also intersect if cut at the means of their nodes, at points (N, 3)."""
         rows = distinct(pairs)
         faces = _some(self.faces, rows)
         centres = np.add.reduceat(points[faces.nodes], faces.offsets[:-1]) / np.diff(faces.offsets)[:, None]
@@ -190,19 +189,19 @@ class _NearbyFaces:
 
 
 def _keys(pairs: IntArray, faces: int) -> IntArray:
-    """Return one number (P,) for each pair of faces (P, 2)."""
+    """Return one number (P,) for each pair (P, 2) of faces."""
     return np.asarray(pairs[:, 0] * faces + pairs[:, 1])
 
 
 def _some(faces: Polygons, rows: IntArray) -> Polygons:
-    """Return some faces."""
+    """Return the faces of some rows."""
     sizes = np.diff(faces.offsets)[rows]
     offsets = np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp)
     return Polygons(faces.nodes[np.arange(offsets[-1]) + np.repeat(faces.offsets[rows] - offsets[:-1], sizes)], offsets)
 
 
 def _cut(faces: Polygons) -> tuple[IntArray, IntArray]:
-    """Return the triangles (T, 3) at the first node of each face, and the face (T,) of each; of a line itself."""
+    """Return the triangles (T, 3) of faces, cut from their first nodes, and the face (T,) of each; lines stay lines."""
     sizes, starts = np.diff(faces.offsets), faces.offsets[:-1]
     count = np.maximum(sizes - 2, 1)
     face = np.repeat(np.arange(len(faces)), count)
@@ -212,7 +211,7 @@ def _cut(faces: Polygons) -> tuple[IntArray, IntArray]:
 
 
 def _cut_at(faces: Polygons, centres: IntArray) -> tuple[IntArray, IntArray]:
-    """Return the triangles (T, 3) at a node (F,) inside each face, and the face (T,) of each."""
+    """Return the triangles (T, 3) of faces, cut from a node (F,) inside each, and the face (T,) of each."""
     face = np.repeat(np.arange(len(faces)), np.diff(faces.offsets))
     after = np.arange(1, len(face) + 1)
     after[faces.offsets[1:] - 1] = faces.offsets[:-1]
@@ -223,7 +222,7 @@ def _cut_at(faces: Polygons, centres: IntArray) -> tuple[IntArray, IntArray]:
 def _search(
     rows: IntArray, tree: _TriangleTree, plane: bool, tolerance: float, begin: IntArray, pairs: IntArray
 ) -> None:  # pragma: no cover - compiled
-    """Count in `begin` (R,) the triangles that rows (R,) of them intersect; or write the pairs (P, 2) from there on."""
+    """Count in `begin` (R,) the triangles that intersect each of R rows; or write the pairs (P, 2) from there on."""
     leaves, waiting = len(tree.low) // 2, np.empty(DEPTH, dtype=np.intp)
     for i in range(len(rows)):
         found, count = 0, 1
@@ -246,9 +245,9 @@ def _search(
 def _in_leaf(
     row: int, start: int, tree: _TriangleTree, plane: bool, tolerance: float, pairs: IntArray
 ) -> int:  # pragma: no cover - compiled
-    """Count the triangles of one box that a triangle intersects, and write the pairs if there is room.
+    """Count the triangles of one box that intersect a triangle, and write the pairs if there is room.
 
-    Of two triangles that moved, the pair belongs to the first.
+    The pair of two moved triangles belongs to the first of them.
     """
     found = 0
     for place in range(start, start + LEAF):
@@ -269,7 +268,7 @@ def _in_leaf(
 
 @compiled_exactly
 def _apart(t: FloatArray, low: FloatArray, high: FloatArray) -> bool:  # pragma: no cover - compiled
-    """Return whether a triangle (9,) is beyond a side of a box."""
+    """Return whether a triangle (9,) is outside of one side of a box."""
     apart = False
     for k in range(3):
         apart |= (min(t[k], t[3 + k], t[6 + k]) > high[k]) | (max(t[k], t[3 + k], t[6 + k]) < low[k])
@@ -278,7 +277,7 @@ def _apart(t: FloatArray, low: FloatArray, high: FloatArray) -> bool:  # pragma:
 
 @compiled_exactly
 def _neighbours(one: IntArray, other: IntArray) -> bool:  # pragma: no cover - compiled
-    """Return whether two triangles share a node, or are of different zones."""
+    """Return whether two triangles share a node, or belong to different zones."""
     shared = one[3] != other[3]
     for i in range(3):
         for j in range(3):
@@ -288,7 +287,7 @@ def _neighbours(one: IntArray, other: IntArray) -> bool:  # pragma: no cover - c
 
 @compiled_exactly
 def _edges_through(s: FloatArray, t: FloatArray, tolerance: float) -> bool:  # pragma: no cover - compiled
-    """Return whether an edge of a triangle s (9,) goes through t (9,), its ends farther than `tolerance` from it."""
+    """Return whether an edge of s (9,) goes through t (9,), with both ends more than `tolerance` away from it."""
     ax, ay, az, bx, by, bz = t[3] - t[0], t[4] - t[1], t[5] - t[2], t[6] - t[0], t[7] - t[1], t[8] - t[2]
     n = (ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
     square = n[0] * n[0] + n[1] * n[1] + n[2] * n[2]
@@ -319,7 +318,7 @@ def _edges_through(s: FloatArray, t: FloatArray, tolerance: float) -> bool:  # p
 
 @compiled_exactly
 def _parted(s: FloatArray, t: FloatArray, tolerance: float) -> bool:  # pragma: no cover - compiled
-    """Return whether the ends of a segment s (9,) are on both sides of the line through t (9,)."""
+    """Return whether a segment s (9,) has its ends on both sides of the line through t (9,)."""
     x, y = t[3] - t[0], t[4] - t[1]
     length = np.sqrt(x * x + y * y)
     if not length > 0.0:

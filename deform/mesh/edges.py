@@ -1,6 +1,6 @@
-"""Faces of any shapes: their edges, area vectors and edge lengths, and where two of them meet at an angle.
+"""Edges, area vectors and edge lengths of faces, and the angles at which faces meet.
 
-The faces around a plane mesh are lines, which meet in nodes as others do in edges.
+The faces around a plane mesh are lines, which meet in nodes instead of edges.
 """
 
 from collections.abc import Iterator, Sequence
@@ -13,20 +13,20 @@ from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from .cells import Faces, Polygons
 
 ROWS = 1 << 16
-"""Faces handled at a time, so that temporaries stay small."""
+"""Faces in one block, so that temporaries stay small."""
 
 
 def polygons_of(faces: Sequence[Faces]) -> Polygons:
-    """Return faces of any shapes one after another."""
+    """Return faces of any shapes as polygons."""
     nodes = np.concatenate([np.empty(0, dtype=np.intp), *(block.nodes.ravel() for block in faces)])
     sizes = np.concatenate([np.empty(0, dtype=np.intp), *(_sizes(block) for block in faces)])
     return Polygons(nodes, np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp))
 
 
 def edges_of(faces: Polygons) -> tuple[IntArray, IntArray]:
-    """Return the edges (E, 2) of every face, E of all faces, as node indices, and the face (E,) of each.
+    """Return the edges (E, 2) of all faces as node indices, and the face (E,) of each.
 
-    A line goes there and back.
+    A line has two edges: there and back.
     """
     sizes = np.diff(faces.offsets)
     following = np.arange(1, len(faces.nodes) + 1)
@@ -37,7 +37,7 @@ def edges_of(faces: Polygons) -> tuple[IntArray, IntArray]:
 def area_vectors(points: FloatArray, faces: Polygons) -> FloatArray:
     """Return the area vector (F, 3) of each face: half the sum of cross products around its first corner.
 
-    That of a line is as long as the line, and points to its right in the plane of constant z.
+    The vector of a line is as long as the line, and points to its right in the plane of constant z.
     """
     if are_lines(faces):
         way = points[faces.nodes[1::2]] - points[faces.nodes[::2]]
@@ -53,14 +53,14 @@ def area_vectors(points: FloatArray, faces: Polygons) -> FloatArray:
 
 
 def are_lines(faces: Polygons) -> bool:
-    """True if the faces are those around a plane mesh."""
+    """True if the faces are the lines around a plane mesh."""
     return len(faces) > 0 and bool(faces.offsets[1] == 2)
 
 
 class Joints(NamedTuple):
-    """Where two faces meet: the edge (J, 2), which of a node has it twice, the faces (J,), and whether these agree.
+    """Edges where two faces meet: their nodes (J, 2), a node twice for lines, the faces (J,), and whether these agree.
 
-    Faces agree in their orientation if they walk along the edge in opposite directions; lines, if one begins where the
+    Two faces agree in orientation if they pass the edge in opposite directions; two lines, if one begins where the
     other ends.
     """
 
@@ -71,7 +71,7 @@ class Joints(NamedTuple):
 
     @classmethod
     def of(cls, faces: Polygons) -> "Joints":
-        """Find them; of three faces at one edge the first meets the second, and the second the third."""
+        """Find all joints; of three faces at one edge the first meets the second, and the second the third."""
         if are_lines(faces):
             edges, face = np.column_stack([faces.nodes, faces.nodes]), np.arange(len(faces.nodes)) // 2
             forward = np.arange(len(faces.nodes)) % 2 == 0
@@ -87,44 +87,44 @@ class Joints(NamedTuple):
         return cls(np.column_stack([low[a], high[a]]), face[a], face[b], forward[a] != forward[b])
 
     def cosines(self, points: FloatArray, faces: Polygons) -> FloatArray:
-        """Return the cosine (J,) of the angle by which the faces turn from one to the other."""
+        """Return the cosine (J,) of the angle between the two faces' normals."""
         lines = points[faces.nodes[1::2]] - points[faces.nodes[::2]] if are_lines(faces) else None
-        normal = unit(area_vectors(points, faces) if lines is None else lines)  # lines turn as their normals do
+        normal = unit(area_vectors(points, faces) if lines is None else lines)  # lines turn like their normals
         cosine = np.einsum("ij,ij->i", normal[self.first], normal[self.second])
         cosine[~self.agree] *= -1.0
         return np.asarray(cosine)
 
 
 def rim(faces: Polygons) -> IntArray:
-    """Return the edges (E, 2) of one face; of lines the nodes of one line, each twice."""
+    """Return the edges (E, 2) of a single face; of lines the nodes of a single line, each twice."""
     both = np.column_stack([faces.nodes, faces.nodes]) if are_lines(faces) else np.sort(edges_of(faces)[0], axis=1)
     edges, count = np.unique(both, axis=0, return_counts=True)
     return np.asarray(edges[count == 1])
 
 
 def sharp_edges(points: FloatArray, faces: Polygons, degrees: float) -> IntArray:
-    """Return the edges (E, 2) whose two faces turn by more than `degrees` from one to the other.
+    """Return the edges (E, 2) at which the normal turns by more than `degrees`.
 
-    Of lines they are nodes, each twice.
+    Of lines these are nodes, each twice.
     """
     joints = Joints.of(faces)
     return np.asarray(joints.edges[joints.cosines(points, faces) < np.cos(np.radians(degrees))])
 
 
 def unit(vectors: FloatArray) -> FloatArray:
-    """Return vectors (N, 3) of length one; zero where they are."""
+    """Return unit vectors (N, 3) along vectors (N, 3); zero vectors stay zero."""
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), np.finfo(float).tiny))
 
 
 def median_edge(points: FloatArray, faces: Sequence[Faces]) -> float:
-    """Return the median length of the edges of all faces, an edge once for each; nan if there are none."""
+    """Return the median edge length of all faces, with shared edges counted for each face; nan without faces."""
     edges, _ = edges_of(polygons_of(faces))
     lengths = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
     return float(np.median(lengths)) if len(lengths) else float("nan")
 
 
 def rows_of(count: int, size: int) -> Iterator[slice]:
-    """Cut range(count) into slices of at most `size`."""
+    """Divide range(count) into slices of at most `size`."""
     return (slice(start, start + size) for start in range(0, count, size))
 
 

@@ -1,4 +1,4 @@
-"""Faces by their nodes: which of them bound the cells that a deformation may change, and whether patches hold them."""
+"""Faces by their nodes: which of them bound touched cells, and whether patches have them."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -20,26 +20,26 @@ FACES: dict[str, tuple[tuple[int, ...], ...]] = {
     "wedge": ((0, 1, 2), (3, 5, 4), (0, 3, 4, 1), (1, 4, 5, 2), (2, 5, 3, 0)),
     "hexahedron": ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7)),
 }
-"""Corners of the faces of each shape in VTK's order; normals (right-hand rule) point out of the cell. Those of a plane
-cell are lines, with the cell on their left."""
+"""Corners of the faces of each shape in VTK's order; normals (right-hand rule) point out of the cell. Plane cells have
+lines, with the cell on their left."""
 FACE_SHAPES = {2: "line", 3: "triangle", 4: "quad"}
 """Shape of a face by its number of corners."""
 ROWS = 1 << 18
-"""Cells handled at a time, so that temporaries stay small."""
+"""Cells in one block, so that temporaries stay small."""
 Keys = NDArray[np.uint64]
 Marks = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoundaryGaps:
-    """What patches miss of the boundary where nodes may move, and what they hold beside it.
+    """Boundary faces near moving nodes that are on no patch, and patch faces that are no boundary.
 
     Attributes
     ----------
     faces : number of faces of one cell that are on no patch.
-    nodes : (K,) nodes of these faces that are on no patch: they move like nodes within the flow.
-    loose : number of patches' faces that are of no cell.
-    inner : number of moving patches' faces that lie between two cells.
+    nodes : (K,) nodes of these faces that are on no patch; they move like nodes inside the flow.
+    loose : number of patch faces that belong to no cell.
+    inner : number of faces of moving patches between two cells.
     """
 
     faces: int
@@ -49,7 +49,7 @@ class BoundaryGaps:
 
     @classmethod
     def of(cls, touched: TouchedCells, changed: IntArray, moving: tuple[str, ...]) -> "BoundaryGaps":
-        """Compare the faces of touched cells that have a node of `changed` (M,), with those of all patches."""
+        """Compare the faces of touched cells with a node of `changed` (M,) with the faces of all patches."""
         mesh = touched.mesh
         marked = np.zeros(len(mesh.points), dtype=np.bool_)
         marked[changed] = True
@@ -70,15 +70,15 @@ class BoundaryGaps:
 
 
 def node_keys(points: int) -> Keys:
-    """Random numbers (N,), always the same: a face's key is the sum of its nodes', whatever node comes first.
+    """Return fixed random numbers (N,); the key of a face is the sum over its nodes, in any order.
 
-    Two different faces share a key with probability 2^-64.
+    Two different faces have equal keys with probability 2^-64.
     """
     return np.random.default_rng(20).integers(0, 1 << 64, points, dtype=np.uint64)
 
 
 def face_keys(faces: Cells | Polygons, keys: Keys) -> Keys:
-    """Key (F,) of each face, from the keys (N,) of the nodes; equal for faces of equal nodes."""
+    """Return the key (F,) of each face, given the nodes' keys (N,); equal for faces of equal nodes."""
     if isinstance(faces, Cells):
         total: Keys = keys[faces.nodes].sum(axis=1, dtype=np.uint64)
         return total
@@ -87,12 +87,12 @@ def face_keys(faces: Cells | Polygons, keys: Keys) -> Keys:
 
 
 def patch_keys(patch: Patch, keys: Keys) -> Keys:
-    """Keys (F,) of all faces of a patch."""
+    """Return the keys (F,) of all faces of a patch."""
     return _joined([face_keys(faces, keys) for faces in patch.faces])
 
 
 def cell_face_keys(cells: Iterable[Volume], keys: Keys, marked: Marks) -> Iterator[Keys]:
-    """Yield the keys of the faces of cells that have as many marked nodes (N,) as a face has, at least."""
+    """Yield the keys of the faces of cells that have at least as many marked nodes (N,) as a face."""
     among = marked.astype(np.uint8)
     for block in cells:
         if isinstance(block, Polyhedra):
@@ -101,14 +101,14 @@ def cell_face_keys(cells: Iterable[Volume], keys: Keys, marked: Marks) -> Iterat
         for start in range(0, len(block), ROWS):
             nodes = block.nodes[start : start + ROWS]
             least = min(map(len, FACES[block.shape]))
-            own = nodes[sum(among[corner] for corner in nodes.T) >= least]  # much faster than along rows
+            own = nodes[sum(among[corner] for corner in nodes.T) >= least]  # much faster than by rows
             for face in FACES[block.shape]:
                 corners = own[:, list(face)]
                 yield keys[corners[among[corners].all(axis=1)]].sum(axis=1, dtype=np.uint64)
 
 
 def _among(own: Keys, known: Keys) -> Marks:
-    """Which of some keys (F,) are among others (K,), rising."""
+    """Return which keys (F,) are among the sorted keys `known` (K,)."""
     place = np.searchsorted(known, own)
     return np.asarray(known[np.minimum(place, len(known) - 1)] == own) if len(known) else np.zeros(len(own), np.bool_)
 
@@ -118,7 +118,7 @@ def _joined(parts: list[Keys]) -> Keys:
 
 
 def _with_any(faces: Cells | Polygons, marked: Marks) -> Marks:
-    """Which faces (F,) have a marked node."""
+    """Return which faces (F,) have a marked node."""
     if isinstance(faces, Cells):
         return np.asarray(marked[faces.nodes].any(axis=1))
     some = np.logical_or.reduceat(marked[faces.nodes], faces.offsets[:-1]) if len(faces) else np.empty(0, np.bool_)
@@ -126,9 +126,9 @@ def _with_any(faces: Cells | Polygons, marked: Marks) -> Marks:
 
 
 def _keys_of(block: Volume, rows: IntArray, marked: Marks, keys: Keys) -> Keys:
-    """Keys of the faces with a marked node, once for each cell that has them.
+    """Return the keys of the faces with a marked node, once for each cell that has the face.
 
-    Faces of polyhedra that have one owner each are no face between two, though both have the same nodes: a baffle.
+    Two faces of polyhedra with equal nodes and one owner each form a baffle, not a face between two cells.
     """
     if isinstance(block, Polyhedra):
         found, own = face_keys(block.faces, keys), _with_any(block.faces, marked)
@@ -139,7 +139,7 @@ def _keys_of(block: Volume, rows: IntArray, marked: Marks, keys: Keys) -> Keys:
 
 
 def faces_of(block: Cells, rows: IntArray) -> Iterator[Cells]:
-    """Yield the faces of rows (R,) of cells, some at a time; their normals point out of the cells."""
+    """Yield the faces of rows (R,) of cells in parts; their normals point out of the cells."""
     for part in rows_of(len(rows), ROWS):
         nodes = block.nodes[rows[part]]
         for face in FACES[block.shape]:
@@ -147,7 +147,7 @@ def faces_of(block: Cells, rows: IntArray) -> Iterator[Cells]:
 
 
 def _nodes_of(touched: TouchedCells, keys: Keys, wanted: Keys) -> IntArray:
-    """Nodes (K,) of the touched cells' faces that have one of the keys."""
+    """Return the nodes (K,) of touched cells' faces with one of the wanted keys."""
     found = [np.empty(0, dtype=np.intp)]
     for block, rows in zip(touched.mesh.cells, touched.rows, strict=True):
         if isinstance(block, Polyhedra):

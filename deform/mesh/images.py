@@ -1,7 +1,7 @@
-"""Nodes that move as images of one another: those of periodic pairs, and both sides of a case one cell thick.
+"""Nodes that are images of one another: in periodic pairs, and on both sides of a case one cell thick.
 
-Files give pairs, or a motion, or neither, and a motion in single precision is 1e-7 off. So the motion is always fitted
-to the pairs, and pairs that no rigid motion carries into one another are refused.
+Files give pairs, a motion, or neither, and a motion in single precision is wrong by 1e-7. So the motion is always
+fitted to the pairs, and pairs that no rigid motion fits are refused.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from .sliding import Plane
 THIN = ("empty", "wedge")
 """Constraints of the patches of plane and axisymmetric cases, which are one cell thick."""
 CLOSED = 1e-9
-"""Least eigenvalue of what binds a displacement: the square of an angle, of which files with six digits leave 1e-12."""
+"""Least eigenvalue of a constraint on a displacement: a squared angle; files with six digits give errors of 1e-12."""
 WHOLE = 1e-12
-"""Entries of matrices that are this near to a whole number are that number, so that bits are kept."""
+"""Matrix entries this near to a whole number become that number, so that coordinates keep their bits."""
 PLANE_TOLERANCE = 1e-5
-"""Of its size: how far the nodes of a side may be off a plane."""
+"""Of the side's size: largest distance of its nodes from a plane."""
 TOLERANCE = 1e-5
-"""Default distance of a node from an image, as a share of the largest coordinate of both: files with six digits."""
+"""Default of the largest distance from node to image, as a share of the largest coordinate: files with six digits."""
 LARGEST = 1e100
-"""Products of larger coordinates are no numbers."""
+"""Larger coordinates would overflow in products."""
 SNAP = 1e-6
-"""An axis nearer to a coordinate axis than this is that axis, so that the coordinate along it keeps its bits."""
+"""An axis nearer to a coordinate axis becomes that axis, so that coordinates along it keep their bits."""
 RigidMotion = tuple[FloatArray, FloatArray]
 """Rotation (3, 3) and shift (3,): the image of x is ``rotation @ x + shift``."""
 ORIGIN = np.zeros(3)
@@ -42,14 +42,14 @@ ORIGIN = np.zeros(3)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Images:
-    """Groups of nodes with one displacement each, which every node of a group has in its own orientation.
+    """Groups of nodes with a common displacement, turned for each node.
 
     Attributes
     ----------
     nodes : (K,) sorted indices.
-    group : (K,) which group each is in, from 0.
-    turn : (K, 3, 3) rotation from the group's displacement to that of each node.
-    free : (G, 3, 3) projection of a group's displacement onto the directions that it may have.
+    group : (K,) group of each node, from 0.
+    turn : (K, 3, 3) rotation from the group's displacement to each node's.
+    free : (G, 3, 3) projection of a group's displacement onto its allowed directions.
     """
 
     nodes: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.intp), repr=False)
@@ -59,11 +59,10 @@ class Images:
 
     @classmethod
     def of(cls, mesh: Mesh, flat: Sequence[str] = ()) -> Images:
-        """Join the nodes that are images of one another, in one step or several.
+        """Group the nodes that are images of one another, directly or through other nodes.
 
-        Where a turn leads a node back to itself, as on an axis, its displacement is along the axis. It is within the
-        plane of the node's own side in a case one cell thick, where the file says so by a constraint, and on patches
-        that shall stay `flat`.
+        If a rotation maps a node to itself, as on an axis, the node moves along the axis. Nodes stay in the plane of
+        their side in a case one cell thick with a constraint in the file, and on patches that shall stay `flat`.
         """
         flat = (*flat, *(patch.name for patch in mesh.patches if patch.constraint))
         pairs = [pair for pair in mesh.periodic if len(pair.nodes)]
@@ -85,9 +84,9 @@ class Images:
         return cls(nodes, group, _whole(turn), _whole(_free(bound)))
 
     def projected(self, displacement: FloatArray) -> FloatArray:
-        """Return displacements (N, 3) in which all nodes of a group have the mean of theirs, each as it is turned.
+        """Return displacements (N, 3) with the mean of each group at its nodes, turned for each.
 
-        It is an orthogonal projection: so a gradient by the result becomes one by the argument.
+        The projection is orthogonal, so it also turns a gradient by its result into one by its argument.
         """
         if not len(self.nodes):
             return displacement
@@ -99,7 +98,7 @@ class Images:
         return out
 
     def complete(self, inside: BoolArray) -> BoolArray:
-        """Return which nodes are in a mask (N,), those of groups only with all of their group."""
+        """Return the mask (N,) without nodes of groups that are not completely in it."""
         out = np.array(inside)
         if len(self.nodes):
             all_in = np.bincount(self.group, weights=~inside[self.nodes]) == 0
@@ -107,7 +106,7 @@ class Images:
         return out
 
     def closed(self, nodes: IntArray, size: int) -> IntArray:
-        """Return sorted nodes (L,) with those of their groups; `size` is the number of nodes of the mesh."""
+        """Return sorted nodes (L,) with all nodes of their groups; `size` is the number of nodes of the mesh."""
         if not len(self.nodes):
             return nodes
         some = np.zeros(size, dtype=np.bool_)
@@ -115,7 +114,7 @@ class Images:
         return np.flatnonzero(~self.complete(~some) | some)
 
     def among(self, nodes: IntArray) -> Images:
-        """Return the groups of which all nodes are among distinct ones (M,); their nodes are rows of these."""
+        """Return the groups whose nodes are all among distinct nodes (M,), as rows of these."""
         if not len(self.nodes) or not len(nodes):
             return Images()
         row = np.full(max(int(self.nodes[-1]), int(nodes.max())) + 1, -1, dtype=np.intp)
@@ -125,14 +124,14 @@ class Images:
         return Images(row[own.nodes][order], own.group[order], own.turn[order], own.free)
 
     def within(self, inside: BoolArray) -> Images:
-        """Return the groups of which all nodes are in a mask (N,)."""
+        """Return the groups whose nodes are all in a mask (N,)."""
         rows = np.flatnonzero(self.complete(inside)[self.nodes]) if len(self.nodes) else self.nodes
         groups, group = np.unique(self.group[rows], return_inverse=True)
         return Images(self.nodes[rows], group.ravel(), self.turn[rows], self.free[groups])
 
 
 def plane_of(mesh: Mesh, nodes: IntArray) -> Plane | None:
-    """Return the plane, in a plane mesh the line, that all these nodes (K,) are in; None if there is none."""
+    """Return the plane through these nodes (K,), in a plane mesh the line; None if they have none."""
     points = mesh.points[nodes]
     if len(points) < (2 if mesh.plane else 3):
         return None
@@ -142,16 +141,16 @@ def plane_of(mesh: Mesh, nodes: IntArray) -> Plane | None:
 
 
 def _groups(ends: IntArray, count: int) -> IntArray:
-    """Return which group (count,) each of so many nodes is in, given which are images of one another, (P, 2)."""
+    """Return the group (count,) of each node, given pairs of images (P, 2)."""
     from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components  # takes a while to load
+    from scipy.sparse.csgraph import connected_components  # loading takes a while
 
     graph = coo_array((np.ones(len(ends), dtype=np.bool_), (ends[:, 0], ends[:, 1])), shape=(count, count))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.intp)
 
 
 def _free(bound: FloatArray) -> FloatArray:
-    """Return the projections (G, 3, 3) on the directions that matrices (G, 3, 3) send to zero."""
+    """Return the projections (G, 3, 3) onto the null spaces of matrices (G, 3, 3)."""
     some = np.abs(bound).max(axis=(1, 2)) > CLOSED
     free = np.tile(np.eye(3), (len(bound), 1, 1))
     values, vectors = np.linalg.eigh(bound[some])
@@ -161,7 +160,7 @@ def _free(bound: FloatArray) -> FloatArray:
 
 
 def _turns(sides: Sequence[tuple[Periodic, IntArray]], group: IntArray) -> FloatArray:
-    """Return the rotation (K, 3, 3) from the first node of each group to each node, from pair to pair."""
+    """Return the rotation (K, 3, 3) from the first node of each group to each node, through pairs."""
     turn = np.tile(np.eye(3), (len(group), 1, 1))
     known = np.zeros(len(group), dtype=np.bool_)
     known[np.unique(group, return_index=True)[1]] = True
@@ -175,21 +174,21 @@ def _turns(sides: Sequence[tuple[Periodic, IntArray]], group: IntArray) -> Float
 
 
 def _whole(values: FloatArray) -> FloatArray:
-    """Return numbers of which those that are almost whole are so."""
+    """Return numbers with those near a whole number rounded to it."""
     near = np.round(values) + 0.0
     return np.asarray(np.where(np.abs(values - near) < WHOLE, near, values))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PeriodicPatches:
-    """Two patches that are images of one another, as a user names them.
+    """Two patches that are images of each other, as a user names them.
 
     Attributes
     ----------
-    first, second : names of the patches; the motion leads from the first to the second.
-    axis : axis of the rotation; its angle is that between the patches.
-    translation : (3,) the translation. Without both: the translation between the patches, or the rotation about x, y
-        or z through the origin, whichever fits.
+    first, second : names of the patches; the motion maps the first to the second.
+    axis : axis of the rotation; the angle is that between the patches.
+    translation : (3,) the translation. Without axis and translation: the translation between the patches, or the
+        rotation about x, y or z through the origin, whichever fits.
     """
 
     first: str
@@ -198,7 +197,7 @@ class PeriodicPatches:
     translation: FloatArray | None = None
 
     def motions(self, points: FloatArray, patches: tuple[Patch, Patch]) -> Iterator[RigidMotion]:
-        """Yield the motions that may lead from patch to patch; points (N, 3) are those of the mesh."""
+        """Yield possible motions from patch to patch, given the points (N, 3) of the mesh."""
         sides = points[patches[0].nodes], points[patches[1].nodes]
         if self.translation is not None:
             yield np.eye(3), self.translation
@@ -214,14 +213,14 @@ class PeriodicPatches:
 
 
 def translation_between(here: FloatArray, there: FloatArray) -> RigidMotion:
-    """Return the translation from points `here` (K, 3) to points `there`, in any order."""
+    """Return the translation from points `here` (K, 3) to points `there`, which may be in another order."""
     return np.eye(3), there.mean(axis=0) - here.mean(axis=0)
 
 
 def rotation_between(here: FloatArray, there: FloatArray, axis: Axis) -> RigidMotion:
-    """Return the rotation about an axis that leads from points `here` (K, 3) to points `there`, in any order.
+    """Return the rotation about an axis from points `here` (K, 3) to points `there`, which may be in another order.
 
-    Raises InputError if the centre of either lies on the axis, which leaves the angle open.
+    Raises InputError if the centre of either is on the axis, so that the angle is unknown.
     """
     size = max(np.abs(side - axis.point).max() for side in (here, there))
     here, there = (axis.radial(side.mean(axis=0)[None])[0] for side in (here, there))
@@ -232,32 +231,32 @@ def rotation_between(here: FloatArray, there: FloatArray, axis: Axis) -> RigidMo
 
 
 def about(axis: Axis, degrees: float) -> RigidMotion:
-    """Return the rotation by an angle in degrees about an axis."""
+    """Return the rotation about an axis by an angle in degrees."""
     return axis.matrix(degrees), axis.displacement(np.zeros((1, 3)), degrees)[0]
 
 
 def tolerance(points: FloatArray, *nodes: IntArray) -> float:
-    """Return the default distance that a node may have from an image, in the unit of points (N, 3)."""
+    """Return the default distance allowed between node and image, in the unit of points (N, 3)."""
     return TOLERANCE * max((float(np.abs(points[some]).max(initial=0.0)) for some in nodes), default=0.0)
 
 
 def images_of_faces(
     one: Polygons, other: Polygons, here: FloatArray, there: FloatArray, near: float
 ) -> IntArray | None:
-    """Return the nodes of faces and their images among the nodes of other faces (K, 2), the first ones rising.
+    """Return the nodes of faces and their images among the nodes of other faces (K, 2), sorted by the first.
 
-    Each face is matched with the one at its centre, then the corners of both: nodes at one place keep images of their
-    own, as on baffles and sliding interfaces.
+    Each face is matched with one of the same centre, then their corners. So coincident nodes have images of their own,
+    as on baffles and sliding interfaces.
 
     Parameters
     ----------
     one, other : The faces.
-    here, there : Where the images of the corners of `one` should be (C, 3), and the corners of `other` (D, 3).
-    near : Largest distance of a corner from an image.
+    here, there : Expected places of the images of `one`'s corners (C, 3), and `other`'s corners (D, 3).
+    near : Largest distance between a corner and an image.
 
     Returns None if the faces do not match.
     """
-    from scipy.spatial import cKDTree  # takes a tenth of a second to load
+    from scipy.spatial import cKDTree  # loading takes 0.1 s
 
     sizes = [np.diff(faces.offsets) for faces in (one, other)]
     if len(one) != len(other) or not len(one):
@@ -276,9 +275,9 @@ def images_of_faces(
 def _corner_images(
     one: Polygons, other: Polygons, here: FloatArray, there: FloatArray, rows: IntArray
 ) -> tuple[IntArray, FloatArray]:
-    """Return the node of the other faces, of rows (F,), at each corner (C,), and the largest distance (F,) of a face.
+    """Return the other faces' node at each corner (C,), and the largest distance (F,) of each face; `rows` (F,) match.
 
-    The corners of a face follow one another in both, from any one on, and the same way or the other.
+    The corners of matching faces are in the same or opposite order, from any first corner.
     """
     images, off, sizes = np.empty_like(one.nodes), np.full(len(one), np.inf), np.diff(one.offsets)
     for size in distinct(sizes):
@@ -295,20 +294,20 @@ def _corner_images(
 def matched(
     points: FloatArray, patches: tuple[Patch, Patch], motion: RigidMotion, allowed: float | None = None
 ) -> IntArray:
-    """Return each node of the first patch, and the node of the second that is its image, (K, 2); first ones rise.
+    """Return the nodes of the first patch and their images in the second (K, 2), sorted by the first.
 
-    They are matched by faces, or by place alone where the faces of the two patches differ.
+    They are matched by faces, or by place alone if the faces differ.
 
     Parameters
     ----------
     points : (N, 3) of the mesh.
-    patches : Two patches; a node on the axis may be in both, and is its own image.
-    motion : What leads from the first to the second.
-    allowed : Largest distance of a node from an image; None for `tolerance`.
+    patches : Two patches; a node on the axis may be in both, and is then its own image.
+    motion : Motion from the first to the second.
+    allowed : Largest distance between node and image; None for `tolerance`.
 
-    Raises InputError if a node has no image, or an image belongs to two nodes.
+    Raises InputError if a node has no image, or two nodes have the same.
     """
-    from scipy.spatial import cKDTree  # takes a tenth of a second to load
+    from scipy.spatial import cKDTree  # loading takes 0.1 s
 
     one, other = patches
     what = f"periodic patches {one.name} and {other.name}"
@@ -338,16 +337,16 @@ def matched(
 def fitted(
     points: FloatArray, name: str, patches: tuple[str, str], nodes: IntArray, allowed: float | None = None
 ) -> Periodic:
-    """Return a pair with the rigid motion that fits its nodes: a translation if one does, else with a rotation.
+    """Return a pair with the rigid motion that fits its nodes: a translation if possible, else with a rotation.
 
     Parameters
     ----------
     points : (N, 3) of the mesh.
-    name, patches : Of the pair.
-    nodes : (K, 2) a node, and its image.
-    allowed : Largest distance of an image from where the motion puts it; None for `tolerance`.
+    name, patches : Name and patches of the pair.
+    nodes : (K, 2) node and image.
+    allowed : Largest distance between an image and its place by the motion; None for `tolerance`.
 
-    Raises InputError if there are no nodes, one has two images, or no rigid motion fits all.
+    Raises InputError if there are no nodes, if a node has two images, or if no rigid motion fits.
     """
     if np.array_equal(nodes[:, 0], nodes[:, 1]):
         raise InputError(f"periodic pair {name}: {'every node is its own image' if len(nodes) else 'it has no nodes'}")
@@ -361,7 +360,7 @@ def fitted(
     rotation = np.eye(3)
     if np.abs(there - here - (target - centre)).max() > allowed:
         rotation = rotation_of(here - centre, there - target)
-    shift = np.median(there - here @ rotation.T, axis=0)  # a mean of equal numbers is off in its last digits
+    shift = np.median(there - here @ rotation.T, axis=0)  # the mean of equal numbers may differ in the last digits
     found = Periodic(name, patches, nodes, rotation, shift)
     apart = float(np.linalg.norm(found.image(here) - there, axis=1).max())
     if not apart <= allowed:
@@ -370,13 +369,13 @@ def fitted(
 
 
 def nearest_rotation(here: FloatArray, there: FloatArray) -> FloatArray:
-    """Return the rotation (3, 3) that leads from vectors (K, 3) to others, by least squares (Kabsch 1976)."""
+    """Return the rotation (3, 3) between sets of vectors (K, 3), by least squares (Kabsch 1976)."""
     u, _, v = np.linalg.svd(here.T @ there)
     return np.asarray(v.T @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ u.T)
 
 
 def rotation_of(here: FloatArray, there: FloatArray) -> FloatArray:
-    """Return the rotation (3, 3) that leads from vectors (K, 3) to others, about a coordinate axis if near one."""
+    """Return the rotation (3, 3) between sets of vectors (K, 3), about a coordinate axis if its axis is near one."""
     from scipy.spatial.transform import Rotation
 
     turn = Rotation.from_matrix(nearest_rotation(here, there)).as_rotvec()
@@ -389,7 +388,7 @@ def rotation_of(here: FloatArray, there: FloatArray) -> FloatArray:
     axis = Axis(ORIGIN, direction)
     here, there = axis.radial(here), axis.radial(there)
     angle = 0.0
-    for _ in range(2):  # what is left of the angle is known to more digits than the angle
+    for _ in range(2):  # the remainder of the angle is known to more digits than the angle
         turned = here @ axis.matrix(angle).T
         sine, cosine = axis.direction @ np.cross(turned, there).sum(axis=0), (turned * there).sum()
         angle += float(np.degrees(np.arctan2(sine, cosine)))
@@ -397,7 +396,7 @@ def rotation_of(here: FloatArray, there: FloatArray) -> FloatArray:
 
 
 def pair_of(points: FloatArray, patches: tuple[Patch, Patch], wanted: PeriodicPatches) -> Periodic:
-    """Return the pair that two patches of points (N, 3) are; InputError if no motion that is wanted fits."""
+    """Return two patches at points (N, 3) as a pair; InputError if no wanted motion fits."""
     names = patches[0].name, patches[1].name
     if not all(len(patch.nodes) for patch in patches):
         raise InputError(f"periodic patches {names[0]} and {names[1]}: a patch without nodes has no images")
@@ -415,9 +414,9 @@ def pair_of(points: FloatArray, patches: tuple[Patch, Patch], wanted: PeriodicPa
 
 
 def paired(mesh: Mesh, wanted: Sequence[PeriodicPatches]) -> Mesh:
-    """Return the mesh with the pairs that a user names, in place of those of the file on the same patches.
+    """Return the mesh with the pairs that a user names; they replace the file's pairs of the same patches.
 
-    Raises InputError if a name is of no patch or of several, or the patches do not match node by node.
+    Raises InputError if a name means no patch or several, or if the patches do not match node by node.
     """
     own = []
     for one in wanted:

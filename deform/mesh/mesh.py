@@ -17,38 +17,38 @@ from .cells import LARGEST, PLANE, Cells, Faces, Patch, Periodic, Polyhedra, Vol
 from .pieces import Whole
 
 MARK = "#"
-"""Stands between the name of a patch and the number of its component."""
+"""Separates the name of a patch from the number of its component."""
 ABSENT = "patch {} is absent: "
-"""Beginning of a note of a mesh on a patch that the file has, but that could not be read."""
+"""Beginning of a note on a patch of the file that cannot be read."""
 
 
 class Warned(str):
-    """A note that is a warning: the result is probably not what is wanted."""
+    """A note that is shown as a warning: the result is probably not what the user wants."""
 
     __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mesh:
-    """Points, cells of every type and named boundary patches: all that a deformation needs to know.
+    """Points, cells and named boundary patches: all that a deformation needs.
 
-    A plane mesh has cells of the shapes `PLANE`, patches of lines, and points of one and the same z, or x, or y.
+    A plane mesh has cells of the shapes `PLANE`, patches of lines, and points that share one coordinate.
 
     Parameters
     ----------
-    points : (N, 3) node coordinates, in the mesh's own unit of length.
-    cells : Volume cells, in the file's order: blocks of one shape, or polyhedra; or plane ones. There may be none.
+    points : (N, 3) node coordinates in the mesh's own unit of length.
+    cells : Blocks of one shape, or polyhedra, in the file's order; volume cells or plane cells. There may be none.
     patches : Named parts of the boundary; names are distinct.
-    zones : Parts with points of their own, which cover all points in order. One unless the file says otherwise.
+    zones : Parts with their own points, which cover all points in order; one unless the file says otherwise.
     name : The file or kind of mesh, for messages.
-    source : The file it was read from, if it was.
-    notes : Sentences on what a user may not expect of it; those that are `Warned` are shown as warnings.
-    whole : The mesh that this one is an excerpt of; None if it is whole itself.
-    periodic : Pairs of patches whose nodes are images of one another.
-    files : The files it was read from, as they were then (`check_unchanged`).
-    across : Of a plane mesh: the coordinate that all points share, 0, 1 or 2.
+    source : File that it was read from; empty for none.
+    notes : What may surprise a user, as sentences; those that are `Warned` are shown as warnings.
+    whole : The mesh that this is an excerpt of; None if it is complete.
+    periodic : Pairs of patches whose nodes are images of each other.
+    files : Files that it was read from, with their states then (`check_unchanged`).
+    across : In a plane mesh the coordinate that all points share: 0, 1 or 2.
 
-    Raises InputError for coordinates that are not finite or beyond `LARGEST`, indices out of range, names given twice.
+    Raises InputError for coordinates not finite or beyond `LARGEST`, indices out of range, and repeated names.
     """
 
     points: FloatArray = field(repr=False)
@@ -91,7 +91,7 @@ class Mesh:
                 )
 
     def _check_plane(self) -> None:
-        """Raise InputError if there are cells of both kinds, or points of a plane mesh have several z."""
+        """Raise InputError for plane and volume cells together, or for a plane mesh that is not plane."""
         if not self.plane:
             return
         solid = [block for block in self.cells if isinstance(block, Polyhedra) or block.shape not in PLANE]
@@ -112,7 +112,7 @@ class Mesh:
 
     @property
     def normal(self) -> FloatArray | None:
-        """Unit normal (3,) of a plane mesh; None of any other."""
+        """Unit normal (3,) of a plane mesh; None for others."""
         return np.eye(3)[self.across] if self.plane else None
 
     def _indices(self) -> list[tuple[NDArray[np.intp], str]]:
@@ -127,18 +127,18 @@ class Mesh:
 
     @property
     def point_count(self) -> int:
-        """Number of points; of an excerpt, those of the whole mesh."""
+        """Number of points, for an excerpt in the whole mesh."""
         return self.whole.pieces.points if self.whole else len(self.points)
 
     @property
     def cell_counts(self) -> tuple[int, ...]:
-        """Number of cells of each block; of an excerpt, those of the whole mesh."""
+        """Number of cells of each block, for an excerpt in the whole mesh."""
         if self.whole:
             return tuple(count for _, count in self.whole.pieces.blocks)
         return tuple(len(block) for block in self.cells)
 
     def numbers(self, nodes: IntArray) -> IntArray:
-        """Return the indices that nodes (K,) have in the file: those in the whole mesh."""
+        """Return the indices in the file of nodes (K,)."""
         return np.asarray(self.whole.nodes[nodes] if self.whole else nodes)
 
     @property
@@ -154,18 +154,18 @@ class Mesh:
         raise KeyError(name)
 
     def on(self, *names: str) -> IntArray:
-        """Sorted, distinct indices (K,) of the nodes on the union of the named patches."""
+        """Return the sorted distinct indices (K,) of the nodes on the named patches."""
         return union(*(self.patch(name).nodes for name in names))
 
     def faces_of(self, names: Sequence[str]) -> tuple[Faces, ...]:
-        """Return the faces on the union of patches."""
+        """Return the faces of the named patches."""
         return tuple(faces for name in names for faces in self.patch(name).faces)
 
     def named(self, wanted: Sequence[str], what: str) -> tuple[str, ...]:
-        """Return the patches that names and wildcards (``wing*``, in any zone) stand for.
+        """Return the patches that names and wildcards (``wing*``, in any zone) mean.
 
-        Raises InputError if a name stands for no patch, or for one that the notes call absent; the message suggests the
-        nearest ones, or says why.
+        Raises InputError for a name of no patch, with the most similar names, or of a patch that could not be read,
+        with the reason.
         """
         names: list[str] = []
         for text in wanted:
@@ -179,7 +179,7 @@ class Mesh:
         return tuple(names)
 
     def _absent(self, text: str) -> str:
-        """Return the note on the first patch that is absent, and that a name or wildcard stands for; empty if none."""
+        """Return the note on an unreadable patch that a name or wildcard means, or an empty text."""
         begin, end = ABSENT.split("{}")
         for note in self.notes:
             name, found, _ = note.removeprefix(begin).partition(end)
@@ -188,7 +188,7 @@ class Mesh:
         return ""
 
     def with_points(self, points: FloatArray) -> Mesh:
-        """Return the same cells and patches on moved points (N, 3)."""
+        """Return the mesh with other points (N, 3)."""
         moved = real(points, "points")
         if moved.shape != self.points.shape:
             raise InputError(f"{self.name}: points {moved.shape} must be {self.points.shape}")
@@ -196,7 +196,7 @@ class Mesh:
 
 
 def meant(wildcard: str, patch: str) -> bool:
-    """True if the wildcard stands for the patch, for its name without that of its zone, or for the whole of a part."""
+    """True if the wildcard means the patch, its name without the zone, or all components of it."""
     name = patch.rpartition("/")[2]
     whole = wildcard != name and (fnmatchcase(name, wildcard) or name.startswith(f"{wildcard}{MARK}"))
     return fnmatchcase(patch, wildcard) or whole

@@ -1,6 +1,6 @@
-"""Faces of polyhedra as OpenFOAM's checkMesh judges them: non-orthogonality and skewness.
+"""Non-orthogonality and skewness of polyhedra's faces, as OpenFOAM's checkMesh measures them.
 
-Only cells with a node that may move, and their faces, are measured again after a deflection.
+After a deflection only the faces of touched cells are measured again.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from .quality import SEVERE, SKEW, oriented
 from .touched import TouchedCells
 
 ERROR = 1e-15
-"""checkMesh finds fault with a face if the cosine of its non-orthogonality is not larger."""
+"""checkMesh reports an error for a face if the cosine of its non-orthogonality is not larger."""
 LARGEST_ANGLE = 85.0
-"""Non-orthogonality (degrees) up to which a deflected mesh passes, unless it had a larger one before."""
+"""Degrees of non-orthogonality up to which a deflected mesh passes, unless it exceeded them before."""
 
 
 @dataclass(frozen=True, slots=True)
 class FaceQuality:
-    """What checkMesh says of faces.
+    """Figures of faces, as checkMesh has them.
 
     Attributes
     ----------
     faces : number of faces between two cells.
-    least, total : smallest cosine of the non-orthogonality of these, and the sum of all.
-    skewness_max : largest skewness of any face, those of the boundary among them.
+    least, total : smallest cosine of these faces' non-orthogonality, and the sum of all cosines.
+    skewness_max : largest skewness of any face, boundary faces included.
     severe, skew : number of faces with a non-orthogonality above 70 degrees, and with a skewness above 4.
     """
 
@@ -64,11 +64,11 @@ class FaceQuality:
 
     @property
     def non_orthogonality_mean(self) -> float:
-        """Angle of the mean cosine, as checkMesh has it, degrees."""
+        """Angle of the mean cosine in degrees, like checkMesh's average."""
         return float(_degrees(np.array(self.total / max(self.faces, 1))))
 
     def as_dict(self) -> dict[str, float | int]:
-        """Return the figures as JSON has them."""
+        """Return the figures for JSON."""
         return {
             "faces": self.faces,
             "non_orthogonality_max": self.non_orthogonality_max,
@@ -80,13 +80,13 @@ class FaceQuality:
 
 
 class State(NamedTuple):
-    """What was measured of some faces.
+    """Measures of some faces.
 
     Attributes
     ----------
-    inner : (F,) which faces are between two cells, of those of a periodic pair the first one.
-    second : (F,) which are the second one of a periodic pair.
-    cosines, skewness : (F,) of faces.
+    inner : (F,) whether a face is between two cells; of a periodic pair only the first one.
+    second : (F,) whether a face is the second one of a periodic pair.
+    cosines, skewness : (F,) measures of the faces.
     places : (F, 3) centres of faces.
     """
 
@@ -97,7 +97,7 @@ class State(NamedTuple):
     places: FloatArray
 
     def quality(self, faces: BoolArray | slice = slice(None)) -> FaceQuality:
-        """Condense what was measured of all faces, or of those in a mask (F,)."""
+        """Return the figures of all faces, or of those in a mask (F,)."""
         cosines, skewness = self.cosines[faces], self.skewness[faces]
         between = cosines[self.inner[faces]]
         return FaceQuality(
@@ -112,13 +112,13 @@ class State(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Couples:
-    """Faces of periodic pairs, each of which has the cell of another ahead, where a rigid motion puts it.
+    """Faces of periodic pairs; the cell ahead of each is its partner's, moved by the pair's motion.
 
     Attributes
     ----------
-    faces, partners : (K,) faces, and those that they fit to.
-    rotations, shifts : (K, 3, 3), (K, 3) of the motion from the partner to the face.
-    second : (K,) which are images.
+    faces, partners : (K,) faces, and their partners.
+    rotations, shifts : (K, 3, 3), (K, 3) motion from the partner to the face.
+    second : (K,) whether a face is the image.
     """
 
     faces: IntArray = field(repr=False)
@@ -129,7 +129,7 @@ class Couples:
 
     @classmethod
     def of(cls, mesh: Mesh, cells: Polyhedra) -> Couples:
-        """Find the faces of a block of cells in the periodic pairs of a mesh; those of an excerpt may be incomplete."""
+        """Find the faces of a block of cells in the periodic pairs of a mesh; pairs of an excerpt may be incomplete."""
         parts = [(np.empty((0, 2), dtype=np.intp), np.empty((0, 3, 3)), np.empty((0, 3)))]
         inner = len(cells.neighbour)
         if mesh.periodic and mesh.whole is None:
@@ -147,7 +147,7 @@ class Couples:
         )
 
     def among(self, wanted: BoolArray) -> Couples:
-        """Return those of some faces, a mask of all."""
+        """Return the faces in a mask."""
         own = wanted[self.faces]
         return Couples(
             self.faces[own], self.partners[own], self.rotations[own], self.shifts[own], self.second[own]
@@ -155,7 +155,7 @@ class Couples:
 
 
 def _coupled(pair: Periodic, faces: Polygons, mesh: Mesh) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Return which faces (F,) of the boundary a pair couples (K, 2), and the motion of each to its image."""
+    """Return the boundary faces (F,) that a pair couples, as (K, 2), and the motion of each to its image."""
     keys, image = node_keys(len(mesh.points)), np.full(len(mesh.points), -1, dtype=np.intp)
     image[pair.nodes[:, 0]] = pair.nodes[:, 1]
     moved = np.logical_and.reduceat(image[faces.nodes] >= 0, faces.offsets[:-1])
@@ -170,18 +170,18 @@ def _coupled(pair: Periodic, faces: Polygons, mesh: Mesh) -> tuple[IntArray, Flo
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ring:
-    """The faces of some cells, with the cells around them, whose centres they depend on.
+    """The faces of some cells, with the cells around them, on whose centres they depend.
 
     Attributes
     ----------
-    nodes, spans : nodes of the mesh's faces, and (K, 2) where those of each face of all these cells begin and end.
-    owner, neighbour : (K,), (I,) the cells of these, counted from 0; -1 for cells farther out.
+    nodes, spans : nodes of the mesh's faces, and (K, 2) begin and end of each face of all these cells.
+    owner, neighbour : (K,), (I,) cells of these faces, counted from 0; -1 for cells farther out.
     count : number of cells.
-    sides : (F, 3) rows of the faces of the cells that are meant, the cell behind each, and that ahead or -1. After the
-        cells come the images of those that are coupled.
-    numbers : (F,) the faces in the mesh.
+    sides : (F, 3) rows of the measured faces, the cell behind each, and the cell ahead or -1. Images of coupled cells
+        come after the cells.
+    numbers : (F,) indices of the faces in the mesh.
     sign : -1 if normals point into the owners, else 1.
-    couples : of periodic pairs; their faces are rows of those that are meant, their partners cells.
+    couples : coupled faces; faces are rows of the measured ones, partners are cells.
     """
 
     nodes: IntArray = field(repr=False)
@@ -196,7 +196,7 @@ class Ring:
 
     @classmethod
     def of(cls, cells: Polyhedra, rows: IntArray, sign: float, couples: Couples) -> Ring:
-        """Collect the faces of rows (C,) of cells, and those that are coupled with them."""
+        """Collect the faces of rows (C,) of cells, and the faces coupled to them."""
         meant = np.zeros(len(cells), dtype=np.bool_)
         meant[rows] = True
         wanted = _faces_of(cells, meant)
@@ -219,7 +219,7 @@ class Ring:
         return cls(cells.faces.nodes, spans, owner, neighbour, count, sides, numbers, sign, own)
 
     def measured(self, points: FloatArray) -> State:
-        """Measure the faces that are meant, with the nodes at points (N, 3)."""
+        """Measure the faces with the nodes at points (N, 3)."""
         pairs, judged = self.couples, np.empty((len(self.sides), 2))
         count = self.count + len(pairs.faces)
         faces, cells = measured_cells(points, self.nodes, self.spans, self.owner, self.neighbour, self.sign, count)
@@ -237,12 +237,12 @@ class Ring:
 
 @dataclass(frozen=True, eq=False)
 class TouchedFaces:
-    """The faces of the cells that a deformation may change.
+    """The faces of touched cells.
 
     Attributes
     ----------
-    rings : of each block of polyhedra.
-    before : what was measured of the mesh before.
+    rings : one for each block of polyhedra.
+    before : measures of the undeflected mesh.
     """
 
     rings: tuple[Ring, ...] = field(repr=False)
@@ -250,7 +250,7 @@ class TouchedFaces:
 
     @classmethod
     def of(cls, touched: TouchedCells) -> TouchedFaces | None:
-        """Measure a mesh as it is; None if it has no polyhedra, or none is touched."""
+        """Measure the undeflected mesh; None without touched polyhedra."""
         mesh = touched.mesh
         rings = tuple(
             Ring.of(block, rows, sign, Couples.of(mesh, block))
@@ -264,10 +264,9 @@ class TouchedFaces:
         return _joined(self.rings, points)
 
     def verdicts(self, after: State) -> Iterator[tuple[str, float, float, str, str]]:
-        """Yield name, value, limit, unit and place of what must hold of faces afterwards.
+        """Yield name, value, limit, unit and place of each requirement on the faces.
 
-        Of a face that was beyond a limit before, no more is asked than that checkMesh does not newly find fault with
-        it.
+        A face that exceeded a limit before must only not become a new error of checkMesh.
         """
         inner = after.inner
         old, new = self.before.cosines[inner], after.cosines[inner]
@@ -280,7 +279,7 @@ class TouchedFaces:
 
 
 def face_quality(mesh: Mesh) -> FaceQuality | None:
-    """Return what checkMesh says of the faces of a mesh; None without polyhedra."""
+    """Return the figures of all faces of a mesh, as checkMesh has them; None without polyhedra."""
     found, blocks = FaceQuality(), [block for block in mesh.cells if isinstance(block, Polyhedra)]
     for block in blocks:
         sign, couples, rows = oriented(mesh.points, block)[0], Couples.of(mesh, block), np.arange(len(block))
@@ -293,14 +292,14 @@ def face_quality(mesh: Mesh) -> FaceQuality | None:
 
 
 def _joined(rings: tuple[Ring, ...], points: FloatArray) -> State:
-    """Return what was measured of the faces of all rings."""
+    """Return the measures of the faces of all rings."""
     return State(*map(np.concatenate, zip(*(ring.measured(points) for ring in rings), strict=True)))
 
 
 def _where(old: FloatArray, new: FloatArray, counted: float, limit: float, what: str, places: FloatArray) -> str:
-    """Say of how many faces (F,) a value was measured, how many are newly above one, and where the worst of them is.
+    """Return how many faces (F,) were measured, how many are newly above a value, and where the worst is, as text.
 
-    `places` (F, 3) are centres.
+    `places` (F, 3) are the faces' centres.
     """
     text = f"{len(new)} {what}, {_newly(old, new, counted)} newly above {counted:g}; {_largest(old):.4g} before"
     if not _newly(old, new, limit):
@@ -310,12 +309,12 @@ def _where(old: FloatArray, new: FloatArray, counted: float, limit: float, what:
 
 
 def _largest(values: FloatArray, some: BoolArray | slice = slice(None)) -> float:
-    """Return the largest of values (K,), or of those in a mask (K,); 0 if there are none."""
+    """Return the largest of values (K,), or of those in a mask (K,); 0 without any."""
     return float(values[some].max(initial=0.0))
 
 
 def _newly(before: FloatArray, after: FloatArray, limit: float) -> int:
-    """Return how many values (K,) are above a limit that were not before."""
+    """Return how many values (K,) are newly above a limit."""
     return int(np.count_nonzero((after > limit) & (before <= limit)))
 
 
@@ -324,7 +323,7 @@ def _degrees(cosines: FloatArray) -> FloatArray:
 
 
 def _faces_of(cells: Polyhedra, some: BoolArray) -> BoolArray:
-    """Return which faces (F,) some of the cells, a mask (C,), have."""
+    """Return which faces (F,) belong to cells in a mask (C,)."""
     own = some[cells.owner]
     own[: len(cells.neighbour)] |= some[cells.neighbour]
     return own

@@ -1,4 +1,4 @@
-"""A mesh file that is read some points or cells at a time, and what part of it a mesh in memory is."""
+"""A mesh file that is read in pieces, and how an excerpt relates to the whole mesh."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Pieces(Protocol):
-    """Points and cells of a mesh file, none of them in memory: a small value, which other processes can be sent."""
+    """Points and cells of a mesh file that stay in the file: a small value that other processes can receive."""
 
     @property
     def source(self) -> str:
@@ -29,7 +29,7 @@ class Pieces(Protocol):
 
     @property
     def files(self) -> States:
-        """The files that are read, as they were at first (`check_unchanged`)."""
+        """The files that are read, with their states at first (`check_unchanged`)."""
 
     @property
     def points(self) -> int:
@@ -37,16 +37,16 @@ class Pieces(Protocol):
 
     @property
     def blocks(self) -> tuple[tuple[str, int], ...]:
-        """Shape and number of the cells of each block; the shape of polyhedra is ``"polyhedron"``."""
+        """Shape and number of cells of each block; the shape of polyhedra is ``"polyhedron"``."""
 
     def coordinates(self, start: int, stop: int) -> FloatArray:
         """Return the coordinates (stop - start, 3) of points start to stop - 1."""
 
     def places(self, nodes: IntArray) -> FloatArray:
-        """Return the coordinates (K, 3) of points in any order, as often as they are named."""
+        """Return the coordinates (K, 3) of nodes (K,) in any order."""
 
     def cells_of(self, block: int, start: int, stop: int) -> Cells | SomePolyhedra:
-        """Return cells start to stop - 1 of a block, with the mesh's numbers of nodes, counted from 0."""
+        """Return cells start to stop - 1 of a block; nodes have the mesh's indices, counted from 0."""
 
     def rewrite(
         self, nodes: IntArray, points: FloatArray, out: Path, progress: Progress = silent, runner: Runner = HERE
@@ -59,13 +59,13 @@ class Pieces(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshInPieces:
-    """A mesh of which the boundary is in memory, and all else in a file.
+    """A mesh whose boundary is in memory, and the rest in a file.
 
     Attributes
     ----------
-    name : the file, for messages.
-    pieces : points and cells.
-    patches, zones, notes, periodic : those of `Mesh`, as reading the whole file gives them.
+    name : name of the file, for messages.
+    pieces : points and cells, in the file.
+    patches, zones, notes, periodic : as in `Mesh`.
     """
 
     name: str
@@ -78,14 +78,14 @@ class MeshInPieces:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Whole:
-    """The mesh that an excerpt was taken from, which may be larger than memory.
+    """The whole mesh of an excerpt, which may be larger than memory.
 
     Parameters
     ----------
-    pieces : Its points and cells, in a file.
-    nodes : (N,) rising index in it of each point of the excerpt.
-    rows : For each block, the rising index in it of each cell of the excerpt.
-    orientation, inverted : For each block, those of `TouchedCells`: of all its cells.
+    pieces : Points and cells, in a file.
+    nodes : (N,) rising indices of the excerpt's points.
+    rows : For each block the rising indices of the excerpt's cells.
+    orientation, inverted : For each block as in `TouchedCells`, of all cells.
     """
 
     pieces: Pieces
@@ -96,7 +96,7 @@ class Whole:
 
 
 def gathered(pieces: Pieces, nodes: IntArray) -> FloatArray:
-    """Return the coordinates (K, 3) of sorted nodes, range by range."""
+    """Return the coordinates (K, 3) of sorted nodes, reading one range at a time."""
     points = np.empty((len(nodes), 3))
     for start in range(0, pieces.points, threads.LIMITS.points) if len(nodes) else ():
         first, end = np.searchsorted(nodes, (start, start + threads.LIMITS.points))

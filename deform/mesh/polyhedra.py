@@ -1,8 +1,8 @@
-"""Polyhedral cells as OpenFOAM measures them: face and cell centres, volumes and face pyramids.
+"""Centres, volumes and face pyramids of polyhedral cells, as OpenFOAM measures them.
 
 The formulas are those of OpenFOAM's primitiveMesh, so that a cell is inverted here if checkMesh says so.
 
-The compiled loops give centres, areas, volumes, and what OpenFOAM's checkMesh measures of faces.
+The compiled loops also give what OpenFOAM's checkMesh measures of faces.
 """
 
 from collections.abc import Sequence
@@ -19,23 +19,23 @@ from .cells import Polygons, Polyhedra, taken
 from .edges import polygons_of, rows_of
 
 NO_AREA = 1e-150
-"""OpenFOAM adds this to divisors that may be 0, and takes a face of a smaller area for one of no area."""
+"""OpenFOAM adds this to divisors that may be 0; a face with a smaller area counts as without area."""
 SMALLEST_PYRAMID = -1e-15
-"""checkMesh finds fault with a face pyramid of a smaller volume, in the mesh's unit of length cubed."""
+"""checkMesh reports an error for a face pyramid of a smaller volume, in the mesh's unit of length cubed."""
 TINY = np.finfo(np.float64).tiny
 ROWS, PARTS = 1 << 18, 8
-"""Cells measured at a time, so that temporaries stay small; but in so many parts at most: each looks at all faces."""
+"""Cells in one block, so that temporaries stay small, and most blocks: each looks at all faces."""
 WEIGHT = 40
-"""Work on one face in kernel pairs, by which `in_chunks` shares it out."""
+"""Work on one face in kernel pairs, by which `in_chunks` divides it."""
 
 
 @compiled_exactly
 def measure_faces(
     points: FloatArray, nodes: IntArray, spans: IntArray, faces: FloatArray
 ) -> None:  # pragma: no cover - machine code
-    """Fill in centres and area vectors (F, 3 + 3) of faces, cut into triangles around their mean corner.
+    """Fill in the centres and area vectors (F, 3 + 3) of faces, cut into triangles around their mean corner.
 
-    `spans` (F, 2) says where the nodes of each begin and end.
+    `spans` (F, 2) holds begin and end of each face in `nodes`.
     """
     for i in range(len(spans)):
         centre, area = face_centre(points, nodes, spans[i, 0], spans[i, 1])
@@ -47,9 +47,9 @@ def measure_faces(
 def face_centre(
     points: FloatArray, nodes: IntArray, start: int, end: int
 ) -> tuple[Vector, Vector]:  # pragma: no cover - machine code
-    """Return centre and area vector of the face of nodes start to end - 1.
+    """Return the centre and area vector of the face with nodes start to end - 1.
 
-    Lengths are taken from the mean corner, so that thin faces far from the origin lose no digits.
+    Lengths are relative to the mean corner, so that thin faces far from the origin lose no digits.
     """
     mean = (0.0, 0.0, 0.0)
     for k in range(start, end):
@@ -72,9 +72,9 @@ def face_centre(
 def measure_cells(
     owner: IntArray, neighbour: IntArray, faces: FloatArray, cells: FloatArray
 ) -> None:  # pragma: no cover - machine code
-    """Fill in centres, volumes, and sums of area vectors and of their sizes (C, 3 + 1 + 3 + 3) of cells.
+    """Fill in centre, volume, sum of area vectors and sum of their sizes (C, 3 + 1 + 3 + 3) of cells.
 
-    Cells of a face are -1 where they are not wanted; the first faces have a neighbour.
+    Owners and neighbours that are not wanted are -1; the first faces have a neighbour.
     """
     means = np.zeros((len(cells), 4))
     cells[:] = 0.0
@@ -96,7 +96,7 @@ def measure_cells(
 def smallest_pyramids(
     owner: IntArray, neighbour: IntArray, faces: FloatArray, cells: FloatArray, smallest: FloatArray, least: FloatArray
 ) -> None:  # pragma: no cover - machine code
-    """Fill in the volume (C,) of the smallest pyramid of each cell, on one of its faces with the tip at its centre.
+    """Fill in the volume (C,) of each cell's smallest face pyramid, whose tip is the cell's centre.
 
     `least` (C,) is the smallest cosine between a face's area vector and the line from the cell's centre to the face's.
     """
@@ -116,7 +116,7 @@ def smallest_pyramids(
 def _add_areas(
     side: IntArray, sign: float, faces: FloatArray, means: FloatArray, cells: FloatArray
 ) -> None:  # pragma: no cover - machine code
-    """Add up centres of faces and their number, area vectors and sizes of these by the cell on a side."""
+    """Add the faces' centres, number, area vectors and areas to the cells on one side."""
     for i in range(len(side)):
         cell = side[i]
         if cell >= 0:
@@ -131,7 +131,7 @@ def _add_areas(
 def _add_volumes(
     side: IntArray, sign: float, faces: FloatArray, means: FloatArray, cells: FloatArray
 ) -> None:  # pragma: no cover - machine code
-    """Add up three times the volumes of face pyramids, and their moments, by the cell on a side."""
+    """Add three times the volumes of face pyramids, and their moments, to the cells on one side."""
     for i in range(len(side)):
         cell = side[i]
         if cell >= 0:
@@ -151,12 +151,12 @@ def judge_faces(
     sides: IntArray,
     judged: FloatArray,
 ) -> None:  # pragma: no cover - machine code
-    """Fill in the cosine of the non-orthogonality of faces, 1 on the boundary, and their skewness (F, 2).
+    """Fill in the cosine of the faces' non-orthogonality, 1 on the boundary, and their skewness (F, 2).
 
-    `sides` (F, 3) has the row of a face in `spans` and `faces`, the cell behind it, and that ahead, -1 on the boundary.
-    The non-orthogonality is the angle between the area vector and the line of the cells' centres. The skewness is the
-    distance of the face's centre from where that line meets the face, over the face's extent that way; on the boundary
-    the line is along the normal.
+    `sides` (F, 3) has the row of a face in `spans` and `faces`, the cell behind it, and the cell ahead (-1 on the
+    boundary). The non-orthogonality is the angle between the area vector and the line of the cells' centres. The
+    skewness is the distance of the face's centre from that line in the face's plane, over the face's extent in that
+    direction. On the boundary the line is along the normal.
     """
     for i in range(len(sides)):
         face, ahead = sides[i, 0], sides[i, 2]
@@ -179,12 +179,12 @@ def judge_faces(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pyramids:
-    """What decides on R polyhedra: pyramids stand on the faces of a cell, with their tips at its centre.
+    """Volumes and face pyramids of R polyhedra; the tip of a pyramid is the cell's centre.
 
     Attributes
     ----------
-    smallest : (R,) volume of the smallest pyramid of each cell, negative where a face has turned past the centre.
-    volume : (R,) volume of each cell: the sum of its pyramids.
+    smallest : (R,) volume of each cell's smallest pyramid, negative if a face has turned past the centre.
+    volume : (R,) volume of each cell, the sum of its pyramids.
     orthogonality : (R,) smallest cosine between a face's area vector and the line from the cell's centre to the face's.
     """
 
@@ -194,7 +194,7 @@ class Pyramids:
 
     @property
     def inverted(self) -> NDArray[np.bool_]:
-        """Which cells (R,) checkMesh takes for inverted: by their volume, or by one of their pyramids."""
+        """Which cells (R,) checkMesh calls inverted, by their volume or by one of their pyramids."""
         return np.asarray((self.smallest < SMALLEST_PYRAMID) | (self.volume < TINY))
 
 
@@ -231,7 +231,7 @@ def measured_cells(
     orientation: float,
     count: int,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return what `measure_faces` says of faces (F, 6), and `measure_cells` of so many cells (C, 10)."""
+    """Return the measures of faces (F, 6) by `measure_faces`, and of `count` cells (C, 10) by `measure_cells`."""
     faces, cells = np.empty((len(spans), 6)), np.empty((count, 10))
 
     def measure(low: int, high: int) -> None:
@@ -254,7 +254,7 @@ def face_centres_and_areas(points: FloatArray, faces: Polygons) -> tuple[FloatAr
 def sides_of(cells: Polyhedra, rows: IntArray) -> tuple[IntArray, IntArray, IntArray]:
     """Return the faces (F,) of rows of cells, and the cells behind (F,) and ahead (I,) of them.
 
-    Cells are counted as the rows are, -1 for all others; the first faces have a neighbour.
+    Cells are numbered like the rows, all others are -1; the first faces have a neighbour.
     """
     place = np.full(len(cells), -1, dtype=np.intp)
     place[rows] = np.arange(len(rows))
@@ -265,14 +265,14 @@ def sides_of(cells: Polyhedra, rows: IntArray) -> tuple[IntArray, IntArray, IntA
 
 
 def spans_of(faces: Polygons, rows: IntArray | BoolArray | slice) -> IntArray:
-    """Return where the nodes of some faces begin and end (F, 2)."""
+    """Return begin and end (F, 2) of the nodes of some faces."""
     return np.column_stack([faces.offsets[:-1][rows], faces.offsets[1:][rows]])
 
 
 def corner_edges(cells: Polyhedra, rows: IntArray) -> tuple[IntArray, IntArray, IntArray]:
-    """Return where edges of rows of cells begin, where they end, and the place of the row, each (K,).
+    """Return start, end and cell of the edges of rows of cells, each (K,); cells are numbered like the rows.
 
-    Every edge of a cell is found once from each of its ends.
+    Every edge of a cell occurs once from each of its ends.
     """
     faces, face, cell, sign = _sides(cells, rows)
     sizes = np.diff(faces.offsets)[face]
@@ -298,13 +298,13 @@ def nodes_of(cells: Polyhedra, row: int) -> IntArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SomePolyhedra:
-    """Some cells of a mesh of polyhedra, with all their faces.
+    """Some cells of a mesh of polyhedra with all their faces.
 
     Attributes
     ----------
-    numbers : (F,) rising index in the mesh of each face.
-    sides : the faces, first those between two cells; their nodes, owners and neighbours are numbered as in the mesh.
-        Cells beyond the faces of those that are meant are owners and neighbours, too.
+    numbers : (F,) rising indices of the faces in the mesh.
+    sides : the faces, those between two cells first; nodes, owners and neighbours have the mesh's indices. Owners and
+        neighbours may be cells beyond the wanted ones.
     """
 
     numbers: IntArray = field(repr=False)
@@ -316,7 +316,7 @@ class SomePolyhedra:
         return self.sides.faces.nodes
 
     def counted(self, nodes: IntArray, start: int, stop: int) -> Polyhedra:
-        """Return it with other nodes (K,), and cells start to stop - 1 from 0 on; all others are one after them."""
+        """Return the cells with other nodes (K,); start to stop - 1 count from 0, all others are one more cell."""
         owner, neighbour = (
             np.where((cells >= start) & (cells < stop), cells - start, stop - start).astype(np.intp, copy=False)
             for cells in (self.sides.owner, self.sides.neighbour)
@@ -324,13 +324,13 @@ class SomePolyhedra:
         return Polyhedra(Polygons(nodes, self.sides.faces.offsets), owner, neighbour)
 
     def some(self, wanted: BoolArray) -> "SomePolyhedra":
-        """Return what is left with some of the faces, a mask (F,)."""
+        """Return the faces in a mask (F,)."""
         rows, inner = np.flatnonzero(wanted), wanted[: len(self.sides.neighbour)]
         sides = Polyhedra(taken(self.sides.faces, rows), self.sides.owner[rows], self.sides.neighbour[inner])
         return SomePolyhedra(self.numbers[rows], sides)
 
     def within(self, nodes: IntArray) -> tuple[Polyhedra, IntArray]:
-        """Return it as a mesh of its own with points of rising numbers (N,), and the numbers (R,) of its cells."""
+        """Return a mesh of its own, whose points have rising indices (N,), and the indices (R,) of its cells."""
         cells = union(self.sides.owner, self.sides.neighbour)
         faces = Polygons(np.searchsorted(nodes, self.nodes), self.sides.faces.offsets)
         owner, neighbour = (np.searchsorted(cells, own) for own in (self.sides.owner, self.sides.neighbour))
@@ -338,7 +338,7 @@ class SomePolyhedra:
 
 
 def joined(parts: Sequence[SomePolyhedra]) -> SomePolyhedra:
-    """Return the polyhedra of several parts of a mesh, every face once."""
+    """Return the polyhedra of several parts of a mesh, each face once."""
     numbers, sides = np.concatenate([part.numbers for part in parts]), [part.sides for part in parts]
     faces, owner = polygons_of([own.faces for own in sides]), np.concatenate([own.owner for own in sides])
     neighbour = np.concatenate([_padded(own) for own in sides])
@@ -354,7 +354,7 @@ def _padded(cells: Polyhedra) -> IntArray:
 
 
 def _sides(cells: Polyhedra, rows: IntArray) -> tuple[Polygons, IntArray, IntArray, FloatArray]:
-    """Return the faces of the rows, and for each side of one of them its face, its row and the sign of its normal."""
+    """Return the faces of the rows, and for each side of a face the face, the row and the sign of its normal."""
     numbers, owner, neighbour = sides_of(cells, rows)
     behind, front = np.flatnonzero(owner >= 0), np.flatnonzero(neighbour >= 0)
     sign = np.repeat([1.0, -1.0], [len(behind), len(front)])

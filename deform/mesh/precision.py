@@ -1,4 +1,4 @@
-"""How a mesh file rounds coordinates."""
+"""The precision of coordinates in a mesh file."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -13,14 +13,13 @@ DOUBLE = np.dtype(np.float64)
 
 @dataclass(frozen=True, slots=True)
 class Precision:
-    """How the file that is to be written keeps coordinates.
+    """The precision of the file to be written.
 
     Attributes
     ----------
-    real : type of its numbers; of a file that has several types, the one with the fewest bits.
-    every : whether all coordinates are rounded: those of a file that is a copy of the one that was read keep their
-        bits where they do not change.
-    advice : where coordinates of more bits could be written.
+    real : type of its numbers; if there are several, the one with the fewest bits.
+    every : whether all coordinates are rounded; a copy of the file that was read keeps coordinates that do not change.
+    advice : how to write coordinates with more bits.
     """
 
     real: np.dtype[Any] = DOUBLE
@@ -33,9 +32,9 @@ class Precision:
         return self.real.itemsize >= DOUBLE.itemsize
 
     def rounded(self, points: FloatArray, before: FloatArray) -> FloatArray:
-        """Return points (N, 3) as the file holds them; `before` (N, 3) are those of the undeflected mesh.
+        """Return points (N, 3) rounded for the file; `before` (N, 3) are the undeflected ones.
 
-        Raises InputError for coordinates that are too large for its numbers.
+        Raises InputError for coordinates too large for the file's numbers.
         """
         if self.is_double:
             return points
@@ -46,7 +45,7 @@ class Precision:
         return stored if self.every else np.where(points == before, before, stored)
 
     def resolution(self, points: FloatArray) -> float:
-        """Return how far rounding moves any of some points (N, 3) at most, in any direction; 0 in double precision."""
+        """Return the largest change of any coordinate of points (N, 3) by rounding; 0 in double precision."""
         return 0.0 if self.is_double else float(np.finfo(self.real).eps * np.abs(points).max(initial=0.0))
 
     def __str__(self) -> str:
@@ -54,4 +53,4 @@ class Precision:
 
 
 EVERY_BIT = Precision()
-"""That of a file in double precision."""
+"""Precision of a file with double-precision numbers."""

@@ -1,14 +1,15 @@
-"""Shape quality of cells of every type, and which of them are inverted: the one measure of the whole program.
+"""Shape quality and inversion of cells of every type; the whole program uses these measures alone.
 
-Tetrahedra have the paper's mean ratio; pyramids, wedges and hexahedra the scaled Jacobian of VTK. Of plane cells,
-triangles have their mean ratio and quads VTK's scaled Jacobian. Cells that a file gives by their faces are judged by
-their types, too. Those of no type have the cell's own half of the orthogonal quality of Ansys Fluent: the smallest
-cosine between the normal of a face and the line from the cell's centre to the face's. (Ansys Meshing User's Guide,
-Orthogonal Quality: the smallest of these and of those with the lines to the centres of the cells around.)
+Tetrahedra have the paper's mean ratio; pyramids, wedges and hexahedra VTK's scaled Jacobian. Plane triangles have their
+mean ratio, plane quads VTK's scaled Jacobian. Cells given by their faces are judged by their type, too.
 
-A tetrahedron is inverted if its signed volume is not positive, another cell of fixed shape if the determinant of its
-edges at some corner is not, a cell given by its faces if OpenFOAM's checkMesh says so: such meshes have hexahedra with
-a corner that is not, and solvers take them.
+Cells of no type have one half of Ansys Fluent's orthogonal quality. It is the smallest cosine between a face's normal
+and the line from the cell's centre to the face's. The other half takes the lines to the centres of neighbouring cells
+(Ansys Meshing User's Guide, Orthogonal Quality).
+
+A tetrahedron is inverted if its signed volume is not positive. Another cell of fixed shape is inverted if the
+determinant of its edges at some corner is not positive. A cell given by its faces is inverted if OpenFOAM's checkMesh
+says so: such meshes have hexahedra with an inverted corner, and solvers accept them.
 """
 
 from collections.abc import Iterable
@@ -33,13 +34,13 @@ MEASURES = {
     "hexahedron": "scaled Jacobian",
     POLYHEDRON: "orthogonal quality",
 }
-"""What the quality of each type of cell is."""
+"""Quality measure of each type of cell."""
 SEVERE, SKEW = 70.0, 4.0
-"""checkMesh counts faces of a larger non-orthogonality (degrees), and finds fault with faces of a larger skewness."""
+"""Limits of checkMesh: degrees above which a face is severely non-orthogonal; skewness that is an error."""
 
 
 def signed_volumes(points: FloatArray, tets: IntArray) -> FloatArray:
-    """Return the volume (M,) of tetrahedra (M, 4), in the unit of length cubed; negative where they are inverted."""
+    """Return the signed volume (M,) of tetrahedra (M, 4), in the unit of length cubed; negative if inverted."""
     return compiled_quality.signed_volumes(points, tets)
 
 
@@ -52,19 +53,19 @@ def mean_ratio(points: FloatArray, tets: IntArray) -> FloatArray:
 
 
 def quality_of(points: FloatArray, block: Volume, rows: IntArray | None = None, orientation: float = 1.0) -> FloatArray:
-    """Return the quality (R,) of the cells of a block, or of R rows of them, by the measure of `MEASURES`.
+    """Return the quality (R,) of the cells of a block, or of R rows of it, by their measure in `MEASURES`.
 
     Parameters
     ----------
     points : (N, 3) node coordinates.
     orientation
-        -1 for cells whose nodes are counted left-handed, else 1.
+        -1 for cells with left-handed nodes, else 1.
 
     Notes
     -----
-    The scaled Jacobian is the smallest over a cell's corners of the determinant of the edges' directions, divided by
-    that of the ideal cell. VTK adds the axes of a hexahedron, takes the corners of all tetrahedra that a pyramid's
-    nodes form with its tip, and sets inverted pyramids to 0. A cell with an edge of no length has 0 (in VTK 1e30).
+    The scaled Jacobian is the least determinant of the edges' directions at a cell's corners, over the ideal cell's.
+    VTK adds the axes of a hexahedron, takes all corners of the tetrahedra between a pyramid's base and tip, and sets
+    inverted pyramids to 0. A cell with an edge of zero length has 0 (in VTK 1e30).
     """
     return quality_and_inverted(points, block, rows, orientation)[0]
 
@@ -72,7 +73,7 @@ def quality_of(points: FloatArray, block: Volume, rows: IntArray | None = None, 
 def inverted_of(
     points: FloatArray, block: Volume, rows: IntArray | None = None, orientation: float = 1.0
 ) -> NDArray[np.bool_]:
-    """Return which cells (R,) of a block, or of R rows of them, are inverted; parameters as in `quality_of`."""
+    """Return which cells (R,) of a block, or of R rows of it, are inverted; parameters as for `quality_of`."""
     if isinstance(block, Polyhedra):
         return polyhedra.pyramids_of(points, block, rows, orientation).inverted
     return compiled_quality.inverted_of(points, block, rows, orientation)
@@ -81,7 +82,7 @@ def inverted_of(
 def quality_and_inverted(
     points: FloatArray, block: Volume, rows: IntArray | None = None, orientation: float = 1.0
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return `quality_of` (R,) and `inverted_of` (R,) at once."""
+    """Return `quality_of` (R,) and `inverted_of` (R,) in one pass."""
     if isinstance(block, Polyhedra):
         pyramids = polyhedra.pyramids_of(points, block, rows, orientation)
         quality = pyramids.orthogonality
@@ -99,10 +100,10 @@ class Quality:
     Attributes
     ----------
     shape : ``"tetra"``, ``"pyramid"``, ``"wedge"``, ``"hexahedron"``, ``"triangle"``, ``"quad"`` or ``"polyhedron"``.
-    measure : what the figures are, a value of `MEASURES`.
+    measure : quality measure, a value of `MEASURES`.
     cells : number of cells.
-    min, p01, mean : smallest value, the one that 99 % of the cells exceed, average.
-    below_0_2, below_0_4 : shares of these cells with a quality below 0.2 and 0.4.
+    min, p01, mean : least quality, quality that 99 % of the cells exceed, mean quality.
+    below_0_2, below_0_4 : shares of the cells with a quality below 0.2 and 0.4.
     inverted : number of inverted cells.
     """
 
@@ -118,7 +119,7 @@ class Quality:
 
 
 def summarise(values: FloatArray, shape: str = "tetra", inverted: int | None = None) -> Quality:
-    """Condense the quality (M,) of cells of one shape; unless told, those not above 0 count as inverted.
+    """Summarise the quality (M,) of cells of one shape; unless given, cells not above 0 count as inverted.
 
     Raises ValueError if there are no cells.
     """
@@ -138,7 +139,7 @@ def summarise(values: FloatArray, shape: str = "tetra", inverted: int | None = N
 
 
 def oriented(points: FloatArray, block: Volume) -> tuple[float, int]:
-    """Return the orientation of a block, -1 if its nodes are counted left-handed, and how many cells are inverted."""
+    """Return the orientation of a block, -1 if most cells have left-handed nodes, and its number of inverted cells."""
     bad = np.count_nonzero(inverted_of(points, block))
     if 2 * bad <= len(block):
         return 1.0, int(bad)
@@ -147,9 +148,9 @@ def oriented(points: FloatArray, block: Volume) -> tuple[float, int]:
 
 
 def other_handed(points: FloatArray, block: Volume, orientation: float) -> IntArray:
-    """Return the rows (R,) of cells that are counted in the other hand than the block, and good so.
+    """Return the rows (R,) of cells that are numbered in the opposite handedness to the block, and good otherwise.
 
-    Tetrahedra are none of these: one that is inverted is its own mirror image.
+    An inverted tetrahedron is not among them: it is its own mirror image.
     """
     if isinstance(block, Polyhedra) or block.shape not in VOLUMES[1:]:
         return np.empty(0, dtype=np.intp)
@@ -158,7 +159,7 @@ def other_handed(points: FloatArray, block: Volume, orientation: float) -> IntAr
 
 
 def one_hand(points: FloatArray, block: Volume) -> Volume:
-    """Return a block whose cells are all counted in the hand of most of them, as flow solvers do when they read it."""
+    """Return the block with all cells in the handedness of most, as flow solvers read it."""
     if isinstance(block, Polyhedra) or block.shape not in VOLUMES[1:]:
         return block
     rows = other_handed(points, block, oriented(points, block)[0])
@@ -166,16 +167,16 @@ def one_hand(points: FloatArray, block: Volume) -> Volume:
 
 
 def other_hand(block: Cells, rows: IntArray) -> IntArray:
-    """Return the nodes (M, k) of a block with some cells (R,) counted in the other hand."""
+    """Return the nodes (M, k) of a block with the handedness of some cells (R,) reversed."""
     nodes = block.nodes.copy()
     nodes[rows] = nodes[rows][:, MIRRORED[block.shape]]
     return nodes
 
 
 def check_most(name: str, inverted: int, cells: int) -> None:
-    """Raise InputError if more than half of a mesh's cells are inverted, counted by `oriented`: it was not read right.
+    """Raise InputError if more than half of the cells are inverted, as counted by `oriented`: the mesh was misread.
 
-    Blocks whose nodes a file counts left-handed are none of these: they are judged by the order that suits them.
+    Blocks with left-handed nodes do not count: they are judged by that order.
     """
     if 2 * inverted > cells:
         raise InputError(
@@ -185,7 +186,7 @@ def check_most(name: str, inverted: int, cells: int) -> None:
 
 
 def by_shape(points: FloatArray, parts: Iterable[tuple[Volume, IntArray | None, float]]) -> tuple[Quality, ...]:
-    """Return the quality of blocks, one for each type of cell; of each block some rows, or all, and its orientation."""
+    """Return the quality of each type of cell, given blocks, their rows (None: all) and their orientation."""
     values: dict[str, list[FloatArray]] = {}
     inverted: dict[str, int] = {}
     for block, rows, orientation in parts:
@@ -199,5 +200,5 @@ def by_shape(points: FloatArray, parts: Iterable[tuple[Volume, IntArray | None, 
 
 
 def _joined(parts: list[FloatArray]) -> FloatArray:
-    """Return arrays as one, without a copy if it is one already."""
+    """Join arrays; a single one is not copied."""
     return parts[0] if len(parts) == 1 else np.concatenate(parts)

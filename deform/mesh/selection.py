@@ -1,9 +1,8 @@
-"""Parts of patches that become patches: connected components, faces in a box, before a plane, or between sharp edges.
+"""Selections: parts of patches that become patches themselves.
 
-A selection begins with the faces of a patch, and each of its conditions leaves some of them. Where the faces of a
-patch are lines, those of a mesh in a plane, nodes do for them what edges do for other faces.
-
-A part is some faces of a patch that hang together, or that sharp edges divide from others.
+A part is a connected component, the faces in a box or before a plane, or a region between sharp edges. A selection
+begins with the faces of a patch, and each condition keeps some of them. In a plane mesh faces are lines, which meet in
+nodes instead of edges.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -20,11 +19,11 @@ from .edges import Joints, polygons_of
 from .mesh import MARK, Mesh, meant
 
 REGION = "~"
-"""Stands between the name of a selection and the number of its region."""
+"""Separates the name of a selection from the number of its region."""
 LISTED = 6
-"""Parts that a message lists."""
+"""Largest number of parts listed in a message."""
 MOST_PARTS = 1000
-"""Components of a wildcard, and regions of a selection."""
+"""Largest number of components of a wildcard, and of regions of a selection."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,10 +32,10 @@ class Part:
 
     Attributes
     ----------
-    name : of the part.
-    points : (N, 3) of the mesh.
+    name : name of the part.
+    points : (N, 3) points of the mesh.
     faces : (F,) the faces.
-    rows : (F,) which they are, counted through the blocks of the patch.
+    rows : (F,) rows of the faces, counted over the blocks of the patch.
     """
 
     name: str
@@ -46,7 +45,7 @@ class Part:
 
     @classmethod
     def of(cls, mesh: Mesh, patch: Patch) -> "Part":
-        """Return all faces of a patch."""
+        """Return all faces of a patch as a part."""
         faces = polygons_of(patch.faces)
         return cls(patch.name, mesh.points, faces, np.arange(len(faces)))
 
@@ -54,12 +53,12 @@ class Part:
         return len(self.rows)
 
     def some(self, chosen: IntArray, name: str = "") -> "Part":
-        """Return some of the faces (R,), counted within the part."""
+        """Return the faces of some rows (R,) of the part."""
         return Part(name or self.name, self.points, taken(self.faces, chosen), self.rows[chosen])
 
     @property
     def centres(self) -> FloatArray:
-        """Mean (F, 3) of each face's nodes."""
+        """Mean (F, 3) of the nodes of each face."""
         sums = np.add.reduceat(self.points[self.faces.nodes], self.faces.offsets[:-1], axis=0)
         return np.asarray(sums / np.diff(self.faces.offsets)[:, None])
 
@@ -71,19 +70,19 @@ class Part:
 
     @property
     def text(self) -> str:
-        """Name, number of faces and extent, for messages."""
+        """Name, number of faces, and extent, for messages."""
         low, high = map(placed, self.extent)
         return f"{self.name} {len(self)} faces from {low} to {high}"
 
     def components(self) -> IntArray:
-        """Return the connected component (F,) of each face, by shared nodes; 0 has most faces, or the first of them."""
+        """Return the component (F,) of each face, connected by nodes; 0 has the most faces, or comes first."""
         if not len(self):
             return np.empty(0, dtype=np.intp)
         nodes, place = self._nodes
         return _ranked(_joined(place, self.faces.offsets, len(nodes))[place[self.faces.offsets[:-1]]])
 
     def regions(self, degrees: float) -> IntArray:
-        """Return the region (F,) of each face between edges that turn by more than some degrees; 0 is the largest."""
+        """Return the region (F,) of each face between edges that turn by more than `degrees`; 0 has the most faces."""
         joints = Joints.of(self.faces)
         smooth = ~(joints.cosines(self.points, self.faces) < np.cos(np.radians(degrees)))
         pairs = np.column_stack([joints.first[smooth], joints.second[smooth]])
@@ -91,66 +90,66 @@ class Part:
 
     @property
     def _nodes(self) -> tuple[IntArray, IntArray]:
-        """The distinct nodes (N,), sorted, and the place (K,) among them of each node of the faces."""
+        """Sorted distinct nodes (N,), and the place (K,) of each node of the faces among them."""
         low = self.faces.nodes.min()
         used = np.zeros(self.faces.nodes.max() - low + 1, dtype=np.bool_)
         used[self.faces.nodes - low] = True
         return np.flatnonzero(used) + low, (np.cumsum(used) - 1)[self.faces.nodes - low]
 
     def cut(self, labels: IntArray, mark: str, most: int = MOST_PARTS) -> list["Part"]:
-        """Return the parts of equal labels (F,), the first so many of them, numbered from 1 after a mark."""
+        """Return the first parts of equal labels (F,), at most `most`, numbered from 1 after a mark."""
         order, ends = np.argsort(labels, kind="stable"), np.cumsum(np.bincount(labels))[:most]
         groups = np.split(order[: ends[-1]], ends[:-1]) if len(ends) else []
         return [self.some(rows, f"{self.name}{mark}{number}") for number, rows in enumerate(groups, 1)]
 
 
 def listed(part: Part, labels: IntArray) -> str:
-    """Return the first of the connected components (F,) of a part, for messages."""
+    """Return the first components (F,) of a part as text, for messages."""
     rest = labels.max(initial=-1) + 1 - LISTED
     return "; ".join(one.text for one in part.cut(labels, MARK, LISTED)) + (f"; and {rest} more" if rest > 0 else "")
 
 
 def placed(point: Iterable[float]) -> str:
-    """Return a point for messages."""
+    """Return a point as text."""
     return f"({', '.join(f'{x:.4g}' for x in point)})"
 
 
 def _joined(members: IntArray, offsets: IntArray, count: int) -> IntArray:
-    """Return the component (count,) of things of which each group joins some, its members (K,) one after another."""
+    """Return the component (count,) of each item; each group of `members` (K,) connects its items."""
     from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import connected_components  # takes a while to load
+    from scipy.sparse.csgraph import connected_components  # loading takes a while
 
     groups = len(offsets) - 1
-    starts = np.concatenate([offsets, np.full(count, len(members))])  # a graph of the groups, and then of the things
+    starts = np.concatenate([offsets, np.full(count, len(members))])  # a graph of the groups, then of the items
     links = csr_array((np.ones(len(members)), members + groups, starts), shape=(groups + count, groups + count))
     return np.asarray(connected_components(links, directed=False)[1][groups:], dtype=np.intp)
 
 
 def _ranked(labels: IntArray) -> IntArray:
-    """Return labels (F,) counted anew: 0 is the most frequent, of equally frequent ones that which comes first."""
+    """Return labels (F,) by rank: 0 is the most frequent; ties by first occurrence."""
     count = np.bincount(labels)
     first = np.zeros(len(count), dtype=np.intp)
-    first[labels[::-1]] = np.arange(len(labels))[::-1]  # of a label that comes again the last one stays
+    first[labels[::-1]] = np.arange(len(labels))[::-1]  # the last assignment stays, which is the first occurrence
     rank = np.empty(len(count), dtype=np.intp)
     rank[np.lexsort((first, -count))] = np.arange(len(count))
     return np.asarray(rank[labels])
 
 
 class Condition(Protocol):
-    """Leaves some faces of a part."""
+    """Keeps some faces of a part."""
 
     def of(self, part: Part) -> BoolArray:
-        """Return which of its faces (F,) are meant."""
+        """Return which faces (F,) of a part it keeps."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Component:
-    """The faces that hang together by their nodes.
+    """The faces of one connected component.
 
     Attributes
     ----------
-    number : from 1, by number of faces, the most first.
+    number : number of the component from 1, largest first.
     """
 
     number: int
@@ -159,7 +158,7 @@ class Component:
         return f"component {self.number}"
 
     def of(self, part: Part) -> BoolArray:
-        """Return which faces (F,) are meant; InputError if there is no component of that number."""
+        """Return which faces (F,) it keeps; InputError if there is no such component."""
         labels = part.components()
         if not 1 <= self.number <= labels.max(initial=-1) + 1:
             raise InputError(f"there is no component {self.number}; there are {listed(part, labels)}")
@@ -168,11 +167,11 @@ class Component:
 
 @dataclass(frozen=True, slots=True)
 class Within:
-    """The faces with their centre in a box along the axes, or on it.
+    """The faces with their centre in an axis-aligned box, border included.
 
     Attributes
     ----------
-    low, high : two opposite corners.
+    low, high : opposite corners.
     """
 
     low: tuple[float, float, float]
@@ -182,18 +181,18 @@ class Within:
         return f"the box from {placed(self.low)} to {placed(self.high)}"
 
     def of(self, part: Part) -> BoolArray:
-        """Return which faces (F,) are meant."""
+        """See `Condition`."""
         centres = part.centres
         return np.asarray(((centres >= self.low) & (centres <= self.high)).all(axis=1))
 
 
 @dataclass(frozen=True, slots=True)
 class Before:
-    """The faces with their centre in front of a plane, on the side to which its normal points.
+    """The faces with their centre in front of a plane, where its normal points.
 
     Attributes
     ----------
-    point, normal : of the plane.
+    point, normal : point and normal of the plane.
     """
 
     point: tuple[float, float, float]
@@ -203,21 +202,21 @@ class Before:
         return f"the side of the plane through {placed(self.point)} to which {placed(self.normal)} points"
 
     def of(self, part: Part) -> BoolArray:
-        """Return which faces (F,) are meant."""
+        """See `Condition`."""
         return np.asarray((part.centres - self.point) @ np.array(self.normal) > 0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """Faces of a patch that become a patch, or several.
+    """Faces of a patch that become one patch or several.
 
     Attributes
     ----------
-    name : of the new patch; of several the beginning: ``name~1``, ``name~2``, those with most faces first.
-    patch : whose faces they are; ``patch#2`` is its second connected component.
-    conditions : each leaves some of the faces that the one before it left.
-    sharp : degrees by which faces turn at an edge that parts one new patch from another; None: a single one.
-    text : how a user writes it.
+    name : name of the new patch; several are ``name~1``, ``name~2``, largest first.
+    patch : patch of the faces; ``patch#2`` is its second connected component.
+    conditions : each keeps some of the faces that are left.
+    sharp : angle in degrees at edges between the new patches; None for a single patch.
+    text : the user's text.
     """
 
     name: str
@@ -227,7 +226,7 @@ class Selection:
     text: str = field(default="", compare=False)
 
     def parts(self, mesh: Mesh) -> tuple[str, list[Part]]:
-        """Return the name of the patch, and the new patches; InputError if they are none, or the patch itself."""
+        """Return the patch's name and the new patches; InputError if these are empty, or the whole patch."""
         place = f"select {self.name} = {self.text}:" if self.text else f"{self.name}:"
         what, (patch, conditions) = f"{mesh.name}: {place}", self._resolved(mesh, place)
         whole = part = Part.of(mesh, mesh.patch(patch))
@@ -250,7 +249,7 @@ class Selection:
         return patch, found
 
     def _resolved(self, mesh: Mesh, place: str) -> tuple[str, tuple[Condition, ...]]:
-        """Return the name of the patch and all conditions."""
+        """Return the name of the patch, and all conditions."""
         base, mark, number = self.patch.rpartition(MARK)
         numbered = self.patch not in mesh.names and mark and number.isascii() and number.isdigit()
         names = mesh.named([base if numbered else self.patch], place)
@@ -268,16 +267,16 @@ class Selection:
 
 
 def selected(mesh: Mesh, selections: Sequence[Selection], names: Iterable[str] = ()) -> Mesh:
-    """Return a mesh whose selections are patches of their own; the rest of a patch keeps its name.
+    """Return a mesh with its selections as patches; the rest of a patch keeps its name.
 
     Parameters
     ----------
-    mesh : The mesh as it was read; selections mean its patches.
-    selections : What is chosen.
-    names : Names and wildcards of patches; ``wall#2`` is a patch without being selected, and ``wall#*`` stands for the
-        components of which no selection has a face.
+    mesh : The mesh as it was read; selections refer to its patches.
+    selections : The selections.
+    names : Names and wildcards of patches; ``wall#2`` becomes a patch without a selection, and ``wall#*`` means the
+        components without a selected face.
 
-    Raises InputError if a selection is empty or a whole patch, has a face or the name of another, or a name is of none.
+    Raises InputError if a selection is empty or a whole patch, shares a face or a name, or if a name means no patch.
     """
     found: dict[str, list[Part]] = {}
     for one in selections:
@@ -294,7 +293,7 @@ def selected(mesh: Mesh, selections: Sequence[Selection], names: Iterable[str] =
 
 
 def _numbered(mesh: Mesh, found: dict[str, list[Part]], text: str) -> Iterator[tuple[str, list[Part]]]:
-    """Yield the components that ``patch#number`` or ``patch#*`` stands for, those without a face of another part."""
+    """Yield the components that ``patch#number`` or ``patch#*`` means and that share no face with other parts."""
     base, _, which = text.rpartition(MARK)
     if which.isascii() and which.isdigit():
         yield Selection(text, text).parts(mesh)
@@ -311,7 +310,7 @@ def _numbered(mesh: Mesh, found: dict[str, list[Part]], text: str) -> Iterator[t
 
 
 def _add(mesh: Mesh, found: dict[str, list[Part]], patch: str, parts: list[Part]) -> None:
-    """Enter the parts of a patch; InputError if they share a face with earlier ones, or a name with any patch."""
+    """Add the parts of a patch; InputError if they share a face with earlier ones, or a name with any patch."""
     taken, earlier = np.zeros(len(mesh.patch(patch)), dtype=np.bool_), tuple(found.get(patch, ()))
     for new in parts:
         if new.name in (*mesh.names, *_names(found)):
@@ -329,7 +328,7 @@ def _names(found: dict[str, list[Part]]) -> list[str]:
 
 
 def _divided(patch: Patch, parts: Sequence[Part]) -> Iterator[Patch]:
-    """Yield the rest of a patch, if there is one, and its parts."""
+    """Yield the rest of a patch, unless empty, and its parts."""
     rest = np.ones(len(patch), dtype=np.bool_)
     for part in parts:
         rest[part.rows] = False
@@ -342,7 +341,7 @@ def _divided(patch: Patch, parts: Sequence[Part]) -> Iterator[Patch]:
 
 
 def _some(blocks: Sequence[Faces], rows: IntArray) -> Iterator[Faces]:
-    """Yield of each block some faces (R,), in ascending order, counted through all blocks."""
+    """Yield the faces of rows (R,), rising and counted over all blocks, block by block."""
     starts = np.cumsum([0, *map(len, blocks)])
     groups = np.split(rows, np.searchsorted(rows, starts[1:-1]))
     for start, block, group in zip(starts, blocks, groups, strict=False):

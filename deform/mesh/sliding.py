@@ -1,6 +1,6 @@
-"""Shapes on which boundary nodes slide: planes and cylinders, fitted and verified, and any surface as it is.
+"""Shapes on which boundary nodes slide: planes and cylinders that fit a patch, or the patch's own surface.
 
-Any other surface is the undeformed faces of its patch, cut into triangles.
+The patch's own surface is its undeflected faces, cut into triangles.
 """
 
 from collections.abc import Callable
@@ -19,24 +19,24 @@ from .edges import are_lines, polygons_of, rim, sharp_edges, unit
 from .mesh import Mesh
 
 SHARP = 40.0  # degrees between two faces, above which nodes on their edge stay on edges
-ON = 1e-9  # of the surface's size: points nearer to it, or to a sharp edge, are on it
+ON = 1e-9  # of the surface's size: nearer points are on it, or on a sharp edge
 RESIDUAL = 1e-5  # of the patch's size: files with six digits keep this
-SNAP = 1e-6  # a normal nearer to a coordinate axis than this is the axis
-SAMPLE = 2000  # nodes that a cylinder is fitted to; all are verified
+SNAP = 1e-6  # a normal nearer to a coordinate axis becomes the axis
+SAMPLE = 2000  # most nodes for fitting a cylinder; all are checked
 SURFACE = "surface"
-"""The shape of a patch that is taken as it is."""
+"""Name of the shape that is the patch's own surface."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TriangleSet:
-    """Triangles, or segments, that points are put on.
+    """Triangles, or segments, onto which points are projected.
 
     Attributes
     ----------
-    nodes : (T, 3) rows of `vertices`; a segment has its second end twice.
-    vertices : (V, 3).
-    search : the closest points of them.
-    projectors : (V, 3, 3) what is left at each vertex of a vector along the surface, or along the curve.
+    nodes : (T, 3) rows of `vertices`; the second end of a segment is given twice.
+    vertices : (V, 3) coordinates.
+    search : search for the closest points.
+    projectors : (V, 3, 3) projection at each vertex onto the tangent plane, or the tangent.
     """
 
     nodes: IntArray = field(repr=False)
@@ -46,7 +46,7 @@ class TriangleSet:
 
     @classmethod
     def faces(cls, vertices: FloatArray, triangles: IntArray) -> "TriangleSet":
-        """Take triangles (T, 3); the tangent plane of a vertex is normal to the mean of its triangles' normals."""
+        """Take triangles (T, 3); a vertex's normal is the mean of its triangles' normals."""
         corners = vertices[triangles]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         across = _dominant(unit(normals), np.linalg.norm(normals, axis=1), triangles, len(vertices))
@@ -54,7 +54,7 @@ class TriangleSet:
 
     @classmethod
     def curves(cls, vertices: FloatArray, edges: IntArray) -> "TriangleSet":
-        """Take segments (E, 2); a vertex from which other than two go on, or at a sharp angle, is an end: it stays."""
+        """Take segments (E, 2); a vertex without exactly two segments, or with a sharp angle between them, stays."""
         vectors = vertices[edges[:, 1]] - vertices[edges[:, 0]]
         along = _dominant(unit(vectors), np.ones(len(edges)), edges, len(vertices))
         projectors = along[:, :, None] * along[:, None, :]
@@ -62,10 +62,10 @@ class TriangleSet:
         return cls(edges[:, [0, 1, 1]], vertices, Triangles.of(vertices[edges[:, [0, 1, 1]]]), projectors)
 
     def rate(self, targets: FloatArray, rate: FloatArray, near: float) -> FloatArray:
-        """Return the derivative (N, 3) of the closest points of targets (N, 3) that move at a rate (N, 3).
+        """Return the derivative (N, 3) of the closest points to targets (N, 3) that move at a rate (N, 3).
 
-        Triangles drop the normal component, an edge keeps the one along it, a vertex nothing. Of targets nearer than
-        `near`, for which this differs from one side to the other, the tangential component is kept.
+        Triangles drop the normal component, edges keep the one along them, vertices nothing. Targets nearer than
+        `near`, where the two sides may differ, keep the tangential component.
         """
         hit = self.search.closest(targets)
         corners, off = self.search.corners[hit.rows], hit.weights == 0.0
@@ -87,20 +87,20 @@ class TriangleSet:
         return np.asarray((hit.weights.max(axis=1) > 1.0 - ON) & ~self.projectors[self._vertices(hit)].any(axis=(1, 2)))
 
     def _vertices(self, hit: Closest) -> IntArray:
-        """Return the nearest vertex (N,) of each closest point."""
+        """Return the vertex (N,) nearest to each closest point."""
         return np.asarray(self.nodes[hit.rows, np.argmax(hit.weights, axis=1)])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Triangulated:
-    """Faces of a patch: points go to the closest point of them, those on its rim or a sharp edge to that of such edges.
+    """Faces of a patch; points go to the closest point on them, or on their sharp edges and rim.
 
     Attributes
     ----------
     faces : the patch, cut into triangles; or its lines.
-    ridges : its edges of one face, or whose faces turn by more than `SHARP` degrees; none if it is closed and smooth.
+    ridges : edges with one face, or with faces that turn by more than `SHARP` degrees; empty for a closed smooth patch.
         Lines are ridges.
-    near : distance within which a point is on them.
+    near : distance below which a point is on the faces or ridges.
     """
 
     faces: TriangleSet = field(repr=False)
@@ -109,7 +109,7 @@ class Triangulated:
 
     @classmethod
     def of(cls, points: FloatArray, faces: Polygons) -> "Triangulated":
-        """Take faces, one at least, on points (N, 3) of a whole mesh."""
+        """Take faces, at least one, with points (N, 3) of the whole mesh."""
         used, rows = np.unique(faces.nodes, return_inverse=True)
         polygons = Polygons(rows.reshape(-1), faces.offsets)
         vertices = np.ascontiguousarray(points[used])
@@ -122,7 +122,7 @@ class Triangulated:
         return cls(TriangleSet.faces(vertices, _cut(polygons)), ridges, near)
 
     def distance(self, points: FloatArray) -> FloatArray:
-        """Return the distance (N,)."""
+        """See `SlidingSurface`."""
         return np.asarray(np.linalg.norm(points - self.faces.search.closest(points).places, axis=1))
 
     def projected(self, points: FloatArray, displacement: FloatArray) -> FloatArray:
@@ -135,7 +135,7 @@ class Triangulated:
         return out
 
     def rate(self, points: FloatArray, displacement: FloatArray, rate: FloatArray) -> FloatArray:
-        """Differentiate the projection; at points on the surface, where sides may differ, take the tangential part."""
+        """Differentiate the projection; points on the surface keep the tangential component."""
         out = np.zeros_like(rate)
         for pieces, rows, stay in self._bound(points, np.arange(len(points))):
             out[rows] = pieces.rate(points[rows] + displacement[rows], rate[rows], self.near)
@@ -143,7 +143,7 @@ class Triangulated:
         return out
 
     def _bound(self, points: FloatArray, rows: IntArray) -> list[tuple[TriangleSet, IntArray, BoolArray]]:
-        """Sort rows (M,) of points by the pieces that they are bound to, and say which of them stay."""
+        """Return the triangles and the ridges, each with its rows (M,) of points, and which of these stay."""
         if self.ridges is None:
             return [(self.faces, rows, np.zeros(len(rows), dtype=bool))]
         on = self.ridges.search.within(points[rows], self.near)
@@ -152,7 +152,7 @@ class Triangulated:
 
 
 def _cut(faces: Polygons) -> IntArray:
-    """Return triangles (T, 3): each face cut from its node of the smallest index, so that others who cut it agree."""
+    """Return triangles (T, 3); each face is cut from its node of lowest index, so that the cut is unique."""
     sizes, starts = np.diff(faces.offsets), faces.offsets[:-1]
     triangles = []
     for size in np.unique(sizes):
@@ -163,7 +163,7 @@ def _cut(faces: Polygons) -> IntArray:
 
 
 def _dominant(directions: FloatArray, weights: FloatArray, nodes: IntArray, count: int) -> FloatArray:
-    """Return the mean direction (V, 3), up to its sign, of the pieces (T,) with nodes (T, k) at each vertex."""
+    """Return the mean direction (V, 3) at each vertex, up to sign, of pieces (T,) with nodes (T, k)."""
     moments = (weights[:, None, None] * directions[:, :, None] * directions[:, None, :]).reshape(-1, 9)
     flat = nodes.ravel()
     each = np.repeat(moments, nodes.shape[1], axis=0)
@@ -172,7 +172,7 @@ def _dominant(directions: FloatArray, weights: FloatArray, nodes: IntArray, coun
 
 
 def _ends(directions: FloatArray, edges: IntArray, count: int) -> BoolArray:
-    """Return the vertices (V,) from which other than two segments (E, 2) go on, or two at an angle above `SHARP`."""
+    """Return the vertices (V,) without exactly two segments (E, 2), or with an angle above `SHARP`."""
     both = np.concatenate([directions, -directions])
     out = np.stack([np.bincount(edges.T.ravel(), both[:, k], count) for k in range(3)], axis=1)
     bent = np.linalg.norm(out, axis=1) > 2.0 * np.sin(np.radians(SHARP / 2.0))
@@ -183,30 +183,30 @@ class SlidingSurface(Protocol):
     """A shape on which nodes stay."""
 
     def distance(self, points: FloatArray) -> FloatArray:
-        """Return the distance (N,) of points (N, 3) from it."""
+        """Return the distance (N,) of points (N, 3)."""
         ...
 
     def projected(self, points: FloatArray, displacement: FloatArray) -> FloatArray:
-        """Return the displacement (N, 3) that is left when points may not leave it."""
+        """Return the displacement (N, 3) that keeps points on the shape."""
         ...
 
     def rate(self, points: FloatArray, displacement: FloatArray, rate: FloatArray) -> FloatArray:
-        """Return the derivative (N, 3) of `projected`, given that of the displacement."""
+        """Return the derivative (N, 3) of `projected` for displacements that change at a rate (N, 3)."""
         ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plane:
-    """A plane through `point` (3,) with unit `normal` (3,); in a plane mesh it is a line, whose normal is within it."""
+    """A plane through `point` (3,) with unit `normal` (3,); in a plane mesh a line, with its normal in that plane."""
 
     point: FloatArray
     normal: FloatArray
 
     @classmethod
     def fitted(cls, points: FloatArray, across: FloatArray | None = None) -> "Plane":
-        """Return the least-squares plane of points (N, 3), along coordinate axes where that is so.
+        """Return the least-squares plane of points (N, 3), exactly along coordinate axes if it is nearly so.
 
-        In a plane mesh with the normal `across` (3,) it is a line.
+        In a plane mesh with the normal `across` (3,) the plane is a line.
         """
         center = points.mean(axis=0)
         if across is not None:
@@ -224,7 +224,7 @@ class Plane:
         return np.asarray((points - self.point) @ self.normal)
 
     def projected(self, points: FloatArray, displacement: FloatArray) -> FloatArray:
-        """Drop the normal component: in a plane along the axes that coordinate keeps its bits."""
+        """Drop the normal component; coordinates along an axis keep their bits."""
         return self.rate(points, displacement, displacement)
 
     def rate(self, points: FloatArray, displacement: FloatArray, rate: FloatArray) -> FloatArray:
@@ -235,15 +235,15 @@ class Plane:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CylinderWall:
-    """A circular cylinder; in a plane mesh it is a circle."""
+    """A circular cylinder; in a plane mesh a circle."""
 
     cylinder: Cylinder
 
     @classmethod
     def fitted(cls, points: FloatArray, across: FloatArray | None = None) -> "CylinderWall":
-        """Return the least-squares cylinder of points (N, 3), started from each principal direction.
+        """Return the least-squares cylinder of points (N, 3); the search starts from each principal direction.
 
-        In a plane mesh with the normal `across` (3,) it is a circle.
+        In a plane mesh with the normal `across` (3,) the cylinder is a circle.
         """
         some = points[np.linspace(0, len(points) - 1, min(SAMPLE, len(points))).astype(int)]
         if across is not None:
@@ -257,7 +257,7 @@ class CylinderWall:
         return self.cylinder.distance(points)
 
     def projected(self, points: FloatArray, displacement: FloatArray) -> FloatArray:
-        """Move radially back: each node keeps its own distance from the axis, and its bits if it did not move."""
+        """Move radially back; each node keeps its distance from the axis, and its bits if it does not move."""
         radial = self.cylinder.axis.radial(points + displacement)
         short = self._stretch(points, radial) - 1.0
         return np.asarray(displacement + np.where(np.any(displacement, axis=1, keepdims=True), short * radial, 0.0))
@@ -273,7 +273,7 @@ class CylinderWall:
         return np.asarray(along + self._stretch(points, radial) * across)
 
     def _stretch(self, points: FloatArray, radial: FloatArray) -> FloatArray:
-        """Return (N, 1) what brings radial vectors back to the length of the nodes' own."""
+        """Return the factors (N, 1) that give radial vectors the length of the nodes' own."""
         reach = np.linalg.norm(self.cylinder.axis.radial(points), axis=1, keepdims=True)
         return np.asarray(reach / np.linalg.norm(radial, axis=1, keepdims=True))
 
@@ -282,15 +282,15 @@ FITTED: dict[str, Callable[[FloatArray, FloatArray | None], SlidingSurface]] = {
     "plane": Plane.fitted,
     "cylinder": CylinderWall.fitted,
 }
-"""How a shape is fitted to the nodes of a patch, given the normal of a plane mesh."""
+"""Functions that fit a shape to the nodes of a patch, given the normal of a plane mesh."""
 SHAPES = (*FITTED, SURFACE)
 NAMES = f"{', '.join(FITTED)} or {SURFACE}"
 
 
 def fitted(shape: str, points: FloatArray, patch: str, across: FloatArray | None = None) -> SlidingSurface:
-    """Fit a shape to the nodes (N, 3) of a patch, perhaps of a plane mesh with a normal (3,), and verify it.
+    """Fit a shape to the nodes (N, 3) of a patch, in a plane mesh with its normal (3,), and check it.
 
-    Raises InputError if the shape is unknown, or the patch is not of that shape.
+    Raises InputError if the shape is unknown, or the patch does not have it.
     """
     if shape not in FITTED:
         raise InputError(f"slide = {patch}:{shape}: the shape must be {NAMES}")
@@ -317,7 +317,7 @@ class SlidingPatch:
 
     @classmethod
     def of(cls, mesh: Mesh, name: str, shape: str) -> "SlidingPatch":
-        """Fit a shape to a patch, or take its faces; InputError if it has another shape, or no faces."""
+        """Fit a shape to a patch, or take its faces; InputError if the patch has another shape, or no faces."""
         nodes = mesh.patch(name).nodes
         if shape != SURFACE:
             return cls(name, fitted(shape, mesh.points[nodes], name, mesh.normal), nodes)
@@ -328,8 +328,8 @@ class SlidingPatch:
 
 
 def _fit_cylinder(points: FloatArray, direction: FloatArray, slopes: int = 2) -> Cylinder:
-    """Fit axis and radius from a first direction; parameters are offsets across it, the radius and, if any, slopes."""
-    from scipy.optimize import least_squares  # takes a tenth of a second to load
+    """Fit axis and radius from a first direction; parameters are offsets across it, the radius, and slopes if any."""
+    from scipy.optimize import least_squares  # loading takes 0.1 s
 
     center, size = points.mean(axis=0), float(np.ptp(points, axis=0).max())
     u = np.linalg.svd(direction[None])[2][1]

@@ -1,4 +1,4 @@
-"""Polyhedra that are tetrahedra, pyramids, wedges or hexahedra: their types, and their nodes in VTK's order."""
+"""Types of polyhedra that are tetrahedra, pyramids, wedges or hexahedra, and their nodes in VTK's order."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -14,11 +14,11 @@ from .cells import CORNERS, VOLUMES, Cells, Polyhedra, Volume
 
 POLYHEDRON = "polyhedron"
 WEIGHT = 300
-"""Work on one cell in kernel pairs, by which `in_chunks` shares it out."""
+"""Work on one cell in kernel pairs, by which `in_chunks` divides it."""
 TETRA, WEDGE, HEXAHEDRON = 0, 2, 3
-"""Types by their places in `VOLUMES`; any other cell is -1."""
+"""Types as indices in `VOLUMES`; -1 for any other cell."""
 Part = tuple[str, Volume, IntArray, IntArray | slice]
-"""Type, block, rows (M,) in it, and their places among others."""
+"""Type, block, rows (M,) in it, and their places among the rows asked for."""
 
 
 class CellTypes(NamedTuple):
@@ -26,8 +26,8 @@ class CellTypes(NamedTuple):
 
     Attributes
     ----------
-    shape : (C,) type of each cell, a place in `VOLUMES`, or -1.
-    corners : (C, 8) nodes of the cells of a type in VTK's order, in as many columns as it has nodes.
+    shape : (C,) type of each cell, an index in `VOLUMES` or -1.
+    corners : (C, 8) nodes of each cell in VTK's order, in as many columns as its type has nodes.
     """
 
     shape: NDArray[np.int8]
@@ -35,7 +35,7 @@ class CellTypes(NamedTuple):
 
 
 def types_of(block: Polyhedra) -> CellTypes:
-    """Return the types of the cells by their faces; they are found once, and kept with the block."""
+    """Return the types of cells by their faces; they are found once and kept with the block."""
     if "types" not in block.kept:
         shape, corners = np.empty(len(block), dtype=np.int8), np.empty((len(block), 8), dtype=np.intp)
         start, side = np.zeros(len(block) + 1, np.intp), np.empty(len(block.owner) + len(block.neighbour), np.intp)
@@ -52,9 +52,9 @@ def types_of(block: Polyhedra) -> CellTypes:
 
 
 def parts_of(block: Volume, rows: IntArray | None = None) -> Iterator[Part]:
-    """Yield the cells of each type in a block, or in R rows of it, and their places among these.
+    """Yield the cells of each type in a block, or in R rows of it, and their places among these rows.
 
-    The block of a type of polyhedra has as many rows as these; those of no type come last.
+    Typed polyhedra come as a block of all their cells; cells of no type come last.
     """
     some = np.arange(len(block)) if rows is None else rows
     if isinstance(block, Cells):
@@ -78,7 +78,7 @@ def type_of(block: Volume, row: int) -> str:
 def _sort_sides(
     owner: IntArray, neighbour: IntArray, start: IntArray, side: IntArray
 ) -> None:  # pragma: no cover - machine code
-    """Fill in the sides (S,) of cells, and where those of each begin and end (C + 1,): twice the face, 1 if turned."""
+    """Fill in the sides (S,) of cells, as twice the face plus 1 if reversed, and where each cell's begin (C + 1,)."""
     for i in range(len(owner)):
         start[owner[i] + 1] += 1
     for i in range(len(neighbour)):
@@ -106,7 +106,7 @@ def _find_types(
             size, ends = 3 if kind in (TETRA, WEDGE) else 4, kind >= WEDGE
             _fill_base(nodes, offsets, sides, size, own)
             single = _fill_opposite(nodes, offsets, sides, size, ends, own)
-            if kind != WEDGE:  # VTK's wedge has its first face outwards, all others inwards
+            if kind != WEDGE:  # VTK's wedge has its first face outwards, the others inwards
                 _turn(own, size, ends)
             if not single or not _is_whole(nodes, offsets, sides, 2 * size if ends else size + 1, own):
                 kind = -1
@@ -115,7 +115,7 @@ def _find_types(
 
 @compiled_exactly
 def _kind(offsets: IntArray, sides: IntArray) -> int:  # pragma: no cover - machine code
-    """Return the type that a cell may have by the numbers of its triangles and quadrilaterals."""
+    """Return the type that a cell may have, by its numbers of triangles and quadrilaterals."""
     triangles, quads = 0, 0
     for s in range(len(sides)):
         triangles += _size(offsets, sides[s]) == 3
@@ -123,7 +123,7 @@ def _kind(offsets: IntArray, sides: IntArray) -> int:  # pragma: no cover - mach
     if triangles + quads < len(sides):
         return -1
     if triangles == 4 and quads < 2:
-        return TETRA + quads  # a pyramid has one
+        return TETRA + quads  # a pyramid has one quadrilateral
     if triangles == 2 and quads == 3:
         return WEDGE
     return HEXAHEDRON if triangles == 0 and quads == 6 else -1
@@ -133,7 +133,7 @@ def _kind(offsets: IntArray, sides: IntArray) -> int:  # pragma: no cover - mach
 def _fill_base(
     nodes: IntArray, offsets: IntArray, sides: IntArray, size: int, own: IntArray
 ) -> None:  # pragma: no cover - machine code
-    """Fill in the nodes of the first side of so many corners."""
+    """Fill in the nodes of the first side with `size` corners."""
     base = 0
     while _size(offsets, sides[base]) != size:
         base += 1
@@ -145,7 +145,7 @@ def _fill_base(
 def _fill_opposite(
     nodes: IntArray, offsets: IntArray, sides: IntArray, size: int, ends: bool, own: IntArray
 ) -> bool:  # pragma: no cover - machine code
-    """Fill in the node off the base, or with `ends` those that edges join to its nodes; whether each has one alone."""
+    """Fill in the node off the base, or with `ends` the nodes that edges join to the base; whether each is unique."""
     single = True
     for s in range(len(sides)):
         count = _size(offsets, sides[s])
@@ -164,7 +164,7 @@ def _fill_opposite(
 
 @compiled_exactly
 def _turn(own: IntArray, size: int, ends: bool) -> None:  # pragma: no cover - machine code
-    """Walk around the base, and around the end, the other way."""
+    """Reverse the order around the base, and around the opposite face."""
     for k in range(1, (size + 1) // 2):
         own[k], own[size - k] = own[size - k], own[k]
         if ends:
@@ -175,7 +175,7 @@ def _turn(own: IntArray, size: int, ends: bool) -> None:  # pragma: no cover - m
 def _is_whole(
     nodes: IntArray, offsets: IntArray, sides: IntArray, total: int, own: IntArray
 ) -> bool:  # pragma: no cover - machine code
-    """Return whether the corners of a cell are distinct, and each on three sides, the tip of a pyramid on four."""
+    """Return whether a cell's corners are distinct, with three sides at each, and four at the tip of a pyramid."""
     for k in range(total):
         if own[k] < 0 or _place(own, k, own[k]) >= 0:
             return False
@@ -199,14 +199,14 @@ def _size(offsets: IntArray, side: int) -> int:  # pragma: no cover - machine co
 
 @compiled_exactly
 def _corner(nodes: IntArray, offsets: IntArray, side: int, k: int) -> int:  # pragma: no cover - machine code
-    """Return a corner of a side, counted so that its normal points out of the cell."""
+    """Return a corner of a side, in the order that gives an outward normal."""
     face = side >> 1
     return int(nodes[offsets[face + 1] - 1 - k] if side & 1 else nodes[offsets[face] + k])
 
 
 @compiled_exactly
 def _place(own: IntArray, count: int, node: int) -> int:  # pragma: no cover - machine code
-    """Return the place of a node among the first few, -1 if it is none of them."""
+    """Return the place of a node among the first `count`, or -1."""
     for k in range(count):
         if own[k] == node:
             return k

@@ -1,7 +1,7 @@
-"""Meshes one cell thick: each is a plane mesh, whatever its thickness or the opening angle of its wedge.
+"""Meshes one cell thick as plane meshes, whatever their thickness or opening angle.
 
-A motion is interpolated on the plane mesh, which has the nodes of one side, halfway between both sides. Each node of
-the other side moves as its image.
+A motion is interpolated on the plane mesh, which has the nodes of the front, halfway between both sides. Each node of
+the back moves like its image.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from .images import THIN, Images, fitted, matched, translation_between
 from .mesh import Mesh
 
 ALONG = 1e-6
-"""A normal nearer to a coordinate axis than this is along it."""
+"""A normal nearer to a coordinate axis counts as along it."""
 BITS = 40
-"""Bits of a distance from the axis of a wedge: the last ones differ from one opening angle to another."""
+"""Bits kept of a distance from a wedge's axis; the last ones depend on the opening angle."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Halfway:
-    """The plane halfway between both sides.
+    """The plane halfway between the two sides.
 
     Attributes
     ----------
-    component, station : the axis along its normal, 0, 1 or 2, and its coordinate there.
-    axis, outward : of a wedge: its axis, and the unit vector (3,) from it in the plane; None between parallel sides.
+    component, station : the coordinate along its normal, 0, 1 or 2, and its value there.
+    axis, outward : axis of a wedge, and the unit vector (3,) from it in the plane; None for parallel sides.
     """
 
     component: int
@@ -43,7 +43,7 @@ class Halfway:
 
     @classmethod
     def of(cls, points: FloatArray, pair: Periodic) -> Halfway | None:
-        """Find it for two sides of a mesh with points (N, 3); None if its normal is along no coordinate axis."""
+        """Return the plane for two sides at points (N, 3); None if its normal is along no coordinate axis."""
         from scipy.spatial.transform import Rotation
 
         ends = points[pair.nodes]
@@ -63,19 +63,19 @@ class Halfway:
 
     @classmethod
     def stored(cls, numbers: FloatArray) -> Halfway:
-        """Return the plane that `numbers` describes; ValueError if it describes none."""
+        """Return the plane described by `numbers`; ValueError if they describe none."""
         component, station, *rest = numbers.tolist()
         wedge = np.reshape(rest, (-1, 3))
         return cls([0.0, 1.0, 2.0].index(component), station, *((Axis(*wedge[:2]), wedge[2]) if len(wedge) else ()))
 
     @property
     def numbers(self) -> FloatArray:
-        """Its attributes as one row, for a file: 2 numbers, 11 for a wedge."""
+        """Its attributes as numbers for a file: 2, or 11 for a wedge."""
         wedge = [*self.axis.point, *self.axis.direction] if self.axis else []
         return np.array([self.component, self.station, *wedge, *([] if self.outward is None else self.outward)])
 
     def places(self, points: FloatArray) -> FloatArray:
-        """Return points (N, 3) brought onto the plane: along its normal, or around the axis."""
+        """Return points (N, 3) moved onto the plane, along its normal or around the axis."""
         out = np.array(points)
         if self.axis and self.outward is not None:
             radial = self.axis.radial(points)
@@ -85,7 +85,7 @@ class Halfway:
         return out
 
     def displacement(self, points: FloatArray, vectors: FloatArray) -> FloatArray:
-        """Return the displacement of points (N, 3), given that (N, 3) of their places on the plane."""
+        """Return the displacement of points (N, 3), given the displacement (N, 3) of their places on the plane."""
         if not self.axis or self.outward is None:
             return vectors
         radial, direction = unit(self.axis.radial(points)), self.axis.direction
@@ -93,7 +93,7 @@ class Halfway:
 
 
 def _along(vector: FloatArray) -> FloatArray | None:
-    """Return the unit vector (3,) along a coordinate axis that a vector (3,) is along; None if there is none."""
+    """Return the unit vector (3,) of the coordinate axis along a vector (3,); None if it is along none."""
     found = vector / max(float(np.abs(vector).max()), np.finfo(float).tiny)
     axis = np.round(found) + 0.0
     return axis if np.count_nonzero(axis) == 1 and np.abs(found - axis).max() < ALONG else None
@@ -101,15 +101,15 @@ def _along(vector: FloatArray) -> FloatArray | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ThinMesh:
-    """A mesh one cell thick as a plane mesh.
+    """A mesh one cell thick and its plane mesh.
 
     Attributes
     ----------
-    mesh : the plane mesh. Its nodes have the same numbers; those of the back are on no patch.
-    points : (N, 3) the nodes of the thin mesh.
-    nodes : (K, 2) each node of the front, and its image on the back.
-    halfway : the plane.
-    images : all nodes of the thin mesh that move as images of one another.
+    mesh : the plane mesh; nodes have the same indices, and those of the back are on no patch.
+    points : (N, 3) nodes of the thin mesh.
+    nodes : (K, 2) each node of the front and its image on the back.
+    halfway : the plane between front and back.
+    images : all nodes of the thin mesh that move like their images.
     """
 
     mesh: Mesh = field(repr=False)
@@ -120,7 +120,7 @@ class ThinMesh:
 
     @classmethod
     def of(cls, mesh: Mesh, fixed: Sequence[str] = ()) -> ThinMesh | None:
-        """Return the plane mesh; None if a side is fixed, or the mesh has other nodes than those of its sides."""
+        """Return the plane mesh; None if a side is fixed, or if the mesh has nodes that are not on its sides."""
         pair = _sides(mesh)
         if pair is None or {*pair.patches}.intersection(fixed):
             return None
@@ -141,33 +141,33 @@ class ThinMesh:
         return cls(plane, mesh.points, pair.nodes, halfway, Images.of(mesh, pair.patches))
 
     def slides(self, shapes: Mapping[str, str]) -> dict[str, str]:
-        """Return the shapes on which patches slide in the plane mesh: sides do not, a wedge's cylinders are lines."""
+        """Return the shapes of sliding patches in the plane mesh: sides have none, a wedge's cylinders are lines."""
         sides = [patch.name for patch in self.mesh.patches if patch.constraint in THIN]
         lines = {"cylinder": "plane"} if self.halfway.axis else {}
         kept = {name: shape for name, shape in shapes.items() if name not in sides or shape != "plane"}
         return {name: shape if name in sides else lines.get(shape, shape) for name, shape in kept.items()}
 
     def moved(self, places: FloatArray) -> FloatArray:
-        """Return where the nodes (N, 3) come to be when those of the plane mesh come to `places` (N, 3)."""
+        """Return the moved nodes (N, 3), given those of the plane mesh (N, 3)."""
         moves = self.displacement(places - self.mesh.points)
-        return np.where(moves, self.points + moves, self.points)  # zeros keep their sign
+        return np.where(moves, self.points + moves, self.points)  # keeps the sign of zeros
 
     def displacement(self, vectors: FloatArray) -> FloatArray:
-        """Return the displacements (N, 3), or rates, of both sides, given those of the plane mesh's nodes."""
+        """Return the displacements or rates (N, 3) of both sides, given those of the plane mesh."""
         vectors[self.nodes[:, 1]] = vectors[self.nodes[:, 0]]
         return self.halfway.displacement(self.points, vectors)
 
 
 def _sides(mesh: Mesh) -> Periodic | None:
-    """Return the pair of both sides if all nodes are on them."""
+    """Return the pair of the two sides, if all nodes are on them."""
     pairs = [pair for pair in mesh.periodic if pair.thin and len(distinct(pair.nodes)) == mesh.point_count]
     return pairs[0] if pairs else None
 
 
 def _outlines(mesh: Mesh, pair: Periodic, front: IntArray) -> tuple[Patch, ...] | None:
-    """Return the patches as lines between front nodes, given that of each node (N,), and the sides without any.
+    """Return the patches as lines between front nodes, given the front node (N,) of each; the sides have no lines.
 
-    None if a face does not lead from the front to the back.
+    None if a face does not lead from front to back.
     """
     patches = []
     for patch in mesh.patches:
@@ -184,7 +184,7 @@ def _outlines(mesh: Mesh, pair: Periodic, front: IntArray) -> tuple[Patch, ...] 
 
 
 def with_sides(mesh: Mesh, planes: Container[str]) -> Mesh:
-    """Return the mesh with its two sides as a pair if it is one cell thick between two of these plane patches."""
+    """Return the mesh with its two sides as a pair, if it is one cell thick between two of these plane patches."""
     sides = [patch for patch in mesh.patches if patch.name in planes and 2 * len(patch.nodes) == mesh.point_count]
     if len(sides) != 2 or any(pair.thin for pair in mesh.periodic):
         return mesh

@@ -1,6 +1,6 @@
-"""The cells that a deformation may change: their quality, and the height of prism layers, before and after.
+"""Touched cells: those that a deformation may change, their quality, and the heights of prism layers.
 
-Layers may be polyhedra that are prisms on a wall, as those of OpenFOAM's snappyHexMesh.
+Layers may be polyhedra that are prisms on a wall, like those of OpenFOAM's snappyHexMesh.
 """
 
 from __future__ import annotations
@@ -34,25 +34,25 @@ BASES = {
         ((3, 2, 6, 7), (0, 1, 5, 4)), ((0, 3, 7, 4), (1, 2, 6, 5)), ((1, 2, 6, 5), (0, 3, 7, 4)),
     ),
 }  # fmt: skip
-"""Faces (of plane cells: lines) that may lie on a wall, and the nodes opposite to them."""
+"""Faces (lines of plane cells) that may be on a wall, each with the opposite nodes."""
 BLOCK = 1 << 16
 WEIGHT = 10
-"""Work on the nodes of one cell in kernel pairs, by which `in_chunks` shares it out."""
+"""Work on the nodes of one cell in kernel pairs, by which `in_chunks` divides it."""
 LAYER_HEIGHT = 0.4
-"""Height over the longest edge on the wall, below which a cell counts as one of a layer. The layers of snappyHexMesh
-are 0.1 to 0.4 of that edge high, its other cells on a wall 0.6 and more."""
+"""Height over the longest edge on the wall, below which a cell belongs to a layer. The layers of snappyHexMesh have 0.1
+to 0.4, its other cells on a wall 0.6 and more."""
 FURTHER_HEIGHT = 0.2
-"""The same of further layers: a repair that kept higher ones would find no room."""
+"""The same ratio for further layers: a repair that kept the heights of thicker ones would find no room."""
 FLAT = 1e-6
 """Quality up to which a cell is flat but for rounding."""
 THICK_HEIGHT = 0.1
-"""The same, above which heights follow the wall less closely."""
+"""The same ratio, above which heights follow the wall less closely."""
 LAYER_CHANGE, THICK_CHANGE = 0.01, 0.1
-"""Largest allowed change of the first layer's height, as a share of it; of cells above `THICK_HEIGHT`."""
+"""Largest allowed relative change of the first layer's height; of cells above `THICK_HEIGHT`."""
 
 
 def alone(cells: Polyhedra, rows: IntArray) -> Polyhedra:
-    """Return rows (R,) of cells with all their faces, counted from 0; one cell after them stands for all others."""
+    """Return rows (R,) of cells with all their faces, numbered from 0; one more cell stands for all others."""
     place, inner = np.full(len(cells), len(rows), dtype=np.intp), len(cells.neighbour)
     place[rows] = np.arange(len(rows))
     owner, neighbour = place[cells.owner], place[cells.neighbour]
@@ -63,10 +63,10 @@ def alone(cells: Polyhedra, rows: IntArray) -> Polyhedra:
 
 
 def prisms_on(cells: Polyhedra, count: int, wall: BoolArray) -> list[tuple[IntArray, IntArray]]:
-    """Return nodes (C, k) on a wall, a mask (N,), and nodes (C, k) opposite, of prisms among the first `count` cells.
+    """Return the nodes (C, k) on a wall, a mask (N,), and the opposite ones (C, k), of prisms among `count` cells.
 
-    A prism has one face on the wall, and as many nodes off it, each at an edge from one node of that face. Prisms of
-    triangles, of quadrilaterals and so on come one after another.
+    A prism has one face on the wall, and one opposite node for each node of that face, joined by an edge. Triangular
+    prisms come first, then those on quadrilaterals, and so on.
     """
     if not len(cells.faces):
         return []
@@ -97,18 +97,18 @@ def prisms_on(cells: Polyhedra, count: int, wall: BoolArray) -> list[tuple[IntAr
 
 
 def _per_cell(keys: IntArray, nodes: int, cells: int) -> IntArray:
-    """Return how many distinct nodes each cell (C,) has, given keys: a cell times the number of nodes, plus a node."""
+    """Return the number of distinct nodes of each cell (C,); a key is cell times number of nodes, plus node."""
     return np.bincount(distinct(keys) // nodes, minlength=cells)
 
 
 class CellScores(NamedTuple):
-    """Quality (C,) of cells, each by the measure of its type, and which (C,) are inverted."""
+    """Quality (C,) of cells by the measure of their type, and which (C,) are inverted."""
 
     quality: FloatArray
     inverted: BoolArray
 
     def replaced(self, cells: BoolArray, scores: CellScores) -> CellScores:
-        """Return the same with what was found of some cells, a mask (C,), in their place."""
+        """Return the scores with those of some cells, a mask (C,), replaced."""
         quality, inverted = self.quality.copy(), self.inverted.copy()
         quality[cells], inverted[cells] = scores
         return CellScores(quality, inverted)
@@ -116,15 +116,15 @@ class CellScores(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TouchedCells:
-    """The cells that a deformation may change.
+    """Cells with a node that may move.
 
     Attributes
     ----------
-    mesh : The mesh before.
-    rows : For each block of cells, those with a node that may move.
-    orientation : For each block 1, or -1 if most of its cells are inverted: the file counts their nodes left-handed.
-    inverted : Number of inverted cells of each block of the whole mesh before.
-    places : (N, 3) nodes by which the cells are high or wide, of a mesh one cell thick in its plane.
+    mesh : The undeflected mesh.
+    rows : For each block the rows of touched cells.
+    orientation : For each block 1, or -1 if most of its cells have left-handed nodes.
+    inverted : For each block the number of inverted cells of the whole undeflected mesh.
+    places : (N, 3) nodes by which heights and widths are measured: of a mesh one cell thick those in its plane.
     """
 
     mesh: Mesh
@@ -135,7 +135,7 @@ class TouchedCells:
 
     @classmethod
     def of(cls, mesh: Mesh, inside: IntArray, places: FloatArray | None = None) -> TouchedCells:
-        """Find the cells that have a node of `inside` (K,), and judge all cells as they are."""
+        """Find the cells with a node of `inside` (K,), and judge all cells of the undeflected mesh."""
         moved = np.zeros(len(mesh.points), dtype=bool)
         moved[inside] = True
         rows = tuple(touching(block, moved) for block in mesh.cells)
@@ -148,35 +148,35 @@ class TouchedCells:
 
     @classmethod
     def together(cls, parts: Sequence[TouchedCells]) -> TouchedCells:
-        """Return the cells of several parts of one mesh; a single part as it is."""
+        """Join the touched cells of several boxes in one mesh."""
         rows = zip(*(part.rows for part in parts), strict=True)
         return parts[0] if len(parts) == 1 else replace(parts[0], rows=tuple(union(*own) for own in rows))
 
     @property
     def count(self) -> int:
-        """Number of cells touched."""
+        """Number of touched cells."""
         return sum(len(rows) for rows in self.rows)
 
     @cached_property
     def before(self) -> CellScores:
-        """The touched cells as they are in the undeflected mesh."""
+        """Scores of the touched cells in the undeflected mesh."""
         return self.scores(self.mesh.points)
 
     def scores(self, points: FloatArray) -> CellScores:
-        """Judge the touched cells, block by block, with the nodes at `points` (N, 3)."""
+        """Judge the touched cells with the nodes at `points` (N, 3), block by block."""
         parts = zip(self.mesh.cells, self.rows, self.orientation, strict=True)
         scored = [quality_and_inverted(points, *part) for part in parts if len(part[1])]
         quality = np.concatenate([np.empty(0), *(values for values, _ in scored)])
         return CellScores(quality, np.concatenate([np.empty(0, np.bool_), *(bad for _, bad in scored)]))
 
     def newly_inverted(self, points: FloatArray) -> BoolArray:
-        """Return which touched cells (C,) are inverted with the nodes at `points` (N, 3), and were not before."""
+        """Return which touched cells (C,) are newly inverted with the nodes at `points` (N, 3)."""
         parts = zip(self.mesh.cells, self.rows, self.orientation, strict=True)
         inverted = np.concatenate([np.empty(0, np.bool_), *(inverted_of(points, *part) for part in parts)])
         return inverted & ~self.before.inverted if any(self.inverted) else inverted
 
     def by_shape(self) -> Iterator[tuple[str, BoolArray]]:
-        """Yield each type of the touched cells, and which (C,) are of it."""
+        """Yield each type of touched cells, and which (C,) have it."""
         masks, start = dict[str, BoolArray](), 0
         for block, rows in zip(self.mesh.cells, self.rows, strict=True):
             for name, _, _, own in parts_of(block, rows):
@@ -185,12 +185,12 @@ class TouchedCells:
         yield from masks.items()
 
     def least(self, points: FloatArray, quality: Sequence[Quality]) -> tuple[Least, ...]:
-        """Return, by type, the least quality of the cells that were good before: neither inverted nor flat.
+        """Return the least quality by type of the cells that were neither inverted nor flat before.
 
         Parameters
         ----------
-        points : (N, 3) where the nodes are.
-        quality : By type, of all touched cells there.
+        points : (N, 3) coordinates of the nodes.
+        quality : Quality there of all touched cells, by type.
         """
         if all(summary.min > FLAT and not summary.inverted for summary in self.quality_before):
             return tuple(Least(summary.min, summary.cells) for summary in quality)
@@ -200,18 +200,18 @@ class TouchedCells:
 
     @cached_property
     def quality_before(self) -> tuple[Quality, ...]:
-        """Quality of the touched cells of each type in the undeflected mesh."""
+        """Quality of the touched cells in the undeflected mesh, by type."""
         return self.quality(self.mesh.points)
 
     def quality(self, points: FloatArray) -> tuple[Quality, ...]:
-        """Return the quality of the touched cells of each type, with the nodes at `points` (N, 3)."""
+        """Return the quality of the touched cells by type, with the nodes at `points` (N, 3)."""
         parts = zip(self.mesh.cells, self.rows, self.orientation, strict=True)
         return by_shape(points, parts)
 
     def check(self, allow: bool = False) -> None:
-        """Raise InputError if the mesh has inverted cells before anything moves, unless they are allowed.
+        """Raise InputError if the undeflected mesh has inverted cells, unless they are allowed.
 
-        More than half of all cells are never allowed (`check_most`).
+        More than half of the cells may never be inverted (`check_most`).
         """
         check_most(self.mesh.name, sum(self.inverted), sum(self.mesh.cell_counts))
         for block, size, count in zip(self.mesh.cells, self.mesh.cell_counts, self.inverted, strict=True):
@@ -224,7 +224,7 @@ class TouchedCells:
 
 
 class Least(NamedTuple):
-    """Least quality of some cells, and their number; infinite of none."""
+    """Least quality and number of some cells; infinite quality without cells."""
 
     quality: float
     cells: int
@@ -232,14 +232,14 @@ class Least(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Layers:
-    """Change of the first layer's height, which is the length of the edges that leave the wall.
+    """Change of the first layer's height, the length of edges that leave the wall.
 
     Attributes
     ----------
-    edges : number of these edges, as often as cells have them.
+    edges : number of these edges, counted for each cell.
     lowest : smallest height before.
-    largest, p99 : largest relative change, and the one that 99 % of the edges keep.
-    thick : whether these are of thick cells. Of thin and thick cells, those nearer to their limit are reported.
+    largest, p99 : largest relative change, and its 99th percentile.
+    thick : whether the figures are of thick cells; of thin and thick ones those nearer to their limit are given.
     """
 
     edges: int
@@ -259,8 +259,8 @@ class LayerEdges(NamedTuple):
 
     Attributes
     ----------
-    starts, ends : (E,) nodes where they begin and end.
-    thick : (E,) which are of cells that are higher than `THICK_HEIGHT` of their longest edge on the wall.
+    starts, ends : (E,) start and end nodes.
+    thick : (E,) whether the cell is higher than `THICK_HEIGHT` of its longest edge on the wall.
     """
 
     starts: IntArray
@@ -269,7 +269,7 @@ class LayerEdges(NamedTuple):
 
 
 def first_layer(touched: TouchedCells, walls: IntArray, points: FloatArray) -> Layers | None:
-    """Compare heights over the walls' nodes (W,) before and with the nodes at `points` (N, 3); None without prisms."""
+    """Compare the heights over wall nodes (W,) with those at `points` (N, 3); None without a layer."""
     edges = next(layers(touched, walls), None)
     if edges is None:
         return None
@@ -284,9 +284,9 @@ def first_layer(touched: TouchedCells, walls: IntArray, points: FloatArray) -> L
 
 
 def layers(touched: TouchedCells, walls: IntArray) -> Iterator[LayerEdges]:
-    """Yield, layer by layer from the nodes of walls (W,), the edges that leave them.
+    """Yield the edges that leave the wall nodes (W,) and each further layer.
 
-    Edges are those of flat cells, as often as cells have them; the last layer is that without flat cells on it.
+    Edges are those of flat cells, counted for each cell; the last layer has no flat cells on it.
     """
     seen = np.zeros(len(touched.mesh.points), dtype=np.bool_)
     seen[walls] = True
@@ -331,7 +331,7 @@ def touching(block: Volume, moved: NDArray[np.bool_]) -> IntArray:
 def _have_one(
     nodes: IntArray, moved: NDArray[np.bool_], mask: NDArray[np.bool_]
 ) -> None:  # pragma: no cover - machine code
-    """Fill in which cells with nodes (R, k) have one in the mask `moved` (N,)."""
+    """Find the cells with a node (R, k) in the mask `moved` (N,)."""
     for i in range(len(nodes)):
         any_moved = False
         for k in range(nodes.shape[1]):
@@ -340,9 +340,9 @@ def _have_one(
 
 
 def _first_cells(block: Volume, rows: IntArray, wall: NDArray[np.bool_]) -> list[tuple[IntArray, IntArray]]:
-    """Return nodes (C, k) on the wall and nodes (C, k) opposite, of cells with one face on the wall.
+    """Return the nodes (C, k) on the wall, and the opposite ones (C, k), of cells with one face on the wall.
 
-    Of polyhedra the block has the rows alone.
+    A block of polyhedra has the rows only.
     """
     if isinstance(block, Polyhedra):
         return prisms_on(block, len(rows), wall)
@@ -358,7 +358,7 @@ def _first_cells(block: Volume, rows: IntArray, wall: NDArray[np.bool_]) -> list
 
 
 def _edges(points: FloatArray, base: IntArray, top: IntArray, highest: float) -> LayerEdges:
-    """Return the edges of cells up to a height over their width, of nodes (C, k) on a wall and opposite."""
+    """Return the edges between nodes (C, k) on a wall and opposite ones, of cells up to a ratio of height to width."""
     around = np.linalg.norm(points[base] - points[np.roll(base, 1, axis=1)], axis=2).max(axis=1)
     height = np.linalg.norm(points[top] - points[base], axis=2).max(axis=1)
     flat = height < highest * around

@@ -144,7 +144,8 @@ def adapt(
     initial : (M,) rows of the first centres; for a linear polynomial at least four that are not coplanar.
     options : Steps (5) and (6).
     rule : `Separated()` adds blocks of sites far from one another; `Worst()` is the paper's rule.
-    basis : `CholeskyBasis.of` extends one factor; `studies.loop` solves anew in every iteration, like the paper.
+    basis : `CholeskyBasis.of` extends one factor; `studies.loop` solves the whole system in every iteration, like the
+        paper.
     """
     _check_initial(initial, sites, options)
     history = Recorder(options, progress, perf_counter())

@@ -1,9 +1,9 @@
-"""Cells of every shape as tetrahedra at their corners, each with the shape that it should have.
+"""Corner tetrahedra: cells of every shape as tetrahedra at their corners, with the shape that each should have.
 
-At the corner of a plane cell stands a tetrahedron whose third edge is the unit vector along z, wherever the corner
-goes: its last node is its first one again.
+The tetrahedron at a corner of a plane cell has the unit vector along z as its third edge; its last node is written as
+its first one.
 
-Curves on which two surfaces meet: nodes on an edge of the boundary slide along it.
+Tracks: curves on which two surfaces meet, and along which nodes on an edge of the boundary slide.
 """
 
 from __future__ import annotations
@@ -24,29 +24,29 @@ from sdm_deflect.deform.mesh.standard import parts_of
 REGULAR = np.array([[1.0, 0.5, 0.5], [0.0, np.sqrt(3.0) / 2.0, np.sqrt(3.0) / 6.0], [0.0, 0.0, np.sqrt(2.0 / 3.0)]])
 """Edges (columns) of the regular tetrahedron of edge 1."""
 REGULAR_TRIANGLE = np.array([[1.0, 0.5, 0.0], [0.0, np.sqrt(3.0) / 2.0, 0.0], [0.0, 0.0, 1.0]])
-"""Edges (columns) of the regular triangle of edge 1, and of its plane's normal."""
+"""Edges (columns) of the regular triangle of edge 1, and the normal of its plane."""
 SIMPLICES = ("tetra", "triangle")
-"""Shapes that have one corner alone, and shall become regular."""
+"""Shapes with a single corner, which should become regular."""
 FLAT = 1e-3
-"""A corner whose determinant is a smaller share of the product of its edges' lengths has no shape to keep."""
+"""A corner has no shape if its determinant is a smaller share of the product of its edge lengths."""
 HANGING = 0.1
-"""The same for polyhedra, which have nodes within edges and faces where their neighbours are smaller."""
+"""The same for polyhedra, which have nodes inside edges and faces beside smaller neighbours."""
 STEEP = 0.1
-"""Sine of the angle at which two planes meet, above which their line is known well enough."""
+"""Sine of the angle between two planes, above which their line is well determined."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PatchElements:
-    """Tetrahedra at the corners of some cells, and which of their nodes are unknown.
+    """Corner tetrahedra of some cells around unknown nodes.
 
     Attributes
     ----------
-    used : (M,) indices in the mesh of all their nodes, the unknown ones first.
+    used : (M,) indices in the mesh of all nodes, unknown ones first.
     unknown : number U of unknown nodes.
     nodes : (E, 4) rows of `used`.
-    targets : (E, 10) inverse of the matrix of the target's edges, row by row, and the weight of the element.
-    cells : (E,) to which of the cells each belongs.
-    starts, corners : (U + 1,), (K,) the elements at each unknown node: 4 times the element plus its corner.
+    targets : (E, 10) inverse matrix of the target's edges, row by row, and the weight of the element.
+    cells : (E,) cell of each element.
+    starts, corners : (U + 1,), (K,) the elements at each unknown node, as 4 times the element plus its corner.
     """
 
     used: IntArray = field(repr=False)
@@ -59,14 +59,14 @@ class PatchElements:
 
     @classmethod
     def of(cls, tetrahedra: Tetrahedra, unknown: IntArray, points: FloatArray, weights: FloatArray) -> PatchElements:
-        """Take the tetrahedra that have one of the `unknown` nodes (U,), with their targets.
+        """Take the tetrahedra with one of the `unknown` nodes (U,), with their targets.
 
-        Nodes and elements are ordered along a curve that fills space: neighbours stay together in memory.
+        Nodes and elements are sorted along a space-filling curve, so that neighbours stay together in memory.
 
         Parameters
         ----------
-        points : (N, 3) the mesh before its deflection.
-        weights : (C,) of all cells.
+        points : (N, 3) undeflected mesh.
+        weights : (C,) weights of all cells.
         """
         mark = np.zeros(len(points), dtype=np.bool_)
         mark[unknown] = True
@@ -94,9 +94,9 @@ class Tetrahedra:
 
     Attributes
     ----------
-    nodes : (E, 4) node indices in the mesh, right-handed; of a plane cell the first one is the last one, too.
-    cells : (E,) row, among all cells given, of the one that each belongs to.
-    regular : (E,) which of them shall become regular; a corner of any other cell shall have its own shape again.
+    nodes : (E, 4) node indices in the mesh, right-handed; the last one is the first one at a corner of a plane cell.
+    cells : (E,) cell of each tetrahedron, as a row of all cells given.
+    regular : (E,) whether it should become regular; corners of other cells should recover their own shape.
     """
 
     nodes: IntArray = field(repr=False)
@@ -105,12 +105,12 @@ class Tetrahedra:
 
     @classmethod
     def of(cls, points: FloatArray, parts: Iterable[tuple[Volume, IntArray, float]]) -> Tetrahedra:
-        """Cut rows of blocks of cells into the tetrahedra at their corners; corners without a shape are left out.
+        """Cut cells of blocks into the tetrahedra at their corners, without corners that have no shape.
 
         Parameters
         ----------
-        points : (N, 3) the mesh before its deflection.
-        parts : Blocks, their rows, and their orientation (-1: nodes are counted left-handed).
+        points : (N, 3) undeflected mesh.
+        parts : Blocks, their rows, and their orientation (-1 for left-handed nodes).
         """
         nodes, cells, regular, count = [], [], [], 0
         for mixed, every, orientation in parts:
@@ -128,15 +128,15 @@ class Tetrahedra:
         return cls(np.concatenate(nodes), np.concatenate(cells), np.concatenate(regular))
 
     def of_cells(self, mask: BoolArray) -> Tetrahedra:
-        """Return those of some of the cells, a mask (C,)."""
+        """Return the tetrahedra of cells in a mask (C,)."""
         own = mask[self.cells]
         return self if own.all() else Tetrahedra(self.nodes[own], self.cells[own], self.regular[own])
 
     def inverse(self, points: FloatArray, rows: IntArray) -> FloatArray:
-        """Return the inverses (R, 9) of the matrices of the edges (columns) that some rows should have.
+        """Return the inverse matrices (R, 9) of the target edges (columns) of some rows.
 
-        A regular target has the volume that the tetrahedron has at `points` (N, 3), the mesh before its deflection;
-        that of a triangle has its area, and the same third edge.
+        A regular target has the tetrahedron's volume in the undeflected mesh `points` (N, 3). A triangle's has its
+        area, and z as its third edge.
         """
         edges, regular, flat = _edges(points, self.nodes[rows]), self.regular[rows], _in_plane(self.nodes[rows])
         out = np.empty_like(edges)
@@ -149,9 +149,9 @@ class Tetrahedra:
 
 
 def corners_of(points: FloatArray, block: Volume, rows: IntArray) -> tuple[IntArray, IntArray]:
-    """Return the nodes (E, 4) of the tetrahedra at the corners of some rows of cells, and the place (E,) of each row.
+    """Return the nodes (E, 4) of the tetrahedra at the corners of rows of cells, and the place (E,) of each row.
 
-    A node of a polyhedron is a corner with three of its edges there; with more, each three of them are one.
+    A node of a polyhedron with three edges is one corner; with more edges, each three of them are one.
     """
     if not isinstance(block, Polyhedra):
         corners = block.nodes[rows][:, np.array(CORNERS[block.shape])]
@@ -174,34 +174,33 @@ def corners_of(points: FloatArray, block: Volume, rows: IntArray) -> tuple[IntAr
 
 
 def _solidity(points: FloatArray, nodes: IntArray) -> FloatArray:
-    """Return the determinant (E,) of the edges of tetrahedra (E, 4) at their first nodes over the edges' lengths."""
+    """Return the determinant (E,) of the edges at the first nodes of tetrahedra (E, 4), over the product of lengths."""
     edges = _edges(points, nodes)
     lengths = np.prod(np.linalg.norm(edges, axis=1), axis=1)
     return np.asarray(np.linalg.det(edges) / np.maximum(lengths, np.finfo(np.float64).tiny))
 
 
 def _edges(points: FloatArray, nodes: IntArray) -> FloatArray:
-    """Return the edges (E, 3, 3) of tetrahedra (E, 4) from their first nodes, as columns."""
+    """Return the edges (E, 3, 3) from the first nodes of tetrahedra (E, 4), as columns."""
     edges = points[nodes[:, 1:]] - points[nodes[:, :1]]
     edges[_in_plane(nodes), 2] = 0.0, 0.0, 1.0
     return np.asarray(np.moveaxis(edges, 1, 2))
 
 
 def _in_plane(nodes: IntArray) -> BoolArray:
-    """Return which tetrahedra (E, 4) stand at the corners of plane cells."""
+    """Return which tetrahedra (E, 4) are at corners of plane cells."""
     return np.asarray(nodes[:, 3] == nodes[:, 0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tracks:
-    """Curves through nodes (K,) at rest; a place is known by how far it is from the node along the tangent there.
+    """Curves through nodes (K,) at rest; a place on a curve is given by its distance along the node's tangent.
 
     Attributes
     ----------
     tangent : (K, 3) unit vectors.
-    inward : (K, 3) unit vectors, in the planes of the ellipses, on which these are reached from their tangents; 0 of
-        lines.
-    radial, along, across : (K, 3) the parts of nodes, tangents and inward vectors that are normal to a cylinder's axis.
+    inward : (K, 3) unit vectors in the ellipses' planes, from the tangents to the curves; 0 for lines.
+    radial, along, across : (K, 3) components of nodes, tangents and inward vectors normal to a cylinder's axis.
     """
 
     tangent: FloatArray = field(repr=False)
@@ -212,17 +211,17 @@ class Tracks:
 
     @classmethod
     def joined(cls, some: Sequence[Tracks]) -> Tracks:
-        """Return one for all the nodes of some others."""
+        """Join the curves of several sets of nodes."""
         none = np.empty((0, 3))
         return cls(*(np.concatenate([none, *(getattr(one, name) for one in some)]) for name in cls.__slots__))
 
     def projected(self, way: FloatArray) -> FloatArray:
-        """Return the ways (K, 3) to the places on the curves that are as far along the tangents as ways (K, 3)."""
+        """Return the displacements (K, 3) along the curves that are as far along the tangents as `way` (K, 3)."""
         far = np.einsum("ij,ij->i", way, self.tangent)
         return np.asarray(far[:, None] * self.tangent + self._aside(far)[:, None] * self.inward)
 
     def slope(self, way: FloatArray) -> FloatArray:
-        """Return the derivatives (K, 3) of the places by how far they are along the tangents."""
+        """Return the derivatives (K, 3) of the places by their distances along the tangents."""
         far = np.einsum("ij,ij->i", way, self.tangent)
         radial = self.radial + far[:, None] * self.along + self._aside(far)[:, None] * self.across
         inward = np.einsum("ij,ij->i", radial, self.across)
@@ -230,7 +229,7 @@ class Tracks:
         return np.asarray(self.tangent + aside[:, None] * self.inward)
 
     def _aside(self, far: FloatArray) -> FloatArray:
-        """Return how far (K,) the curves are from the tangents: the smaller root of a a^2 + 2 b a + c = 0."""
+        """Return the distances (K,) from tangents to curves: the smaller root of a a^2 + 2 b a + c = 0."""
         beside = far[:, None] * self.along
         radial = self.radial + beside
         a, b = (np.einsum("ij,ij->i", one, self.across) for one in (self.across, radial))
@@ -241,14 +240,17 @@ class Tracks:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Crossing:
-    """The line of two planes, or the ellipse of a plane and a cylinder; each node keeps its distances from both."""
+    """The curve of two shapes: a line of two planes, or an ellipse of a plane and a cylinder.
+
+    Each node keeps its distances from both shapes.
+    """
 
     plane: Plane
     other: Plane | CylinderWall
 
     @classmethod
     def of(cls, first: SlidingSurface | None, second: SlidingSurface | None) -> Crossing | None:
-        """Return where two shapes meet; None if nodes had better stay there."""
+        """Return the curve of two shapes; None if it is not well determined, so that nodes stay there."""
         if isinstance(second, Plane) and not isinstance(first, Plane):
             first, second = second, first
         if isinstance(first, Plane) and isinstance(second, Plane):
@@ -271,15 +273,15 @@ class Crossing:
         return Tracks(tangent, inward, radial, *(axis.radial(one + axis.point) for one in (tangent, inward)))
 
     def distance(self, points: FloatArray) -> FloatArray:
-        """Return the distance (N,) from the farther of the two."""
+        """Return the distance (N,) from the farther shape."""
         return np.maximum(np.abs(self.plane.distance(points)), np.abs(self.other.distance(points)))
 
     def projected(self, points: FloatArray, displacement: FloatArray) -> FloatArray:
-        """Go as far along the tangent as the displacement does, and from there, within the plane, to the curve."""
+        """Go along the tangent like the displacement, then within the plane to the curve."""
         return self.tracks(points).projected(displacement)
 
     def rate(self, points: FloatArray, displacement: FloatArray, rate: FloatArray) -> FloatArray:
-        """Go on along the curve as fast as the displacement along the tangent of the node."""
+        """Return the derivative (N, 3) of `projected`."""
         tracks = self.tracks(points)
         along = np.einsum("ij,ij->i", rate, tracks.tangent)
         return np.asarray(along[:, None] * tracks.slope(displacement))

@@ -1,16 +1,16 @@
-"""The energy of cells that are spoiled or inverted, its gradient and its curvature, compiled.
+"""The energy of spoiled and inverted cells, its gradient and its curvature, compiled.
 
-Every cell is seen through tetrahedra at its corners. With J the map from a tetrahedron's target to it, f = tr(J'J) / 3
-and d = det J, the energy is
+The energy of a cell is the sum over the tetrahedra at its corners. With J the map from a tetrahedron's target to it,
+f = tr(J'J) / 3 and d = det J, the energy is
 
     (weight f^3 / chi^2)^power,    chi = (d + sqrt(d^2 + eps^2)) / 2
 
 (Garanzha et al., "Foldover-free maps in 50 lines of code", 2021, eq. 3, to the power 3). For eps = 0 it is the mean
-ratio to the power -3, infinite where the tetrahedron is flat; with eps > 0 it is finite for inverted ones, too,
-and all weights are 1: no cell may be given up while others are untangled.
+ratio to the power -3, infinite for flat tetrahedra. For eps > 0 it is finite for inverted ones, too, and all weights
+are 1, so that no cell is given up while others are untangled.
 
-The third edge at a corner of a plane cell is the unit vector along z. There the energy is that of the right prism over
-the cell, whose height stays: it also weighs how much the area changes.
+The third edge at a corner of a plane cell is the unit vector along z. The energy is then the right prism's over
+the cell, whose height stays, so it also weighs changes of the area.
 """
 
 from collections.abc import Callable
@@ -25,16 +25,16 @@ from sdm_deflect.deform.base.threads import in_chunks
 from .elements import PatchElements
 
 BLOCK = 1 << 11
-"""Elements or nodes handled at a time; always the same, so that the bits do not depend on the number of threads."""
+"""Elements or nodes in one block; constant, so that the bits do not depend on the number of threads."""
 WEIGHT = 64
-"""Work on one element in kernel pairs, by which `in_chunks` shares it out."""
+"""Work on one element in kernel pairs, by which `in_chunks` divides it."""
 LANES = 32
-"""Elements whose numbers stand side by side, for the processor's wide registers."""
+"""Elements whose numbers are side by side, for the processor's wide registers."""
 EDGES, TARGET, JACOBIAN, COFACTORS = 0, 9 * LANES, 18 * LANES, 27 * LANES
 SIZE, ROOT, DETERMINANT, BASE = 36 * LANES, 37 * LANES, 38 * LANES, 39 * LANES
 SHARE, SLOPES = 40 * LANES, 41 * LANES
 LENGTH = 65 * LANES
-"""Where each number of `LANES` elements begins in the array that they share, and its length."""
+"""Start of each number of `LANES` elements in their common array, and the length of the array."""
 
 
 class Energy:
@@ -42,7 +42,7 @@ class Energy:
 
     Parameters
     ----------
-    elements : tetrahedra at the corners of cells, and which of the nodes are unknown.
+    elements : corner tetrahedra, and their unknown nodes.
     """
 
     def __init__(self, elements: PatchElements) -> None:
@@ -52,7 +52,7 @@ class Energy:
 
     @property
     def determinants(self) -> FloatArray:
-        """Determinant of J of each element (E,) at the place last evaluated."""
+        """Determinant of J of each element (E,) at the last evaluated place."""
         return np.asarray(self._measures[1])
 
     def __call__(self, points: FloatArray, eps: float, power: int) -> tuple[float, FloatArray]:
@@ -63,15 +63,15 @@ class Energy:
         return float(measures[0].sum()), self._gathered(out, 3)
 
     def least(self, points: FloatArray) -> float:
-        """Return the least mean ratio of any element to its target, weighted; 0 if one is inverted."""
+        """Return the least weighted mean ratio of an element to its target; 0 if one is inverted."""
         self(points, 0.0, 1)
         flat = self.determinants.min(initial=1.0) <= 0.0
         return 0.0 if flat else float(self._measures[0].max(initial=1.0) ** (-1.0 / 3.0))
 
     def curvature(self, points: FloatArray, eps: float, power: int) -> FloatArray:
-        """Return a positive matrix for each unknown node (U, 6), its upper triangle row by row: the second derivative.
+        """Return a positive matrix for each unknown node (U, 6), as an upper triangle: its second derivative.
 
-        It is that of the energy without the parts that may be negative: what a step is measured by.
+        Parts of the second derivative that may be negative are left out; it scales a step.
         """
         one, out = self.elements, np.empty((len(self.elements.nodes), 24))
         form = float(eps), int(power)
@@ -79,7 +79,7 @@ class Energy:
         return self._gathered(out, 6)
 
     def _gathered(self, values: FloatArray, width: int) -> FloatArray:
-        """Add up what the elements have at their four corners (E, 4 width) at each unknown node (U, width)."""
+        """Add the values of elements at their four corners (E, 4 width) to each unknown node (U, width)."""
         one = self.elements
         total = np.empty((one.unknown, width))
         _blockwise(lambda a, b: _sums(one.starts, one.corners, values, total, (a, b)), one.unknown)
@@ -87,7 +87,7 @@ class Energy:
 
 
 def _blockwise(kernel: Callable[[int, int], Any], count: int) -> None:
-    """Call kernel(start, stop) for blocks of rows that do not depend on the number of threads."""
+    """Call kernel(start, stop) for blocks of rows; the blocks do not depend on the number of threads."""
 
     def work(low: int, high: int) -> None:
         for block in range(low, high):
@@ -121,7 +121,7 @@ def _energies(
             measures[0, begin + i] = energy
             measures[1, begin + i] = row[DETERMINANT + i]
             scale = power * energy
-            edges = 2 if nodes[begin + i, 3] == nodes[begin + i, 0] else 3  # the third of a plane cell stays
+            edges = 2 if nodes[begin + i, 3] == nodes[begin + i, 0] else 3  # the third edge of a plane cell is constant
             for k in range(3):
                 first = 0.0
                 out[begin + i, 9 + k] = 0.0
@@ -154,7 +154,7 @@ def _curvatures(
             energy = float(power)
             for _ in range(power):
                 energy *= row[BASE + i]
-            plane = nodes[begin + i, 3] == nodes[begin + i, 0]  # where z is on its own, and the third edge stays
+            plane = nodes[begin + i, 3] == nodes[begin + i, 0]  # then z is separate, and the third edge is constant
             for k in range(24):
                 apart = plane and (k % 6 == 2 or k % 6 == 4 or k >= 18)
                 out[begin + i, k] = 0.0 if apart else energy * row[SLOPES + k * LANES + i]
@@ -170,7 +170,7 @@ def _load(points: FloatArray, nodes: IntArray, targets: FloatArray, row: FloatAr
             row[EDGES + k * LANES + i] = points[n1, k] - origin
             row[EDGES + (3 + k) * LANES + i] = points[n2, k] - origin
             row[EDGES + (6 + k) * LANES + i] = points[n3, k] - origin
-        if n3 == n0:  # of a plane cell
+        if n3 == n0:  # a plane cell
             row[EDGES + 8 * LANES + i] = 1.0
         for k in range(9):
             row[TARGET + k * LANES + i] = targets[i, k]
@@ -240,9 +240,9 @@ def _slope(row: FloatArray) -> None:
 
 @compiled_exactly
 def _bend(row: FloatArray, corner: int, power: float) -> None:
-    """Write the positive part of the second derivative by one corner, over the energy times its power.
+    """Write the positive part of the second derivative by one corner, over energy times power.
 
-    It consists of that of f, and of the squares of the gradients of log chi and of the whole logarithm.
+    It consists of the parts of f, and of the squared gradients of log chi and of the whole logarithm.
     """
     for i in range(LANES):
         first, second, third = row[TARGET + i], row[TARGET + 3 * LANES + i], row[TARGET + 6 * LANES + i]
@@ -287,7 +287,7 @@ def _bend(row: FloatArray, corner: int, power: float) -> None:
 
 @compiled_exactly
 def _sums(starts: IntArray, corners: IntArray, values: FloatArray, out: FloatArray, rows: tuple[int, int]) -> None:
-    """Add up the values (E, 4 w) at the corners of each of some nodes (U, w), in the order of the elements."""
+    """Add the values (E, 4 w) at the corners of some nodes (U, w), in the order of the elements."""
     width = out.shape[1]
     for n in range(rows[0], rows[1]):
         for k in range(width):

@@ -1,6 +1,6 @@
-"""Which nodes a repair may move, and on what they have to stay.
+"""Nodes that a repair may move, and the shapes and columns that bind them.
 
-Columns of layers: each node keeps its distance from the node below it, wherever that goes.
+A column is the nodes of all layers over one node of a wall; each node keeps its distance from the one below.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from sdm_deflect.deform.mesh.touched import TouchedCells, layers
 from .elements import Crossing
 
 TURNS = {"plane": 1e-5, SURFACE: 2.0 * np.sin(np.radians(SHARP / 2.0))}
-"""Difference of the normals of two faces on both sides of an edge that is within a plane, or a surface."""
+"""Largest difference of the normals beside an edge inside a plane, and inside a surface."""
 FLAT = 1e-9
-"""Of a patch's size: how far nodes of a plane face may be off it."""
+"""Of a patch's size: largest distance of nodes from their plane face."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Columns:
-    """The nodes of layers over walls.
+    """Nodes of layers over walls.
 
     Attributes
     ----------
-    levels : of each layer, from the wall outwards, its nodes with the one below each, (K, 2).
-    forked : (F,) sorted nodes of the first layer that are above several nodes of the walls.
+    levels : for each layer, from the wall outwards, its nodes and the node below each (K, 2).
+    forked : (F,) sorted nodes of the first layer over several wall nodes.
     """
 
     levels: tuple[IntArray, ...] = field(default=(), repr=False)
@@ -43,7 +43,7 @@ class Columns:
 
     @classmethod
     def of(cls, touched: TouchedCells, walls: IntArray) -> Columns:
-        """Follow flat cells from the nodes of walls (W,) outwards, until there are none."""
+        """Follow flat cells outwards from the nodes of walls (W,)."""
         levels: list[IntArray] = []
         forked = np.empty(0, dtype=np.intp)
         for base, top, _ in layers(touched, walls):
@@ -54,7 +54,7 @@ class Columns:
         return cls(tuple(levels), forked)
 
     def closed(self, nodes: IntArray, size: int) -> IntArray:
-        """Return nodes (K,), sorted, with all that are above them; `size` is the number of nodes of the mesh."""
+        """Return sorted nodes (K,) with all nodes above them; `size` is the number of nodes of the mesh."""
         mark = np.zeros(size, dtype=np.bool_)
         mark[nodes] = True
         for pairs in self.levels:
@@ -64,13 +64,13 @@ class Columns:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Heights:
-    """The heights of layers, kept while K nodes of them move; from the wall outwards.
+    """Heights of layers that are kept while K of their nodes move, from the wall outwards.
 
     Attributes
     ----------
-    rows, below : (K,) rows of the nodes, and of those below them; -1 for one that stays.
-    fixed : (K, 3) where the nodes below are if they stay.
-    arms : (K, 3) from the nodes below to the nodes, to begin with.
+    rows, below : (K,) rows of the nodes, and of the nodes below; -1 for one that stays.
+    fixed : (K, 3) places of the nodes below that stay.
+    arms : (K, 3) vectors from the nodes below to the nodes, at first.
     """
 
     rows: IntArray = field(repr=False)
@@ -80,7 +80,7 @@ class Heights:
 
     @classmethod
     def of(cls, columns: Columns, points: FloatArray, nodes: IntArray) -> Heights:
-        """Take the heights over nodes (U,) that move, at points (N, 3)."""
+        """Take the heights over moving nodes (U,), at points (N, 3)."""
         place = np.full(len(points), -1, dtype=np.intp)
         place[nodes] = np.arange(len(nodes))
         pairs = np.concatenate([np.empty((0, 2), dtype=np.intp), *columns.levels])
@@ -88,16 +88,16 @@ class Heights:
         return cls(place[above], place[below], points[below], points[above] - points[below])
 
     def keep(self, places: FloatArray) -> FloatArray:
-        """Move places (U, 3) along the line from the node below; return the arms (K, 3) before.
+        """Move places (U, 3) along the line from the node below to the kept height; return the arms (K, 3) before.
 
-        Nodes whose arm is as it was keep their bits.
+        Nodes with unchanged arms keep their bits.
         """
         arms = np.empty_like(self.arms)
         _keep(self.rows, self.below, self.fixed, self.arms, places, arms)
         return arms
 
     def pull(self, arms: FloatArray, gradient: FloatArray) -> None:
-        """Turn the gradient (U, 3) by the places kept into that by the places before, given the arms of `keep`."""
+        """Turn the gradient (U, 3) by the kept places into that by the places before, given the arms of `keep`."""
         _pull(self.rows, self.below, self.arms, arms, gradient)
 
 
@@ -142,7 +142,7 @@ class Slide:
 
 
 class SlidingPiece(NamedTuple):
-    """A part of the boundary: its shape, if nodes slide on it, whether they do so along edges, and a plane's faces."""
+    """A part of the boundary: its shape, whether nodes slide along its edges, and the faces of a plane."""
 
     shape: SlidingSurface | None
     edges: bool = False
@@ -151,10 +151,9 @@ class SlidingPiece(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FreeNodes:
-    """The nodes that may move: `free` (F,) anywhere, others on their shapes; each is in one place at most.
+    """Nodes that may move: `free` (F,) in all directions, others on shapes; each occurs once.
 
-    Those of `columns` keep their distances from the nodes below them, too, and `images` of one another move alike: all
-    nodes of their groups are free.
+    Nodes of `columns` also keep their distances from the nodes below; groups of `images` move alike.
     """
 
     free: IntArray = field(repr=False)
@@ -164,12 +163,12 @@ class FreeNodes:
 
     @property
     def nodes(self) -> IntArray:
-        """Sorted indices (K,) of all of them."""
+        """Sorted indices (K,) of all nodes that may move."""
         return union(self.free, self.sliding)
 
     @property
     def sliding(self) -> IntArray:
-        """Sorted indices (K,) of those on shapes."""
+        """Sorted indices (K,) of the nodes on shapes."""
         return union(*(one.nodes for one in self.slides))
 
     @classmethod
@@ -183,21 +182,21 @@ class FreeNodes:
         images: Images | None = None,
         within: Sequence[tuple[IntArray, SlidingSurface]] = (),
     ) -> FreeNodes:
-        """Find on what the boundary's nodes inside may slide.
+        """Find the shapes on which the boundary nodes inside may slide.
 
-        A node within a face slides on it, one on the edge of two surfaces, of two planes or of a plane and a cylinder
-        along it; other edges and corners stay, and nodes on a patch of no shape.
+        A node inside a face slides on it. A node on the edge of two planes, or of a plane and a cylinder, slides along
+        it. Nodes on other edges, at corners, and on patches without a shape stay.
 
         Parameters
         ----------
-        points : (N, 3) where the nodes are.
-        inside : (N,) the nodes that may move at all.
-        free : (F,) those of them that are within the flow.
-        shapes : Of patches: a shape; or its name. A ``"plane"`` is each part of the patch that is plane before the
-            deflection and still is; a ``"surface"`` each part between edges that were sharp, as it is at `points`, so
-            that a node of a thin body stays on its side. The whole patch is a ``"cylinder"``, fitted to its nodes.
-        images : Of free nodes: those that move alike.
-        within : Free nodes (K,), and the shape on which they stay.
+        points : (N, 3) coordinates of the nodes.
+        inside : (N,) whether a node may move at all.
+        free : (F,) those of them inside the flow.
+        shapes : For each patch a shape, or its name. ``"plane"`` is each part of the patch that was plane before the
+            deflection and still is. ``"surface"`` is each part between edges that were sharp, as it is at `points`, so
+            that a node of a thin body stays on its side. ``"cylinder"`` is fitted to the nodes of the whole patch.
+        images : Free nodes that move like their images.
+        within : Free nodes (K,) with the shape on which they stay.
         """
         pieces: list[SlidingPiece] = []
         pairs = [np.empty((0, 2), dtype=np.intp)]
@@ -217,7 +216,7 @@ class FreeNodes:
             for k, piece in enumerate(pieces)
             if piece.shape is not None and (same & (found[first, 1] == k)).any()
         ]
-        edge = (count == 2) & ~same & (not mesh.plane)  # where two lines meet is a corner
+        edge = (count == 2) & ~same & (not mesh.plane)  # two lines meet at a corner
         for k, other in np.unique(np.column_stack([found[first, 1], found[last, 1]])[edge], axis=0):
             shape = Crossing.of(pieces[k].shape, pieces[other].shape)
             if shape is not None:
@@ -226,9 +225,9 @@ class FreeNodes:
         return cls(free, tuple(slides), images=images or Images())
 
     def left_by(self, start: FloatArray, points: FloatArray) -> tuple[Slide, ...]:
-        """Return the slides on plane faces that some nodes left on the way from points (N, 3) `start` to `points`.
+        """Return the slides on plane faces that some nodes left on the way from `start` (N, 3) to `points` (N, 3).
 
-        As long as no polygon of a face is turned over, and its rim stays on its curves, all nodes are within the rim.
+        While no polygon of a face is reversed, and its rim stays on its curves, all nodes are inside the rim.
         """
 
         def moved(one: Slide) -> bool:
@@ -237,11 +236,11 @@ class FreeNodes:
         return tuple(one for one in self.slides if moved(one) and any(_folded(start, points, f) for f in one.faces))
 
     def without(self, some: tuple[Slide, ...]) -> FreeNodes:
-        """Return the same without the nodes of some of the slides."""
+        """Return the same without some of the slides."""
         return replace(self, slides=tuple(one for one in self.slides if one not in some))
 
     def closed(self, nodes: IntArray, size: int) -> IntArray:
-        """Return sorted nodes (K,) with all that move with them; `size` is the number of nodes of the mesh."""
+        """Return sorted nodes (K,) with all nodes that move with them; `size` is the number of nodes of the mesh."""
         while True:
             found = self.columns.closed(nodes, size)
             if not len(self.images.nodes):
@@ -252,10 +251,10 @@ class FreeNodes:
             nodes = found
 
     def with_columns(self, columns: Columns, points: FloatArray) -> FreeNodes:
-        """Return the same with the heights of layers kept, the nodes at points (N, 3).
+        """Return the same with the heights of layers kept, given the nodes at points (N, 3).
 
-        A node of the first layer stays if it is over several nodes of the walls, or slides on another shape than a
-        plane through the node below; those of further layers then follow their shape alone.
+        A node of the first layer stays if it is over several wall nodes, or slides on a shape other than a plane
+        through the node below. Nodes of further layers over it then follow their shape alone.
         """
         anywhere = np.zeros(len(points), dtype=np.bool_)
         anywhere[self.free] = True
@@ -291,7 +290,7 @@ def _pieces(
     shape: SlidingSurface | str | None,
     pieces: list[SlidingPiece],
 ) -> list[IntArray]:
-    """Add the faces of a patch to `pieces`; return which of its nodes inside are on which, as pairs (P, 2)."""
+    """Add the faces of a patch to `pieces`; return pairs (P, 2) of a node inside and its piece."""
     if shape in TURNS and patch.faces:
         found = [_on(patch.loose[inside[patch.loose]], pieces, SlidingPiece(None))]
         for part in _parts(patch, mesh.points, inside, TURNS[str(shape)]):
@@ -307,7 +306,7 @@ def _pieces(
 
 
 def _plane(mesh: Mesh, points: FloatArray, face: Polygons) -> SlidingPiece:
-    """Return a face that was plane before the deflection, of no shape if it is so no more."""
+    """Return a face that was plane before the deflection; without a shape if it is no longer plane."""
     nodes = distinct(face.nodes)
     plane, size = Plane.fitted(points[nodes], mesh.normal), float(np.ptp(points[nodes], axis=0).max())
     flat = len(nodes) > (2 if mesh.plane else 3) and float(np.abs(plane.distance(points[nodes])).max()) <= FLAT * size
@@ -315,7 +314,7 @@ def _plane(mesh: Mesh, points: FloatArray, face: Polygons) -> SlidingPiece:
 
 
 def _folded(start: FloatArray, points: FloatArray, face: Polygons) -> bool:
-    """True if a polygon of a plane face turned over on the way from points (N, 3) `start` to `points`."""
+    """True if a polygon of a plane face is reversed on the way from `start` (N, 3) to `points` (N, 3)."""
     before = area_vectors(start, face)
     normal = before.sum(axis=0)
     return bool(((area_vectors(points, face) @ normal <= 0.0) & (before @ normal > 0.0)).any())
@@ -327,7 +326,7 @@ def _on(nodes: IntArray, pieces: list[SlidingPiece], piece: SlidingPiece) -> Int
 
 
 def _parts(patch: Patch, points: FloatArray, inside: BoolArray, turn: float) -> Iterator[Polygons]:
-    """Yield the parts of a patch with nodes inside: faces that share edges, beside which normals differ by less."""
+    """Yield the parts of a patch with nodes inside; normals of adjacent faces in a part differ by less than `turn`."""
     faces = polygons_of(patch.faces)
     labels = _regions(faces, unit(area_vectors(points, faces)), turn)
     sizes = np.diff(faces.offsets)
@@ -339,9 +338,9 @@ def _parts(patch: Patch, points: FloatArray, inside: BoolArray, turn: float) -> 
 
 
 def _regions(faces: Polygons, normals: FloatArray, turn: float) -> IntArray:
-    """Return a label (F,) for each face: equal for those joined by edges beside which normals (F, 3) differ by less."""
+    """Return labels (F,) of faces, equal for adjacent faces whose normals (F, 3) differ by less than `turn`."""
     from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components  # takes a while to load
+    from scipy.sparse.csgraph import connected_components  # loading takes a while
 
     _, a, b, _ = Joints.of(faces)
     alike = np.linalg.norm(normals[a] - normals[b], axis=1) < turn

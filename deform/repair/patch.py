@@ -1,8 +1,8 @@
-"""Nodes that move together: they go to where the cells around them are good.
+"""A patch of nodes that move together until the cells around them are good.
 
-A minimum by L-BFGS, whose first guess of the second derivative is that of each node by itself.
+The minimum is found by L-BFGS, started from the second derivative of each node by itself.
 
-What a repair is to bring about, and what it did: how good cells are, and were before the deflection.
+`QualityGoal` says how good cells should be, `RepairResult` what a repair changed.
 """
 
 from __future__ import annotations
@@ -29,45 +29,45 @@ from .energy import Energy
 from .freedom import FreeNodes, Heights
 
 WORST = 1e-3
-"""Least quality that cells are weighted by."""
+"""Least quality by which cells are weighted."""
 CARE = 0.95
-"""Share of its quality that a good cell shall keep while others are mended."""
+"""Share of its quality that a good cell should keep during a careful repair."""
 LOST = 0.005
-"""How far the mean quality of all touched cells of a type, and what 99 % of them exceed, may fall for the worst."""
+"""Largest loss of the mean quality of a type of cells, and of the quality that 99 % of them exceed."""
 MEMORY = 12
-"""Pairs of steps and changes of the gradient that are kept."""
+"""Number of pairs of steps and gradient changes that L-BFGS keeps."""
 ARMIJO, SHORTEST = 1e-4, 1e-6
 Function = Callable[[FloatArray], tuple[float, FloatArray]]
 STEPS, TOLERANCE = 25, 1e-5
-"""Of the search at one eps and power: most steps, and the least share by which each has to lower the energy."""
+"""Most steps of a search at one eps and power, and the least relative decrease of the energy by each."""
 WIDEST, LEAST_EPS = 0.01, 1e-6
-"""Least eps at the start, over a target's determinant, and where untangling is given up."""
+"""Least eps at the start, over a target's determinant; smallest eps of untangling."""
 FLAT = 1e-3
-"""Determinant over its target's, up to which an element is untangled: powers of its energy overflow."""
+"""Determinant over its target's, below which an element counts as tangled: powers of its energy overflow."""
 NARROWER, NARROWEST = 0.5, 0.2
-"""What is left of eps for the next search; and if this one ended by itself."""
+"""Factors of eps for the next search: if this one used all its steps, and if it converged."""
 POWERS = (1, 2, 4, 8, 16)
-"""Powers of the energy, one after another, once nothing is inverted: the worst cells weigh more and more."""
+"""Powers of the energy in turn, once nothing is inverted: the worst cells weigh more and more."""
 EASY = (0.35, 0.6, 0.75)
-"""Least shares of a cell's quality in its floor, about, from which the first powers are left out; but for tetrahedra,
-whose energy is their quality, one power at most."""
+"""Approximate ratios of least quality to floor, from which the first powers are skipped. For tetrahedra at most one
+power is skipped, because their energy is their quality."""
 WORTH, PATIENCE = 0.005, 8
-"""Share by which a search at the largest power has to raise the least quality to be followed by another; searches that
-may pass without fewer inverted elements."""
+"""Relative gain of least quality for which another search follows at the largest power; searches without fewer inverted
+elements before giving up."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class QualityGoal:
-    """What some of the touched cells should be like.
+    """Quality that some of the touched cells should reach.
 
     Attributes
     ----------
     touched : the cells.
-    floor : (C,) least quality, before the deflection, of the good cells of each one's type; 0 where the cell itself was
-        no better, and -inf where it was inverted already or no node can move: nothing is asked of such cells.
-    weights : (C,) of the cells' energies, by which cells of all types come to their floors at once. The energy of a
-        corner is at least the inverse square of its scaled Jacobian over that of its target, that of a tetrahedron the
-        inverse cube of its mean ratio.
+    floor : (C,) least quality of the good cells of each one's type before; 0 for a cell that was not better itself. It
+        is -inf for a cell that was inverted or has no node that can move: nothing is required of it.
+    weights : (C,) weights of the cells' energies, so that cells of all types reach their floors together. The energy of
+        a corner is at least the squared inverse of its relative scaled Jacobian; a tetrahedron's is the cubed
+        inverse of its mean ratio.
     """
 
     touched: TouchedCells = field(repr=False)
@@ -76,7 +76,7 @@ class QualityGoal:
 
     @classmethod
     def of(cls, touched: TouchedCells, freedom: FreeNodes) -> QualityGoal:
-        """Ask of the cells with a node that may move the least quality that their type had."""
+        """Require of cells with a node that may move the least quality of their type before."""
         movable = np.zeros(len(touched.mesh.points), dtype=np.bool_)
         movable[freedom.nodes] = True
         quality, inverted = touched.before
@@ -91,22 +91,22 @@ class QualityGoal:
         return cls(touched, floor, weights)
 
     def among(self, cells: BoolArray) -> QualityGoal:
-        """Return the same for some of the cells, a mask (C,)."""
+        """Return the goal of some of the cells, a mask (C,)."""
         ends = np.cumsum([0, *(len(rows) for rows in self.touched.rows)])
         rows = tuple(own[cells[a:b]] for own, a, b in zip(self.touched.rows, ends, ends[1:], strict=False))
         return QualityGoal(replace(self.touched, rows=rows), self.floor[cells], self.weights[cells])
 
     def spread(self, found: CellScores) -> FloatArray:
-        """Return the quality (T, 2) that 99 % of the cells of each type exceed, and its mean."""
+        """Return the 1st percentile and the mean (T, 2) of the quality of each type of cells."""
         by_type = [found.quality[own] for _, own in self.touched.by_shape()]
         return np.array([[np.percentile(quality, 1.0), quality.mean()] for quality in by_type])
 
     def keeps(self, found: CellScores, spread: FloatArray | None) -> bool:
-        """Return whether cells keep a spread (T, 2), but for `LOST`; of none, that they do."""
+        """Return whether cells keep a spread (T, 2) but for `LOST`; always True without a spread."""
         return spread is None or bool((self.spread(found) >= spread - LOST).all())
 
     def weighted(self, found: CellScores, careful: bool) -> QualityGoal:
-        """Return the same, if careful with weights by which each good cell shall keep a share `CARE` of its quality."""
+        """Return the goal; if careful with weights by which each good cell keeps a share `CARE` of its quality."""
         if not careful:
             return self
         weights = self.weights.copy()
@@ -125,12 +125,12 @@ class QualityGoal:
         return np.asarray((self.floor > -np.inf) & (found.inverted | poor))
 
     def least(self, found: CellScores) -> float:
-        """Return the least quality of any cell over its floor."""
+        """Return the least ratio of a cell's quality to its floor."""
         own = self.floor > 0.0
         return float((found.quality[own] / self.floor[own]).min(initial=1.0))
 
     def rank(self, found: CellScores) -> tuple[int, float]:
-        """Return what the better of two meshes has more of: cells that are not inverted, then the least quality."""
+        """Return what is larger for the better of two meshes: minus the inverted cells, then the least quality."""
         return -int(self.missed(found, 0.0).sum()), self.least(found)
 
 
@@ -140,15 +140,15 @@ class RepairResult:
 
     Attributes
     ----------
-    start, points : (N, 3) coordinates before it, and after.
+    start, points : (N, 3) coordinates before and after.
     freedom : the nodes that could move.
-    quality : of the touched cells before it, by type.
-    moved : (K,) sorted indices of the nodes that were moved.
-    spoiled : number of cells that were inverted, or below the share of their type's least quality.
+    quality : quality of the touched cells before the repair, by type.
+    moved : (K,) sorted indices of the moved nodes.
+    spoiled : number of cells that were inverted, or below a share of their type's least quality before.
     left : number of them that still are.
-    inverted : (I,) rows, among the touched cells, of those that are still inverted and were not before the deflection.
+    inverted : (I,) rows among the touched cells that are still newly inverted.
     steps : steps of all searches.
-    seconds : time it took, without compilation.
+    seconds : time taken, without compilation.
     """
 
     start: FloatArray = field(repr=False)
@@ -166,7 +166,7 @@ class RepairResult:
     def of(
         cls, start: FloatArray, points: FloatArray, touched: TouchedCells, freedom: FreeNodes, share: float
     ) -> RepairResult:
-        """Judge a mesh before and after its repair, which is not carried out; parameters as in `repaired`."""
+        """Judge a mesh before and after a repair that is not carried out; parameters as for `repaired`."""
         goal = QualityGoal.of(touched, freedom)
         before, after = goal.scores(start), goal.scores(points)
         moved = np.flatnonzero((points != start).any(axis=1))
@@ -176,7 +176,7 @@ class RepairResult:
 
 
 def _with_any(touched: TouchedCells, mask: BoolArray) -> list[BoolArray]:
-    """Return which of the touched cells have a node in the mask (N,), block by block."""
+    """Return which touched cells have a node in the mask (N,), for each block."""
     found = []
     for block, rows in zip(touched.mesh.cells, touched.rows, strict=True):
         if isinstance(block, Polyhedra):
@@ -187,7 +187,7 @@ def _with_any(touched: TouchedCells, mask: BoolArray) -> list[BoolArray]:
 
 
 class Minimum(NamedTuple):
-    """Where the search ended, the value there, and the number of steps taken."""
+    """End of a search: place, value and number of steps."""
 
     place: FloatArray
     value: float
@@ -195,14 +195,14 @@ class Minimum(NamedTuple):
 
 
 def minimise(function: Function, place: FloatArray, blocks: FloatArray, steps: int, tolerance: float) -> Minimum:
-    """Lower a function of (U, 3) unknowns.
+    """Minimise a function of (U, 3) unknowns.
 
     Parameters
     ----------
-    function : Returns value and gradient (U, 3); the value may be infinite away from `place`.
-    blocks : (U, 6) upper triangles of the second derivative by each node.
+    function : Returns the value and gradient (U, 3); the value may be infinite away from `place`.
+    blocks : (U, 6) second derivative by each node, as upper triangles.
     steps : Largest number of steps.
-    tolerance : The search ends when a step lowers the value by a smaller share.
+    tolerance : The search ends when a step decreases the value by a smaller share.
     """
     solve = _inverses(blocks)
     pairs: list[tuple[FloatArray, FloatArray, float]] = []
@@ -235,7 +235,7 @@ def minimise(function: Function, place: FloatArray, blocks: FloatArray, steps: i
 def _approximate_inverse(
     gradient: FloatArray, pairs: list[tuple[FloatArray, FloatArray, float]], solve: FloatArray
 ) -> FloatArray:
-    """Multiply a gradient (U, 3) by the inverse second derivative that the pairs tell (Nocedal 1980)."""
+    """Multiply a gradient (U, 3) by the inverse second derivative given by the pairs (Nocedal 1980)."""
     out, shares = gradient.copy(), []
     for step, change, curve in reversed(pairs):
         shares.append(float(np.vdot(step, out)) / curve)
@@ -250,12 +250,12 @@ def _approximate_inverse(
 
 
 def _inverses(blocks: FloatArray) -> FloatArray:
-    """Return the inverse (U, 3, 3) of symmetric matrices given by their upper triangles (U, 6).
+    """Return the inverses (U, 3, 3) of symmetric matrices given as upper triangles (U, 6).
 
-    A node whose energy underflows beside that of a nearly flat cell is as stiff as the stiffest.
+    A node whose matrix underflows beside a nearly flat cell gets the stiffest one.
     """
     size = np.abs(blocks).max(axis=1, initial=0.0)
-    scale = np.where(size > 0.0, size, 1.0)[:, None, None]  # determinants of very stiff blocks overflow
+    scale = np.where(size > 0.0, size, 1.0)[:, None, None]  # determinants of very stiff matrices overflow
     matrices = blocks[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3) / scale
     flat = np.linalg.det(matrices) == 0.0
     matrices[flat], scale[flat] = np.eye(3), max(float(size.max(initial=0.0)), np.finfo(float).tiny)
@@ -264,15 +264,15 @@ def _inverses(blocks: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chart:
-    """Where unknown nodes are, given how far each is to go: those that slide are put on their shapes.
+    """Places of unknown nodes as functions of free displacements: sliding nodes are projected onto their shapes.
 
     Attributes
     ----------
-    base : (U, 3) where they are to begin with.
-    slides : rows (K,) of nodes that slide, and their shapes.
-    edges : rows (K,) of nodes that slide along edges, and these.
-    heights : of the layers, kept after that.
-    images : rows of nodes that go alike; None without any.
+    base : (U, 3) places at first.
+    slides : rows (K,) of sliding nodes, and their shapes.
+    edges : rows (K,) of nodes that slide along edges, and the edges.
+    heights : heights of layers, restored last.
+    images : groups of rows that move alike; None without any.
     """
 
     base: FloatArray = field(repr=False)
@@ -283,7 +283,7 @@ class Chart:
 
     @classmethod
     def of(cls, points: FloatArray, nodes: IntArray, freedom: FreeNodes) -> Chart:
-        """Take some of the nodes (U,) that are free to move, at points (N, 3)."""
+        """Take some of the free nodes (U,), at points (N, 3)."""
         slides, edges, order = [], [], np.argsort(nodes)
         for one in freedom.slides:
             own = one.nodes[np.isin(one.nodes, nodes, assume_unique=True)]
@@ -299,22 +299,22 @@ class Chart:
         return cls(points[nodes], tuple(slides), (rows, tracks), heights, images)
 
     def place(self, way: FloatArray) -> FloatArray:
-        """Return the places (U, 3)."""
+        """Return the places (U, 3) for free displacements (U, 3)."""
         return self._placed(way)[0]
 
     def pulled(self, way: FloatArray, gradient: FloatArray) -> FloatArray:
-        """Return the gradient (U, 3) by the way, given that by the places."""
+        """Return the gradient (U, 3) by the free displacements, given the gradient by the places."""
         if len(self.heights.rows):
             self.heights.pull(self._placed(way)[1], gradient)
         for rows, shape in self.slides:
-            gradient[rows] = shape.rate(self.base[rows], way[rows], gradient[rows])  # a symmetric derivative
+            gradient[rows] = shape.rate(self.base[rows], way[rows], gradient[rows])  # the derivative is symmetric
         rows, tracks = self.edges
         along = np.einsum("ij,ij->i", gradient[rows], tracks.slope(way[rows]))
         gradient[rows] = along[:, None] * tracks.tangent
         return self.images.projected(gradient) if self.images else gradient
 
     def _placed(self, way: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the places (U, 3), and the arms (K, 3) of the layers' nodes."""
+        """Return the places (U, 3), and the arms (K, 3) of the nodes of layers."""
         out = self.base + (self.images.projected(way) if self.images else way)
         for rows, shape in self.slides:
             out[rows] = self.base[rows] + shape.projected(self.base[rows], way[rows])
@@ -329,11 +329,11 @@ class RepairPatch:
 
     Attributes
     ----------
-    points : (N, 3) the mesh at the start.
-    unknown : (U,) the nodes that move.
-    energy, chart : of its elements, and where nodes may go.
-    cells, goal : its cells, a mask (C,), and what they should be like.
-    local : (M, 3) places of the elements' nodes, the unknown ones first, those last asked for.
+    points : (N, 3) mesh at the start.
+    unknown : (U,) moving nodes.
+    energy, chart : energy of the elements, and the places that nodes may have.
+    cells, goal : cells of the patch, a mask (C,), and their goal.
+    local : (M, 3) last places of the elements' nodes, unknown ones first.
     """
 
     points: FloatArray = field(repr=False)
@@ -348,7 +348,7 @@ class RepairPatch:
     def of(
         cls, points: FloatArray, tetrahedra: Tetrahedra, nodes: IntArray, freedom: FreeNodes, goal: QualityGoal
     ) -> RepairPatch:
-        """Let some nodes (U,) move, with the mesh at points (N, 3)."""
+        """Let nodes (U,) move, with the mesh at points (N, 3)."""
         elements = PatchElements.of(tetrahedra, nodes, goal.touched.mesh.points, goal.weights)
         cells = np.zeros(len(goal.floor), dtype=np.bool_)
         cells[elements.cells] = True
@@ -357,7 +357,7 @@ class RepairPatch:
         return cls(points, unknown, Energy(elements), chart, cells, goal.among(cells), points[elements.used])
 
     def at(self, way: FloatArray) -> FloatArray:
-        """Return the places (M, 3) of the elements' nodes when the unknown ones go a way (U, 3)."""
+        """Return the places (M, 3) of the elements' nodes for free displacements `way` (U, 3)."""
         self.local[: len(self.unknown)] = self.chart.place(way)
         return self.local
 
@@ -368,7 +368,7 @@ class RepairPatch:
         return out
 
     def below(self, way: FloatArray, level: float) -> int:
-        """Return how many cells are inverted, or below a share of their floor."""
+        """Return the number of cells that are inverted, or below a share of their floor."""
         return int(self.goal.missed(self.goal.scores(self.everywhere(way)), level).sum())
 
     def least(self, way: FloatArray) -> float:
@@ -383,11 +383,11 @@ class RepairPatch:
 
     @property
     def inverted(self) -> int:
-        """Number of elements that are inverted, or all but flat, at the place last evaluated."""
+        """Number of inverted and nearly flat elements at the last evaluated place."""
         return int(np.count_nonzero(self.energy.determinants <= FLAT))
 
     def search(self, way: FloatArray, eps: float, power: int) -> tuple[FloatArray, int]:
-        """Lower the energy, beginning at a way (U, 3); return where that ended, and the steps."""
+        """Minimise the energy from `way` (U, 3); return the end and the number of steps."""
 
         def function(way: FloatArray) -> tuple[float, FloatArray]:
             value, gradient = self.energy(self.at(way), eps, power)
@@ -395,17 +395,17 @@ class RepairPatch:
 
         curvature = self.energy.curvature(self.at(way), eps, power)
         if not np.isfinite(curvature).all():
-            return way, 0  # a cell is so flat that this power of its energy overflows
+            return way, 0  # this power of the energy of a nearly flat cell overflows
         with single_threaded_blas():
             found = minimise(function, way, curvature, STEPS, TOLERANCE)
         return found.place, found.steps
 
 
 def improved(patch: RepairPatch, level: float, rest: float) -> tuple[FloatArray, int]:
-    """Move a patch until its cells are at a level or nothing more is won; return all points (N, 3), and the steps.
+    """Move a patch until its cells reach a level or nothing more is gained; return points (N, 3) and the steps.
 
-    While cells are inverted eps shrinks, from twice the worst determinant; then the power grows. The patch is left to
-    smaller ones when no more than a share `rest` of the inverted cells, or then of those below the level, is left.
+    While cells are inverted, eps falls from twice the worst determinant; then the power grows. The patch is left for
+    smaller ones when only a share `rest` of the inverted cells, or of those below the level, remains.
     """
     way, steps = np.zeros((len(patch.unknown), 3)), 0
     least, below = patch.least(way), patch.below(way, level)

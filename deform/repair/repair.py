@@ -1,4 +1,4 @@
-"""The repair: patches of nodes around spoiled cells, as large as need be, go to where these cells are good."""
+"""The repair: patches of nodes around spoiled cells, as large as necessary, move until these cells are good."""
 
 from __future__ import annotations
 
@@ -20,29 +20,29 @@ from .freedom import FreeNodes
 from .patch import QualityGoal, RepairPatch, RepairResult, improved
 
 RINGS = (3, 6, 12, 24)
-"""Rings of cells around spoiled ones whose nodes move; then all that may."""
+"""Sizes of patches in rings of cells around spoiled ones; the last size is all nodes."""
 MANY = 0.2
-"""Spoiled cells over nodes that move, above which the next larger patch is taken at once."""
+"""Ratio of spoiled cells to moving nodes, above which the next larger size is taken at once."""
 FAR, SMALL = 500, 10_000
-"""Nodes for each cell below a level, beyond which they are too far away to help, unless it is inverted; so many nodes
-are never too many. A larger patch is tried once, with care, and if that wins nothing the level is given up."""
+"""Nodes for each cell below a level, beyond which nodes are too far to help (unless the cell is inverted), and number
+of nodes that is always allowed. A larger patch is tried once, with care; without a gain the level is given up."""
 LEVELS = (0.5, 0.7, 0.8, 0.85)
-"""Shares of the least quality before to which all cells are brought, one after another, up to the one that is asked
-for. The first that is not reached is the last, and the worst cell is no worse for it."""
+"""Shares of the least quality before, to which cells are brought in turn, up to the required share. The first share
+that is not reached is the last; the worst cell is then no worse."""
 BEYOND, NEAR = (0.95, 1.0), 2
-"""Levels beyond that share, of which so many sizes of patches alone are tried."""
+"""Levels beyond the required share, and the number of patch sizes tried for them."""
 LOSS, GAIN = 0.02, 0.02
-"""Share of its floor that the worst cell may lose where fewer cells are below the level, and has to win where not."""
+"""Relative loss of the worst cell that is allowed if fewer cells are below the level, and its gain required if not."""
 LARGER = 1.1
-"""Nodes of a patch over those of the last one that was too small."""
+"""Ratio of a patch's nodes to those of the last one that was too small."""
 POOR = 0.7
-"""Share of its floor that the worst cell may have reached for all nodes to be moved at once from the start, too."""
+"""Share of its floor that the worst cell may have reached, for all nodes to move at once from the start as well."""
 VAIN = 2
-"""Patches without a gain after which a level is given up."""
+"""Number of patches without a gain, after which a level is given up."""
 REST = 0.1
-"""Share of inverted or spoiled cells at which a patch that could be smaller around them is left."""
+"""Share of inverted or spoiled cells left, at which a patch is left for a smaller one."""
 FEWER = 0.5
-"""Share of the spoiled cells that may be left for the next patch to be as small as can be again, not larger."""
+"""Share of spoiled cells left, up to which the next patch begins at the smallest size again."""
 
 
 def repaired(
@@ -53,18 +53,18 @@ def repaired(
     limit: float = 0.0,
     progress: Progress = silent,
 ) -> RepairResult:
-    """Mend the cells that are inverted, or whose quality is below a share of their type's least before.
+    """Repair cells that are inverted, or whose quality is below a share of their type's least quality before.
 
-    Around them nodes move until all cells of the patch are as good as the worst was before, or nothing more is won.
-    While cells miss their share, the next patch is larger. Once none is inverted or misses the limit, no type of cell
-    loses more than `LOST`, in all, of its mean quality and of what 99 % of it exceed.
+    Nodes around them move until all cells of the patch are as good as the worst was before, or nothing more is gained.
+    While cells miss the share, the next patch is larger. Once none is inverted or misses the limit, no type of cells
+    may lose more than `LOST` of its mean quality and of its 1st percentile, over the whole repair.
 
     Parameters
     ----------
-    points : (N, 3) the deflected mesh.
-    touched : the cells that may change, and the mesh before.
+    points : (N, 3) deflected mesh.
+    touched : the touched cells, and the undeflected mesh.
     freedom : the nodes that may move.
-    share, limit : shares of their type's least quality before that cells shall have, and that they must have.
+    share, limit : shares of their type's least quality before that cells should have, and must have.
     """
     begin = perf_counter()
     with install_listener("numba:compile", TimingListener()) as compiling:
@@ -104,14 +104,14 @@ def _repaired(
 
 
 class Target(NamedTuple):
-    """A share of their floor that cells shall reach, and how.
+    """A share of their floor that cells should reach, and the patches for it.
 
     Attributes
     ----------
-    share, rings : that share, and the sizes of patches in rings that are tried.
-    far : nodes of a patch for each cell below that share, beyond which a patch of more than `SMALL` is not tried.
-    spread : (T, 2) what the cells of each type keep, by `QualityGoal.spread`; None: whatever it costs.
-    progress : told the name of the work and the share of it that is done.
+    share, rings : the share, and the sizes of patches in rings.
+    far : nodes of a patch for each cell below the share, beyond which a patch of more than `SMALL` is not tried.
+    spread : (T, 2) spread to keep (`QualityGoal.spread`); None to keep none.
+    progress : called with the work's name and the share done.
     """
 
     share: float
@@ -122,9 +122,9 @@ class Target(NamedTuple):
 
 
 def _levels(share: float, limit: float, points: int) -> Iterator[tuple[float, tuple[int, ...], float]]:
-    """Yield the shares of their floor that cells are brought to one after another; first none is inverted.
+    """Yield the levels in turn, the sizes of their patches, and how far these reach; the first level is no inversion.
 
-    With each come the sizes of its patches, and how far they may reach. `points` is the number of points.
+    `points` is the number of points.
     """
     for level in sorted({0.0, limit, share, *LEVELS, *BEYOND}):
         if level <= max(share, limit):
@@ -136,12 +136,11 @@ def _levels(share: float, limit: float, points: int) -> Iterator[tuple[float, tu
 def _raised(
     points: FloatArray, found: CellScores, tetrahedra: Tetrahedra, freedom: FreeNodes, goal: QualityGoal, wanted: Target
 ) -> tuple[FloatArray, CellScores, int]:
-    """Bring all cells to a level if that can be done; return all points (N, 3), their cells, and the steps.
+    """Bring all cells to a level if possible; return all points (N, 3), the scores and the steps.
 
-    The patch is as small as it may be for the number of cells below the level. It grows while that number does not
-    fall by half, until nothing is won any more. Where a spread is to be kept, each is mended with care for all its
-    cells first, and without if that wins nothing. If a node leaves the plane face that it slides on, it is mended
-    again with the nodes of this face where they are.
+    A patch is as small as the number of cells below the level allows. It grows while that number does not halve, until
+    nothing more is gained. To keep a spread, each patch is first repaired with care for all its cells, and without if
+    that gains nothing. If a node leaves its plane face, the patch is repaired again with the nodes of this face held.
     """
     level, sizes, far, spread, progress = wanted
     size, last, steps, vain, careful = 0, 0, 0, 0, spread is not None
@@ -182,10 +181,10 @@ def _patch_nodes(
     sizes: tuple[int, ...],
     after: tuple[int, int],
 ) -> tuple[int, IntArray]:
-    """Return the next size of patches, and its nodes (U,); none if no size is left.
+    """Return the next size of patches, and its nodes (U,); no nodes if no size is left.
 
-    Sizes that are hardly larger than the last patch, or have rings full of spoiled cells, are left out. `points` is
-    the number of points; `after` is the first size that may be, and the number of nodes of the last patch.
+    Sizes hardly larger than the last patch, and sizes full of spoiled cells, are skipped. `points` is the number of
+    points; `after` is the first allowed size, and the number of nodes of the last patch.
     """
     movable = np.bincount(freedom.nodes, minlength=points) > 0
     for size in range(after[0], len(sizes)):
@@ -197,12 +196,12 @@ def _patch_nodes(
 
 
 def _is_better(fewer: bool, gain: float, level: float) -> bool:
-    """Return whether a patch is kept: fewer cells are below the level, or the worst one gained, and lost nothing."""
+    """Return whether to keep a patch: fewer cells are below the level, or the worst one gained and none were lost."""
     return (fewer and gain >= -LOSS) or gain > GAIN if level else fewer
 
 
 def _around(tetrahedra: Tetrahedra, spoiled: BoolArray, movable: BoolArray, rings: int) -> IntArray:
-    """Return the sorted nodes (U,) that may move within so many rings of cells around spoiled ones."""
+    """Return the sorted movable nodes (U,) within `rings` rings of cells around spoiled ones."""
     if rings >= len(movable):
         return np.flatnonzero(movable)
     near = np.zeros(len(movable), dtype=np.bool_)

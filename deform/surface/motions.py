@@ -36,7 +36,7 @@ class Functions(Protocol):
 
     @property
     def finer(self) -> "Functions | None":
-        """The next larger set of functions; None if there is none."""
+        """The next larger set of functions, or None."""
         ...
 
     def values(self, amount: float) -> FloatArray:

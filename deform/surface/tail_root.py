@@ -74,7 +74,7 @@ class RootOnCylinder:
 class RootLaw:
     """The motion of points (K, 3): masks (K,) of the tail, its panel, and the panel's nodes that stay.
 
-    The root region and the nodes that stay are chosen anew at each amount, unless `chosen_at` fixes them.
+    The root region and the nodes that stay are chosen for each amount, unless `chosen_at` fixes them.
     """
 
     motion: RootOnCylinder

@@ -101,7 +101,7 @@ class BoxDeflection:
     seconds : time it took.
     repaired : the repair; None without.
     fitted_at : amounts for which the steps were fitted; None for `amounts`.
-    residual : largest error at a data site; None for that of the steps.
+    residual : largest error at a data site; None to take it from the steps.
     """
 
     plan: BoxPlan = field(repr=False)

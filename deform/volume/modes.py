@@ -216,7 +216,7 @@ def _with_free_nodes_repaired(box: BoxPlan) -> BoxPlan:
 def residuals(one: BoxDeflection, steps: int) -> FloatArray:
     """Return the errors of a deflection's interpolants at the data sites in each step (steps, S, 3).
 
-    Boundary sites come first, then zero sites; layer sites are left out, because each step chooses them anew. Steps
+    Boundary sites come first, then zero sites; layer sites are left out, because each step chooses its own. Steps
     that the deflection does not have are 0.
     """
     sites, out = one.plan.sites, []

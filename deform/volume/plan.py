@@ -308,11 +308,11 @@ class Plan:
         return union(*(box.walls for box in self.boxes))
 
     def angle_of(self, box: BoxPlan, angle: float) -> float:
-        """Return the amount of the first surface of a box, given that of the first surface of all."""
+        """Return the amount of the first surface of a box at an angle of the plan's first surface."""
         return box.job.beside(self.job, angle)
 
     def amounts_of(self, box: BoxPlan, angle: float) -> Amounts:
-        """Return the amount of each moving surface of a box, given that of the first surface of all."""
+        """Return the amount of each moving surface of a box at an angle of the plan's first surface."""
         return box.job.amounts_at(self.angle_of(box, angle))
 
     @cached_property

@@ -176,8 +176,8 @@ def _sheared(boundary: PrescribedNodes, known: IntArray, edges: IntArray, certai
 def _radius(fitting: Fitting, corners: FloatArray, edge: float) -> float:
     """Return the kernel's radius as given or chosen; 0 for a kernel without. InputError if it is out of range.
 
-    The chosen radius of Wendland's function is the diagonal of the box, so that every site reaches every other. That of
-    the multiquadric is the surface's median edge: Hardy (1971) took about the distance of neighbouring points.
+    The chosen radius of Wendland's function is the diagonal of the box, so that every site reaches every other. For
+    the multiquadric it is the surface's median edge: Hardy (1971) took about the distance of neighbouring points.
     """
     if not KERNELS[fitting.kernel].radius:
         return 0.0

@@ -88,7 +88,7 @@ def take(
     moving : Displacements (K, 3) of the moving nodes, the first of the known nodes.
     earlier : A step from the same start; its centres come first.
     held : Whether to add no centre to these.
-    progress : Told of the fits.
+    progress : Called during the fits.
     runner : Evaluates the interpolant at the free nodes.
 
     Raises SolveError for a system that cannot be solved.
