@@ -11,8 +11,9 @@ import numpy as np
 
 from sdm_deflect.cases.report.data import RUN, ReportData, shown
 from sdm_deflect.cases.run.metrics import Json
-from sdm_deflect.deform.base.errors import InputError, damaged
+from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import Progress, silent
+from sdm_deflect.deform.base.unpacking import damaged
 from sdm_deflect.deform.mesh.mesh import Mesh
 
 from .finished import finished

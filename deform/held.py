@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.errors import InputError, damaged, nearest, read_arrays, shortened
+from sdm_deflect.deform.base.errors import InputError, nearest, shortened
 from sdm_deflect.deform.base.threads import Progress, silent
+from sdm_deflect.deform.base.unpacking import damaged, read_arrays
 from sdm_deflect.deform.mesh.precision import EVERY_BIT, Precision
 from sdm_deflect.deform.surface.motions import Fixed, Moving, Powers, Turn
 from sdm_deflect.deform.surface.surface import Surface, name_of

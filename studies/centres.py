@@ -19,9 +19,9 @@ from sdm_deflect.deform.confined import initial_centers
 from sdm_deflect.deform.mesh.axis import Cylinder
 from sdm_deflect.deform.mesh.edges import edges_of, polygons_of
 from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.rbf.data_sites import DataSites
 from sdm_deflect.deform.rbf.greedy import adapt
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
-from sdm_deflect.deform.rbf.problem import DataSites
 from sdm_deflect.deform.rbf.rules import GreedyOptions, Worst
 from sdm_deflect.geometry import datum
 from sdm_deflect.meshing.files import replacing

@@ -12,10 +12,11 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IndexArray
 from sdm_deflect.deform.base.threads import single_threaded_blas
+from sdm_deflect.deform.rbf.data_sites import DataSites
 from sdm_deflect.deform.rbf.greedy import Stop
 from sdm_deflect.deform.rbf.interpolant import Solve, coefficient_matrix, direct
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline, kernel_sum
-from sdm_deflect.deform.rbf.problem import Coefficients, DataSites, Problem
+from sdm_deflect.deform.rbf.problem import Coefficients, Problem
 from sdm_deflect.deform.rbf.rules import GreedyOptions
 
 Choice = Callable[[FloatArray, IndexArray, GreedyOptions], IndexArray]

@@ -18,10 +18,11 @@ from sdm_deflect.deform.base.arrays import IndexArray
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.confined import GROUPINGS, initial_centers
 from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.rbf.data_sites import DIRECTIONS, DataSites
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.greedy import Adaptation, Iteration, Stop, adapt
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
-from sdm_deflect.deform.rbf.problem import DIRECTIONS, Basis, DataSites, Problem
+from sdm_deflect.deform.rbf.problem import Basis, Problem
 from sdm_deflect.deform.rbf.rules import GreedyOptions, Rule, Separated, Worst
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 from sdm_deflect.deform.volume.sites import Sites

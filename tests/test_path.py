@@ -68,8 +68,8 @@ def test_sdm_deflect(arrive, hybrid_wing, tmp_path):
     assert len(files) == len(set(files)) <= MOST, files
 
 
-MOST_ENTERED = {"deflect": 76, "run": 90}
-MOST_LOADED = 100
+MOST_ENTERED = {"deflect": 78, "run": 78}
+MOST_LOADED = 104
 LOADED = """
 import sys
 from sdm_deflect.cases.cli.commands import cli

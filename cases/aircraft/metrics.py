@@ -18,7 +18,7 @@ from sdm_deflect.cases.settings.conversion import to_toml
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import Quality, mean_ratio, summarise
-from sdm_deflect.deform.surface.placement import Reached
+from sdm_deflect.deform.surface.reached import Reached
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.meshing.mesh import tets_of

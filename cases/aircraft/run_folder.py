@@ -11,7 +11,8 @@ from sdm_deflect.cases.report.data import RUN, ReportData, measured, read_figure
 from sdm_deflect.cases.report.finished import FinishedRun, moved_by_repair
 from sdm_deflect.cases.report.folder import write_arrays
 from sdm_deflect.cases.run.output import lacks
-from sdm_deflect.deform.base.errors import InputError, damaged
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.unpacking import damaged
 from sdm_deflect.deform.checks import Check, checks_of
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.volume.deflection import Deflection

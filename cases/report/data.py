@@ -15,7 +15,8 @@ import numpy as np
 from sdm_deflect.cases.run.metrics import Json
 from sdm_deflect.cases.run.output import text_of
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.errors import InputError, damaged, read_arrays
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.unpacking import damaged, read_arrays
 from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.held import HeldPlan
@@ -24,7 +25,7 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import MEASURES, Quality, quality_of
 from sdm_deflect.deform.mesh.standard import parts_of
 from sdm_deflect.deform.mesh.touched import TouchedCells
-from sdm_deflect.deform.rbf.problem import DIRECTIONS
+from sdm_deflect.deform.rbf.data_sites import DIRECTIONS
 from sdm_deflect.deform.surface.surface import name_of
 from sdm_deflect.deform.volume.deflection import BoxDeflection
 from sdm_deflect.deform.volume.plan import BoxPlan

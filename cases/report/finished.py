@@ -13,7 +13,8 @@ from sdm_deflect.cases.run.output import PAGE, output_files
 from sdm_deflect.cases.settings.job_settings import job_settings, read_job
 from sdm_deflect.cases.settings.jobs import jobs_of
 from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.errors import InputError, damaged
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.unpacking import damaged
 from sdm_deflect.deform.checks import Check, checks_of
 from sdm_deflect.deform.held import HeldPlan
 from sdm_deflect.deform.mesh.mesh import Mesh

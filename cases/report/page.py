@@ -15,7 +15,8 @@ from PIL import Image
 
 from sdm_deflect.cases.run.metrics import Json, face_rows, kernel_text
 from sdm_deflect.cases.run.output import surroundings, versions
-from sdm_deflect.deform.base.errors import InputError, damaged
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.unpacking import damaged
 from sdm_deflect.deform.checks import Check, verdict
 from sdm_deflect.deform.mesh.quality import Quality
 

@@ -11,9 +11,9 @@ from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.checks import Check, verdict
 from sdm_deflect.deform.mesh.mesh import Warned
 from sdm_deflect.deform.mesh.quality import SEVERE, SKEW, Quality
+from sdm_deflect.deform.rbf.data_sites import DIRECTIONS
 from sdm_deflect.deform.rbf.fitting import KERNELS, ORDERS
-from sdm_deflect.deform.rbf.problem import DIRECTIONS
-from sdm_deflect.deform.surface.placement import Reached
+from sdm_deflect.deform.surface.reached import Reached
 from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 

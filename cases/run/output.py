@@ -16,8 +16,8 @@ import numpy as np
 from threadpoolctl import threadpool_info  # type: ignore[import-untyped, unused-ignore]
 
 from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.rbf.data_sites import DIRECTIONS
 from sdm_deflect.deform.rbf.kernels import arrays_of
-from sdm_deflect.deform.rbf.problem import DIRECTIONS
 from sdm_deflect.deform.volume.deflection import BoxDeflection
 from sdm_deflect.meshing.files import replacing, replacing_files
 from sdm_deflect.meshing.formats.format import FULL

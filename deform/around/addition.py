@@ -11,7 +11,7 @@ from typing import NamedTuple
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.sliding import SlidingSurface
-from sdm_deflect.deform.rbf.problem import DataSites
+from sdm_deflect.deform.rbf.data_sites import DataSites
 
 
 class Acting:

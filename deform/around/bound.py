@@ -11,7 +11,7 @@ from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.confined import zero_sites
 from sdm_deflect.deform.mesh.images import Images
 from sdm_deflect.deform.mesh.sliding import Plane, SlidingSurface
-from sdm_deflect.deform.rbf.problem import DataSites
+from sdm_deflect.deform.rbf.data_sites import DataSites
 
 from .addition import Acting, Addition, Kept
 

@@ -29,7 +29,7 @@ from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray, union
 from sdm_deflect.deform.base.compiled import compiled_exactly
-from sdm_deflect.deform.rbf.problem import DataSites
+from sdm_deflect.deform.rbf.data_sites import DataSites
 
 from .addition import Acting, Addition
 from .local_rotation import LocalRotation

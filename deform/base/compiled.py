@@ -9,22 +9,18 @@ from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any, TypeVar, cast
 
-import numpy as np
 import platformdirs
 from numba import config, njit, types
 from numba.core.caching import FunctionCache
 from numba.extending import intrinsic
-
-from .arrays import FloatArray
 
 FOLDER_VARIABLE, CODE_VARIABLE = "SDM_DEFLECT_CACHE", "NUMBA_CACHE_DIR"
 WRITABLE_BY_OTHERS = 0o022
 Function = TypeVar("Function", bound=Callable[..., object])
 OPTIONS = {"fastmath": True, "error_model": "numpy", "nogil": True}
 PACKAGE = __name__.partition(".")[0]
-MARK = b"base.compiled import"
+MARK = b".compiled import"
 """Text in every source with compiled functions, and in this file."""
-Vector = tuple[float, float, float]
 
 
 def default_folder() -> Path:
@@ -144,39 +140,3 @@ def _prefer_wide_vectors(context: Any) -> tuple[Any, Callable[..., Any]]:  # pra
 
 
 prefer_wide_vectors: Callable[[], None] = intrinsic(_prefer_wide_vectors)
-
-
-@compiled_exactly
-def row_of(values: FloatArray, i: int, first: int) -> Vector:  # pragma: no cover - machine code
-    """Return three values of row `i` from column `first` on."""
-    return values[i, first], values[i, first + 1], values[i, first + 2]
-
-
-@compiled_exactly
-def minus(a: Vector, b: Vector) -> Vector:  # pragma: no cover - machine code
-    """Return a - b."""
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-@compiled_exactly
-def plus(a: Vector, factor: float, b: Vector) -> Vector:  # pragma: no cover - machine code
-    """Return a + factor * b."""
-    return a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2]
-
-
-@compiled_exactly
-def dot(a: Vector, b: Vector) -> float:  # pragma: no cover - machine code
-    """Return the scalar product of a and b."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@compiled_exactly
-def cross(a: Vector, b: Vector) -> Vector:  # pragma: no cover - machine code
-    """Return the vector product of a and b."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@compiled_exactly
-def norm(a: Vector) -> float:  # pragma: no cover - machine code
-    """Return the length of a."""
-    return float(np.sqrt(dot(a, a)))

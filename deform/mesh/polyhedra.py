@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, union
-from sdm_deflect.deform.base.compiled import Vector, compiled_exactly, cross, dot, minus, norm, plus, row_of
+from sdm_deflect.deform.base.compiled import compiled_exactly
 from sdm_deflect.deform.base.threads import in_chunks
+from sdm_deflect.deform.base.vectors import Vector, cross, dot, minus, norm, plus, row_of
 
 from .cells import Polygons, Polyhedra, taken
 from .edges import polygons_of, rows_of

@@ -10,10 +10,11 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import FloatArray, IndexArray, first_coincident
 from sdm_deflect.deform.base.threads import Progress, silent, single_threaded_blas
 
+from .data_sites import DataSites
 from .factor import CholeskyBasis
 from .interpolant import Interpolant
 from .kernels import Kernel
-from .problem import Basis, DataSites, Problem
+from .problem import Basis, Problem
 from .rules import GreedyOptions, Rule, Separated, combined
 
 SEPARATED = Separated()

@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, distinct, union
-from sdm_deflect.deform.base.compiled import compiled_exactly, dot, minus, norm, plus, row_of
+from sdm_deflect.deform.base.compiled import compiled_exactly
+from sdm_deflect.deform.base.vectors import dot, minus, norm, plus, row_of
 from sdm_deflect.deform.mesh.cells import Patch, Polygons
 from sdm_deflect.deform.mesh.edges import Joints, area_vectors, polygons_of, unit
 from sdm_deflect.deform.mesh.images import Images

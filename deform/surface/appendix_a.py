@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import FloatArray, farthest, first_coincident
 from sdm_deflect.deform.mesh.axis import Cylinder
+from sdm_deflect.deform.rbf.data_sites import DataSites, joined, pinned
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import Kernel, Multiquadric, ThinPlateSpline
-from sdm_deflect.deform.rbf.problem import DataSites, joined, pinned
 
 LINEAR = Multiquadric(1e4)  # the paper's value, in 1/m: linear in r down to 0.1 mm
 DEFAULT_PANEL = ThinPlateSpline()

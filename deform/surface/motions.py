@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, farthest, first_coincident
-from sdm_deflect.deform.base.errors import InputError, damaged, read_arrays, shortened
+from sdm_deflect.deform.base.errors import InputError, shortened
+from sdm_deflect.deform.base.unpacking import damaged, read_arrays
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.cells import bounded
 from sdm_deflect.deform.options import LARGEST_ANGLE

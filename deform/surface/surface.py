@@ -10,7 +10,8 @@ from typing import Protocol
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, distinct
-from sdm_deflect.deform.base.errors import InputError, damaged, shortened
+from sdm_deflect.deform.base.errors import InputError, shortened
+from sdm_deflect.deform.base.unpacking import damaged
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.cells import whole
 from sdm_deflect.deform.mesh.edges import polygons_of, sharp_edges

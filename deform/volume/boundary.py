@@ -13,10 +13,11 @@ from sdm_deflect.deform.mesh.faces import node_keys, patch_keys
 from sdm_deflect.deform.mesh.images import THIN, Images, plane_of
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.sliding import Plane, SlidingPatch, fitted
-from sdm_deflect.deform.rbf.problem import XYZ
+from sdm_deflect.deform.rbf.data_sites import XYZ
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import MotionLaw
-from sdm_deflect.deform.surface.placement import Placement, Reached
+from sdm_deflect.deform.surface.placement import Placement
+from sdm_deflect.deform.surface.reached import Reached
 from sdm_deflect.deform.surface.surface import Surface
 
 from .job import Job

@@ -16,8 +16,8 @@ from sdm_deflect.deform.mesh.edges import are_lines, edges_of, polygons_of
 from sdm_deflect.deform.mesh.precision import Precision
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.mesh.touched import Least, TouchedCells
+from sdm_deflect.deform.rbf.data_sites import CoincidentSitesError
 from sdm_deflect.deform.rbf.interpolant import SolveError
-from sdm_deflect.deform.rbf.problem import CoincidentSitesError
 from sdm_deflect.deform.repair.patch import RepairResult
 from sdm_deflect.deform.repair.repair import repaired
 

@@ -19,9 +19,9 @@ from sdm_deflect.deform.mesh.edges import edges_of, median_edge, polygons_of
 from sdm_deflect.deform.mesh.images import PLANE_TOLERANCE
 from sdm_deflect.deform.mesh.sliding import Plane
 from sdm_deflect.deform.mesh.touched import LAYER_CHANGE, THICK_CHANGE, LayerEdges
+from sdm_deflect.deform.rbf.data_sites import DataSites, pinned
 from sdm_deflect.deform.rbf.fitting import KERNELS, Fitting
 from sdm_deflect.deform.rbf.kernels import Kernel, kernel_of
-from sdm_deflect.deform.rbf.problem import DataSites, pinned
 
 from .boundary import ZERO_LENGTH, PrescribedNodes
 from .region import BoxNodes

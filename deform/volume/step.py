@@ -10,8 +10,8 @@ from sdm_deflect.deform.base import threads
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.threads import HERE, Progress, Runner, silent
 from sdm_deflect.deform.confined import Choice, Confined
+from sdm_deflect.deform.rbf.data_sites import DataSites
 from sdm_deflect.deform.rbf.interpolant import Interpolant
-from sdm_deflect.deform.rbf.problem import DataSites
 
 
 @dataclass(frozen=True, slots=True, eq=False)

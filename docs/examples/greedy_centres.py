@@ -4,9 +4,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from sdm_deflect.deform.base.arrays import FloatArray, farthest
+from sdm_deflect.deform.rbf.data_sites import DataSites
 from sdm_deflect.deform.rbf.greedy import Adaptation, adapt
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
-from sdm_deflect.deform.rbf.problem import DataSites
 from sdm_deflect.deform.rbf.rules import GreedyOptions, Worst
 
 BLUE, RED = "#0072B2", "#D55E00"

@@ -5,9 +5,9 @@ from matplotlib.figure import Figure
 from point_cloud import HINGE, REGION, flap
 
 from sdm_deflect.deform.base.arrays import farthest
+from sdm_deflect.deform.rbf.data_sites import DataSites, joined, pinned
 from sdm_deflect.deform.rbf.greedy import Adaptation, adapt
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
-from sdm_deflect.deform.rbf.problem import DataSites, joined, pinned
 from sdm_deflect.deform.rbf.rules import GreedyOptions, Rule, Separated, Worst
 
 RED = "#D55E00"

@@ -5,9 +5,9 @@ from matplotlib.figure import Figure
 
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.mesh.axis import Axis, Cylinder
+from sdm_deflect.deform.rbf.data_sites import DataSites, joined, pinned
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
-from sdm_deflect.deform.rbf.problem import DataSites, joined, pinned
 from sdm_deflect.deform.surface.appendix_a import slide_panel
 
 FUSELAGE = Cylinder(Axis(np.zeros(3), np.array([1.0, 0.0, 0.0])), 0.067)

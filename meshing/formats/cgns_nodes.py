@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import IntArray
-from sdm_deflect.deform.base.errors import check_unpacked
+from sdm_deflect.deform.base.unpacking import check_unpacked
 
 from .format import MeshFileError
 from .hdf5 import check_stored, is_real

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.errors import check_unpacked
 from sdm_deflect.deform.base.threads import Progress, silent
+from sdm_deflect.deform.base.unpacking import check_unpacked
 from sdm_deflect.deform.mesh.cells import MIRRORED, Cells, Patch, Periodic, Zone
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.pieces import MeshInPieces

@@ -192,9 +192,9 @@ class OpenFoam(Format):
     """A case folder, its folder ``polyMesh``, or a file such as ``case.foam`` in the case folder.
 
     Cells are polyhedra, patches are polygons. Files may be text or binary (labels of 32 or 64 bits) and packed
-    (.gz). Patch types are read if they bind nodes, see `pairs_of`; zones and sets are not read. A rewritten case keeps them, as it keeps every file but `points`; only the parts of a decomposed case
-    (``processor0`` and so on) are not copied. Meshes of time folders are not looked at. Output is a folder that must
-    not exist, or be empty.
+    (.gz). Patch types are read if they bind nodes, see `pairs_of`; zones and sets are not read. A rewritten case
+    keeps them, and every file but `points`; only the parts of a decomposed case (``processor0`` and so on) are not
+    copied. Meshes of time folders are not read. Output is a folder that must not exist, or be empty.
     """
 
     folder = True

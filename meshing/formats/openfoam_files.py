@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.errors import check_unpacked, unpack_limit
+from sdm_deflect.deform.base.unpacking import check_unpacked, unpack_limit
 from sdm_deflect.deform.mesh.cells import Polygons
 
 from .format import MeshFileError

@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray, distinct
-from sdm_deflect.deform.base.errors import check_unpacked, short_list
+from sdm_deflect.deform.base.errors import short_list
 from sdm_deflect.deform.base.threads import Progress, silent
+from sdm_deflect.deform.base.unpacking import check_unpacked
 from sdm_deflect.deform.mesh.cells import CORNERS, Cells, Patch, Polygons, Polyhedra
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import quality_of

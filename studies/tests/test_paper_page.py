@@ -14,10 +14,10 @@ from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import silent
 from sdm_deflect.deform.mesh.axis import Axis, Cylinder
+from sdm_deflect.deform.rbf.data_sites import DataSites
 from sdm_deflect.deform.rbf.greedy import Stop, adapt
 from sdm_deflect.deform.rbf.interpolant import direct
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
-from sdm_deflect.deform.rbf.problem import DataSites
 from sdm_deflect.deform.rbf.rules import GreedyOptions, Worst
 from studies import centres, figures
 from studies.files import read_rows

@@ -120,7 +120,7 @@ def test_files_of_a_study(results, tmp_path):
 
 
 def test_initial_centres_come_from_surface_and_hexahedron():
-    from sdm_deflect.deform.rbf.problem import DataSites
+    from sdm_deflect.deform.rbf.data_sites import DataSites
 
     points = np.random.default_rng(3).random((40, 3))
     sites = DataSites(points, np.zeros((40, 1)), (0,))

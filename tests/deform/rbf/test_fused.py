@@ -6,9 +6,9 @@ import pytest
 from sdm_deflect.deform.base.arrays import farthest
 from sdm_deflect.deform.box.hexahedron import box
 from sdm_deflect.deform.mesh.axis import Axis
+from sdm_deflect.deform.rbf.data_sites import DataSites, joined, multivariate, pinned, univariate
 from sdm_deflect.deform.rbf.greedy import adapt, fused
 from sdm_deflect.deform.rbf.kernels import Multiquadric, ThinPlateSpline
-from sdm_deflect.deform.rbf.problem import DataSites, joined, multivariate, pinned, univariate
 from sdm_deflect.deform.rbf.rules import GreedyOptions
 
 REGION = box(np.array([0.0, -1.0, -1.0]), np.array([2.0, 2.0, 1.0]))

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.base.arrays import farthest
+from sdm_deflect.deform.rbf.data_sites import DataSites
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.greedy import Stop, adapt
 from sdm_deflect.deform.rbf.interpolant import SolveError, fit
 from sdm_deflect.deform.rbf.kernels import Multiquadric, ThinPlateSpline
-from sdm_deflect.deform.rbf.problem import DataSites
 from sdm_deflect.deform.rbf.rules import GreedyOptions, Separated, Worst
 from studies.loop import DirectBasis
 

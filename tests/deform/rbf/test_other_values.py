@@ -2,10 +2,11 @@
 
 import numpy as np
 
+from sdm_deflect.deform.rbf.data_sites import DataSites
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.greedy import adapt
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
-from sdm_deflect.deform.rbf.problem import DataSites, Problem
+from sdm_deflect.deform.rbf.problem import Problem
 from sdm_deflect.deform.rbf.rules import GreedyOptions
 
 rng = np.random.default_rng(8)

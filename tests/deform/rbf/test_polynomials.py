@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.base.arrays import farthest
+from sdm_deflect.deform.rbf.data_sites import DataSites
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.fitting import KERNELS, ORDERS, Fitting
 from sdm_deflect.deform.rbf.greedy import Stop, adapt
 from sdm_deflect.deform.rbf.interpolant import UnitBox
 from sdm_deflect.deform.rbf.kernels import kernel_matrix
 from sdm_deflect.deform.rbf.kernels import kernel_of as of_radius
-from sdm_deflect.deform.rbf.problem import DataSites, Problem
+from sdm_deflect.deform.rbf.problem import Problem
 from sdm_deflect.deform.rbf.rules import GreedyOptions
 from studies.loop import DirectBasis
 

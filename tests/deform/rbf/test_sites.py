@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.rbf.problem import DataSites, joined, multivariate, pinned, univariate
+from sdm_deflect.deform.rbf.data_sites import DataSites, joined, multivariate, pinned, univariate
 
 GRID = np.stack(np.meshgrid(*[np.arange(4.0)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
 

@@ -8,7 +8,7 @@ from sdm_deflect.deform.mesh.cells import Patch
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.surface.blended import Blended, Rib
 from sdm_deflect.deform.surface.motions import Rotation, Table
-from sdm_deflect.deform.surface.placement import Reached
+from sdm_deflect.deform.surface.reached import Reached
 from sdm_deflect.deform.surface.surface import OnPatches, Surface
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.plan import Plan

@@ -9,8 +9,8 @@ from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.loop import run
 from sdm_deflect.deform.mesh.cells import Cells
 from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.rbf.data_sites import CoincidentSitesError
 from sdm_deflect.deform.rbf.fitting import Fitting
-from sdm_deflect.deform.rbf.problem import CoincidentSitesError
 from sdm_deflect.deform.surface.motions import Table
 from sdm_deflect.deform.volume import deflection
 from sdm_deflect.deform.volume.deflection import Deflection, deflect

@@ -8,7 +8,7 @@ from time import process_time
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.errors import RATIO_VARIABLE
+from sdm_deflect.deform.base.unpacking import RATIO_VARIABLE
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.gmsh import Gmsh
 from sdm_deflect.meshing.formats.openfoam import MESH, OpenFoam

@@ -1,0 +1,93 @@
+"""The share of its angle that a surface reaches, which a blended motion does not reach everywhere."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray
+from sdm_deflect.deform.mesh.axis import Axis
+
+from .blended import BlendedLaw
+from .motions import MotionLaw
+from .tail_root import RootLaw
+
+FULL = 0.99
+"""Share of the angle that counts as the full angle."""
+OUTER = 0.9
+"""Share of the trailing edge's distance from the hinge, beyond which held nodes are its ends."""
+FAR_FROM_ITS_WAY = 0.5
+"""Share of the largest distance from the hinge, beyond which nodes are on the trailing edge of an unblended surface."""
+NO_DISTANCE = 1e-9
+"""Distance from a rigid turn, in chords, that is rounding."""
+STATIONS = 2001
+"""Number of stations along the span at which the angle is averaged; nodes are placed 1000 times as finely."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reached:
+    """Share of its angle that a surface reaches.
+
+    Attributes
+    ----------
+    full : share of the span over which the trailing edge reaches the full angle.
+    mean : mean of the trailing edge's angle over the span, as a share of the angle.
+    off : largest distance of a node from its place after a rigid turn, over the local chord from hinge to trailing
+        edge; without strips beside closed ribs and without a tail's root.
+    place : undeflected coordinates of that node, in the mesh's unit.
+    """
+
+    full: float
+    mean: float
+    off: float
+    place: tuple[float, float, float]
+
+    @classmethod
+    def of(cls, points: FloatArray, moved: FloatArray, axis: Axis, amount: float, law: MotionLaw) -> "Reached":
+        """Compare the displacement `moved` (K, 3) of a surface's nodes with a turn about the hinge by `amount`.
+
+        A node's share of the angle is its displacement along the turn's, over the length of the turn's.
+        """
+        turn, station = axis.displacement(points, amount), points @ axis.direction
+        reach, square = np.linalg.norm(axis.radial(points), axis=1), np.sum(turn**2, axis=1)
+        share = np.sum(moved * turn, axis=1) / np.where(square > 0.0, square, 1.0)
+        edge = _edge(law, station, reach)
+        low, span = float(station[edge].min()), float(np.ptp(station[edge])) or 1.0
+        finest = 1000.0 * STATIONS
+        at, rows, count = np.unique(
+            np.round((station[edge] - low) / span * finest), return_inverse=True, return_counts=True
+        )
+        shares, chords = (np.bincount(rows, values[edge]) / count for values in (share, reach))
+        angle = np.interp(np.linspace(0.0, at[-1], STATIONS), at, shares)
+        chord = np.interp((station - low) / span * finest, at, chords)
+        off = np.where(_turning(law), np.linalg.norm(moved - turn, axis=1) / chord, 0.0)
+        worst = int(np.argmax(off))
+        x, y, z = points[worst].tolist()
+        return cls(float((angle >= FULL).mean()), float(angle.mean()), float(off[worst]), (x, y, z))
+
+    @property
+    def text(self) -> str:
+        """The figures as a sentence."""
+        place = ", ".join(f"{x:.4g}" for x in self.place)
+        share = f"{self.full:.0%} of the span turns by the full angle; the mean over the span is {self.mean:.0%} of it"
+        if self.full in (0.0, 1.0):  # a plane mesh has no span
+            share = "turns by the full angle" if self.full else f"turns by {self.mean:.0%} of the angle on average"
+        off = f"; nodes are up to {self.off:.2g} chords from a rigid turn, at ({place})"
+        return share + (off if self.off >= NO_DISTANCE else "")
+
+
+def _turning(law: MotionLaw) -> BoolArray:
+    """Return which nodes (K,) a rigid turn should move: not those in strips, panels and extended roots."""
+    return law.beyond_root if isinstance(law, RootLaw) else law.exact
+
+
+def _edge(law: MotionLaw, station: FloatArray, reach: FloatArray) -> BoolArray:
+    """Return the nodes (K,) of the trailing edge: the driven nodes of a blended motion, and its ends.
+
+    Of other motions these are the nodes far from the hinge; of a tail those outboard of its root.
+    """
+    if not isinstance(law, BlendedLaw):
+        turning = _turning(law)
+        return np.asarray(turning & (reach >= FAR_FROM_ITS_WAY * reach[turning].max()))
+    rows = np.flatnonzero(law.driven)
+    rows = rows[np.argsort(station[rows], kind="stable")]
+    return np.asarray(law.driven | (law.held & (reach >= OUTER * np.interp(station, station[rows], reach[rows]))))
