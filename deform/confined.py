@@ -11,9 +11,9 @@ from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray, farthest
 from sdm_deflect.deform.base.threads import Progress, silent, single_threaded_blas
-from sdm_deflect.deform.box.hexahedron import Hexahedron
-from sdm_deflect.deform.rbf.data_sites import DIRECTIONS, DataSites, multivariate, univariate
 
+from .box.hexahedron import Hexahedron
+from .rbf.data_sites import DIRECTIONS, DataSites, multivariate, univariate
 from .rbf.factor import CholeskyBasis
 from .rbf.fitting import RuleName, Strategy
 from .rbf.greedy import Adaptation, adapt, fused

@@ -25,7 +25,7 @@ from sdm_deflect.deform.mesh.touched import touching
 
 from .boundary import PrescribedNodes
 from .job import Job, prepared
-from .region import confined
+from .region import confining_box
 
 if TYPE_CHECKING:
     from sdm_deflect.deform.mesh.thin import Halfway
@@ -298,7 +298,7 @@ def _task(mesh: MeshInPieces, border: Mesh, own: Mesh, jobs: Sequence[Job], angl
     boxes, moving, halfway = [], [np.empty(0, dtype=np.intp)], None
     for job in jobs:
         boundary = PrescribedNodes.of(own, job)
-        zones, box = confined(boundary, job.ends([job.beside(jobs[0], angle) for angle in angles] or [job.angle]))
+        zones, box = confining_box(boundary, job.ends([job.beside(jobs[0], angle) for angle in angles] or [job.angle]))
         names = {zone.name for zone in zones}
         spans = [(zone.start, zone.stop) for zone in mesh.zones if zone.name in names]
         boxes.append((box.hexahedron, np.array(spans, dtype=np.intp).reshape(-1, 2)))

@@ -56,7 +56,7 @@ class BoxNodes:
         Raises InputError if a moving node leaves the box, or if nodes of a patch without a role are in the box.
         """
         mesh = boundary.mesh
-        zones, box = confined(boundary, all_amounts)
+        zones, box = confining_box(boundary, all_amounts)
         box.hexahedron.contains(mesh.points[:1])  # loads compiled code, which is not counted as filter time
         start = perf_counter()
         inside = _inside(mesh, zones, box.hexahedron)
@@ -69,7 +69,7 @@ class BoxNodes:
         return cls(box, inside, tuple(zone.name for zone in zones), fixed, sections, seconds)
 
 
-def confined(boundary: PrescribedNodes, all_amounts: Sequence[Amounts]) -> tuple[tuple[Zone, ...], Chosen]:
+def confining_box(boundary: PrescribedNodes, all_amounts: Sequence[Amounts]) -> tuple[tuple[Zone, ...], Chosen]:
     """Return the zones that deform, and the box that contains the motion to all of the given amounts.
 
     Of the mesh only the patches are needed.
