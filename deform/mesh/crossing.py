@@ -160,7 +160,7 @@ class _NearbyFaces:
         return np.unique(np.sort(self.face[pairs], axis=1), axis=0)
 
     def new(self, now: IntArray, before: IntArray) -> IntArray:
-        """Return the pairs (Q, 2) of `now` (P, 2) that are not in `before`, and not of patches that overlapped."""
+        """Return the pairs (Q, 2) of `now` that are not in `before`, except those of patches that overlapped before."""
         known = np.isin(_keys(now, len(self.moved)), _keys(before, len(self.moved)))
         ours, theirs = (np.sort(self.patch[pairs], axis=1) for pairs in (now, before))
         for one, other in np.unique(theirs, axis=0):
@@ -222,7 +222,7 @@ def _cut_at(faces: Polygons, centres: IntArray) -> tuple[IntArray, IntArray]:
 def _search(
     rows: IntArray, tree: _TriangleTree, plane: bool, tolerance: float, begin: IntArray, pairs: IntArray
 ) -> None:  # pragma: no cover - compiled
-    """Count in `begin` (R,) the triangles that intersect each of R rows; or write the pairs (P, 2) from there on."""
+    """Count in `begin` the triangles that intersect each of `rows` (R,); or write the pairs (P, 2) from `begin` on."""
     leaves, waiting = len(tree.low) // 2, np.empty(DEPTH, dtype=np.intp)
     for i in range(len(rows)):
         found, count = 0, 1

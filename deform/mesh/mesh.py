@@ -127,12 +127,12 @@ class Mesh:
 
     @property
     def point_count(self) -> int:
-        """Number of points, for an excerpt in the whole mesh."""
+        """Number of points; an excerpt counts those of the whole mesh."""
         return self.whole.pieces.points if self.whole else len(self.points)
 
     @property
     def cell_counts(self) -> tuple[int, ...]:
-        """Number of cells of each block, for an excerpt in the whole mesh."""
+        """Number of cells of each block; an excerpt counts those of the whole mesh."""
         if self.whole:
             return tuple(count for _, count in self.whole.pieces.blocks)
         return tuple(len(block) for block in self.cells)

@@ -143,7 +143,7 @@ class Triangulated:
         return out
 
     def _bound(self, points: FloatArray, rows: IntArray) -> list[tuple[TriangleSet, IntArray, BoolArray]]:
-        """Return the triangles and the ridges, each with its rows (M,) of points, and which of these stay."""
+        """Return the faces and the ridges; with each the points (M,) bound to it, and which of these stay."""
         if self.ridges is None:
             return [(self.faces, rows, np.zeros(len(rows), dtype=bool))]
         on = self.ridges.search.within(points[rows], self.near)
@@ -163,7 +163,7 @@ def _cut(faces: Polygons) -> IntArray:
 
 
 def _dominant(directions: FloatArray, weights: FloatArray, nodes: IntArray, count: int) -> FloatArray:
-    """Return the mean direction (V, 3) at each vertex, up to sign, of pieces (T,) with nodes (T, k)."""
+    """Return the mean direction (V, 3), up to its sign, of the pieces at each vertex; `nodes` (T, k) are the pieces'."""
     moments = (weights[:, None, None] * directions[:, :, None] * directions[:, None, :]).reshape(-1, 9)
     flat = nodes.ravel()
     each = np.repeat(moments, nodes.shape[1], axis=0)

@@ -98,7 +98,7 @@ class Heights:
         return arms
 
     def pull(self, arms: FloatArray, gradient: FloatArray) -> None:
-        """Turn the gradient (U, 3) by the kept places into that by the places before, given the arms of `keep`."""
+        """Convert the gradient (U, 3) by places after `keep` to that by places before; `arms` are from `keep`."""
         _pull(self.rows, self.below, self.arms, arms, gradient)
 
 
@@ -143,7 +143,7 @@ class Slide:
 
 
 class SlidingPiece(NamedTuple):
-    """A part of the boundary: its shape, whether nodes slide along its edges, and the faces of a plane."""
+    """A part of the boundary with its shape; whether nodes may slide along its edges; its faces if it is plane."""
 
     shape: SlidingSurface | None
     edges: bool = False

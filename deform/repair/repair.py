@@ -196,7 +196,7 @@ def _patch_nodes(
 
 
 def _is_better(fewer: bool, gain: float, level: float) -> bool:
-    """Return whether to keep a patch: fewer cells are below the level, or the worst one gained and none were lost."""
+    """Return whether to keep a patch: it has fewer cells below the level, or its worst cell gained enough."""
     return (fewer and gain >= -LOSS) or gain > GAIN if level else fewer
 
 
