@@ -163,7 +163,7 @@ def _cut(faces: Polygons) -> IntArray:
 
 
 def _dominant(directions: FloatArray, weights: FloatArray, nodes: IntArray, count: int) -> FloatArray:
-    """Return the mean direction (V, 3), up to its sign, of the pieces at each vertex; `nodes` (T, k) are the pieces'."""
+    """Return the mean direction (V, 3), up to its sign, of the pieces at each vertex; `nodes` (T, k) are theirs."""
     moments = (weights[:, None, None] * directions[:, :, None] * directions[:, None, :]).reshape(-1, 9)
     flat = nodes.ravel()
     each = np.repeat(moments, nodes.shape[1], axis=0)
