@@ -23,6 +23,7 @@ from sdm_deflect.deform.mesh.precision import EVERY_BIT, Precision
 from sdm_deflect.deform.surface.motions import Fixed, Moving, Powers, Turn
 from sdm_deflect.deform.surface.surface import Surface, name_of
 from sdm_deflect.deform.surface.tail_root import RootOnCylinder
+from sdm_deflect.deform.surface.tracks import Places
 from sdm_deflect.deform.volume.boundary import Amounts
 from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection
 from sdm_deflect.deform.volume.field import Field
@@ -34,7 +35,7 @@ from .checks import Check, checks_of
 FILE = "plan of sdm-deflect, 1"
 MEASURED = 9
 """Number of amounts of each surface at which the mesh is checked."""
-KINDS: dict[str, Any] = {"turn": Turn, "powers": Powers, "fixed": Fixed}
+KINDS: dict[str, Any] = {"turn": Turn, "powers": Powers, "fixed": Fixed, "places": Places}
 """Functions of the amount by their names in a file."""
 Wanted = float | Mapping[str, float] | Sequence[float]
 """Amounts: of the only surface; by name, 0 where left out; or of all surfaces in order."""
@@ -118,7 +119,7 @@ class HeldPlan:
             for row, (moving, surface) in enumerate(box.moving):
                 low, high = moving.ends
                 if low < high:
-                    functions = box.boundary.laws[row].functions
+                    functions = box.boundary.laws[row].functions.within(low, high)
                     control = Control(_name(moving, surface), surface.patches, moving.motion.unit, low, high, functions)
                     there = known.boxes[b] if known else None
                     readings.append(Readings.of(box, row, control, progress, there))

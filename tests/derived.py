@@ -26,10 +26,10 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict
 from numpy.typing import ArrayLike
 
 if TYPE_CHECKING:
+    from sdm_deflect.deform.box.automatic import BoxRule
     from sdm_deflect.deform.box.hexahedron import Hexahedron
     from sdm_deflect.deform.surface.motions import Motion
     from sdm_deflect.deform.surface.surface import NodeSet
-    from sdm_deflect.deform.box.automatic import BoxRule
 
 
 class Options(TypedDict, total=False):
@@ -63,7 +63,13 @@ def source(kind: Any, spelled: bool) -> str:
 def keywords(settings: Iterable[Setting]) -> str:
     """Return the module with the types of keywords."""
     given = [one for one in settings if one.name not in (*IN_PYTHON, "hinge", "angle")]
-    return HEAD + "".join(f"    {one.name}: {source(one.kind, one.spelling.read is not None)}\n" for one in given)
+    return HEAD + "".join(f"    {one.name}: {_typed(one)}\n" for one in given)
+
+
+def _typed(setting: Setting) -> str:
+    """Return the type of a keyword; text is a path only where it may name a file."""
+    text = source(setting.kind, setting.spelling.read is not None)
+    return text if setting.spelling.file is not None else text.replace("str | PathLike[str]", "str")
 
 
 def row(setting: Setting) -> str:

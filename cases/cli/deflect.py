@@ -1,7 +1,7 @@
 """Commands on any mesh file: example, quality, deflect, limit, apply."""
 
 import lzma
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, replace
 from functools import partial
@@ -84,8 +84,7 @@ def deflect(
     text = given.pop("angles")
     many = angles_of(text) if text else ()
     helpers = [given.pop(name) for name in HELPERS]
-    if many:
-        given["angle"] = max(many, key=abs)
+    given |= _largest(many, given)
     settings, inputs = _settings(given)
     from sdm_deflect.cases.settings.jobs import jobs_of
 
@@ -219,15 +218,21 @@ def example(folder: Path) -> None:
 
 @click.command(params=options.settings_options([BY_NAME["select"]]))
 @click.argument("mesh", type=options.FILE)
+@click.option("--slot", nargs=2, metavar="NAME NAME", help="Measure gap and overlap between two patches (plane mesh).")
 @options.json_option
-def quality(mesh: Path, select: tuple[str, ...], as_json: bool) -> None:
+def quality(mesh: Path, select: tuple[str, ...], slot: tuple[str, ...] | None, as_json: bool) -> None:
     """List the patches of a mesh, its sizes and its cell quality."""
     from sdm_deflect.cases.run.inspection import inspect, inspected
 
     if as_json:
-        options.print_json(inspected(mesh, selections_of(select)))
+        options.print_json(inspected(mesh, selections_of(select), slot or ()))
     else:
-        click.echo(inspect(mesh, selections_of(select)))
+        click.echo(inspect(mesh, selections_of(select), slot or ()))
+
+
+def _largest(many: Sequence[float], given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the largest of many angles as the angle; with a shift or a slot they are shares of the whole setting."""
+    return {"angle": max(many, key=abs)} if many and not given["shift"] and not given["slot"] else {}
 
 
 Found = tuple["Search", "RepairMode", Path, dict[str, Any]]

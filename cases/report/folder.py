@@ -43,7 +43,9 @@ from sdm_deflect.deform.mesh.quality import quality_of
 from sdm_deflect.deform.options import JobOptions
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
+from sdm_deflect.deform.surface.slots import SlotSetting
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, Surface, TrailingEdge, name_of
+from sdm_deflect.deform.surface.tracks import CPACS, Track
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.job import Sliding
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
@@ -259,7 +261,22 @@ def _base(base: Motion, surface: Surface, amount: float, table: Path) -> dict[st
         return {**hinge, "table": table.name, "amount": amount}
     if isinstance(base, Rotation):
         return {**hinge, "angle": amount}
+    if isinstance(base, SlotSetting):
+        own = {name: value for name in ("gap", "overlap") if (value := getattr(base, name)) is not None}
+        return {**hinge, "amount": amount, "angle": base.angle, "slot": base.beside, **own}
+    if isinstance(base, Track):
+        return {**hinge, "amount": amount} | _track(base, table.with_name(table.name.replace("table", "track")))
     return {**hinge, "angle" if base.unit == "deg" else "amount": amount, "law": type(base).__name__}
+
+
+def _track(track: Track, file: Path) -> dict[str, Any]:
+    """Return the settings of a track; unless it is a single shift, its rows are written to a file."""
+    if len(track.rows) == 2 and not track.smooth and track.rows[-1, 0] == 1.0:
+        _, angle, *shifts = track.rows[-1].tolist()
+        return {"angle": angle, "shift": [shifts[:3], shifts[3:]]}
+    titles = f"{'parameter' if track.smooth else CPACS},angle,dx,dy,dz,dx2,dy2,dz2"
+    np.savetxt(file.with_suffix(".csv"), track.rows, "%.17g", ",", header=titles, comments="")
+    return {"track": file.with_suffix(".csv").name}
 
 
 def _ends(axis: Axis, points: FloatArray) -> list[list[float]]:

@@ -19,7 +19,8 @@ from sdm_deflect.deform.mesh.faces import FACES
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import quality_of
 from sdm_deflect.deform.mesh.standard import parts_of
-from sdm_deflect.deform.volume.modes import Modes
+from sdm_deflect.deform.surface.motions import Fixed, Powers, Turn
+from sdm_deflect.deform.volume.modes import Control, Modes
 from sdm_deflect.meshing.formats.polyhedra import faces_by_cell
 
 from .data import Box, ReportData, drawn_measure
@@ -56,6 +57,8 @@ ARROW = 0.25
 """Length of an arrow over the surface's largest extent."""
 SHAPE = np.array([[0.0, -0.03], [0.0, 0.03], [0.7, 0.03], [0.7, -0.03], [0.7, -0.12], [0.7, 0.12], [1.0, 0.0]])
 """Corners of its shaft and its head, along it and across, over its length."""
+SAMPLES = 501
+"""Amounts at which a page holds the functions of a track, between which it interpolates."""
 SHADES = 9
 CREASE = 20.0
 """Edges at which faces turn by more degrees stay as they are in thinned patches."""
@@ -252,10 +255,20 @@ def surfaces(data: ReportData, turning: Turning) -> Json:
     """Return the surfaces that can be turned, what was measured of each, and the command that moves the mesh."""
     held, out = data.held, []
     for own, amount, table in zip(turning.modes.controls, turning.own, held.figures() if held else (), strict=True):
-        functions = asdict(own)["functions"] | {"kind": type(own.functions).__name__}
+        functions = _functions(own)
         tolerance = next(box.tolerance for box in data.boxes if _moves(box, own.patches))
         out.append({**table, "functions": functions, "own": amount, "tolerance": tolerance})
     return {"surfaces": out, "stands": held.amounts if held else (), "command": data.moves}
+
+
+def _functions(own: Control) -> Json:
+    """Return a surface's functions for the page: their kind and numbers, or of others samples over the range."""
+    kind = type(own.functions).__name__
+    if isinstance(own.functions, Turn | Powers | Fixed):
+        return asdict(own.functions) | {"kind": kind}
+    amounts = np.linspace(own.low, own.high, SAMPLES)
+    values = [own.functions.values(at).tolist() for at in amounts]
+    return {"kind": "Samples", "low": own.low, "high": own.high, "values": values}
 
 
 def _moves(box: Box, patches: Sequence[str]) -> bool:

@@ -61,6 +61,10 @@
       const angle = RADIANS * amount * (1 + (i >> 1));
       return i % 2 ? 2 * Math.sin(angle / 2) ** 2 : Math.sin(angle);
     }),
+    Samples: ({ low, high, values }, amount) => {
+      const place = (values.length - 1) * (amount - low) / (high - low), row = Math.min(Math.floor(place), values.length - 2);
+      return values[row].map((value, k) => value + (place - row) * (values[row + 1][k] - value));
+    },
     Powers: ({ count, scale }, amount) => Array.from({ length: count }, (_, i) => (amount / scale) ** (i + 1)),
   };
   const isOwn = (amounts) => amounts.every((one, i) => one === own[i]);

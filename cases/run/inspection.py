@@ -6,6 +6,8 @@ from itertools import repeat
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from sdm_deflect.cases.settings.jobs import selection
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, printable
@@ -34,9 +36,9 @@ SHOWN = 20
 """Names of zones that are listed."""
 
 
-def inspect(path: Path, select: Mapping[str, str] = NOTHING) -> str:
+def inspect(path: Path, select: Mapping[str, str] = NOTHING, slot: tuple[str, ...] = ()) -> str:
     """Return what a mesh file holds, in a few lines; errors as in `inspected`."""
-    figures = inspected(path, select)
+    figures = inspected(path, select, slot)
     plane = ", two-dimensional" if figures["plane"] else ""
     lines = [
         f"{figures['file']}: {figures['points']} points, {figures['cells']} cells{plane}",
@@ -46,6 +48,7 @@ def inspect(path: Path, select: Mapping[str, str] = NOTHING) -> str:
         *(["the file counts the nodes of cells left-handed; judged accordingly"] if figures["left_handed"] else ()),
         *figures["notes"],
         *_patch_lines(figures),
+        *([_slot_line(figures["slot"])] if figures["slot"] else ()),
     ]
     return "\n".join(map(printable, lines))
 
@@ -58,6 +61,11 @@ def _zone_lines(zones: Json, blocks: Json) -> Iterator[str]:
         shown = ", ".join(parts[:SHOWN]) + (f" and {len(parts) - SHOWN} more" if len(parts) > SHOWN else "")
         called = f" as {name}" if len(zones) > 1 else ""
         yield f"{len(parts)} zones of the file fit together{called}: {shown}"
+
+
+def _slot_line(slot: Json) -> str:
+    lengths = ", ".join(f"{name} {slot[name]:.6g} ({slot[name] / slot['chord']:.3%})" for name in ("gap", "overlap"))
+    return f"slot: {lengths} of {slot['chord']:.6g}, the extent of both elements along x"
 
 
 def _patch_lines(figures: Json) -> Iterator[str]:
@@ -74,13 +82,14 @@ def _patch_lines(figures: Json) -> Iterator[str]:
         yield f"  {part['name']} {part['faces']}{reach([part['low'], part['high']])}"
 
 
-def inspected(path: Path, select: Mapping[str, str] = NOTHING) -> Json:
+def inspected(path: Path, select: Mapping[str, str] = NOTHING, slot: tuple[str, ...] = ()) -> Json:
     """Return what a mesh file holds.
 
     Parameters
     ----------
     path : The file, or the folder of an OpenFOAM case.
     select : Names of further patches, and of which faces of the file's patches they are made.
+    slot : Two patches of a plane mesh, whose slot is measured; or none.
 
     Returns
     -------
@@ -93,7 +102,8 @@ def inspected(path: Path, select: Mapping[str, str] = NOTHING) -> Json:
         coordinates, ``low`` and ``high``; ``quality``, the fields of `Quality` for each type of cell;
         ``face_quality``, the figures of checkMesh for the faces of polyhedra, None without any;
         ``left_handed``, whether the file counts the nodes of cells the other way round; ``notes``, sentences on what
-        may not be expected.
+        may not be expected; ``slot``, its ``gap`` and ``overlap`` as lengths, and ``chord``, the extent of both
+        elements along x; None if it is not asked for.
 
     Raises InputError or MeshFileError if the file is missing, damaged, of an unknown format, holds no cells with a
     volume, or more inverted cells than others, and InputError if a selection does not suit it.
@@ -101,7 +111,7 @@ def inspected(path: Path, select: Mapping[str, str] = NOTHING) -> Json:
     if not path.exists():
         raise InputError(f"{path} is not a file")
     whole = read(path)
-    mesh = selected(whole, [selection(name, text) for name, text in select.items()])
+    mesh = selected(whole, [selection(name, text) for name, text in select.items()], slot)
     signs, count = _signs(mesh, str(path)), sum(map(len, mesh.cells))
     components, parts = _components(whole)
     parts += [Part.of(mesh, patch) for patch in mesh.patches if patch.name not in whole.names]
@@ -123,7 +133,19 @@ def inspected(path: Path, select: Mapping[str, str] = NOTHING) -> Json:
         "face_quality": _face_quality(mesh),
         "left_handed": min(signs) < 0.0,
         "notes": list(mesh.notes),
+        "slot": _slot(mesh, slot),
     }
+
+
+def _slot(mesh: Mesh, names: tuple[str, ...]) -> Json | None:
+    """Return gap and overlap of two elements as lengths, and their common extent along x; None without names."""
+    if not names:
+        return None
+    from sdm_deflect.deform.surface.slots import Slot
+
+    setting = Slot.of(mesh, *names).setting
+    nodes = mesh.on(*mesh.named(names, "slot"))
+    return {"gap": setting.gap, "overlap": setting.overlap, "chord": float(np.ptp(mesh.points[nodes, 0]))}
 
 
 def _signs(mesh: Mesh, name: str) -> list[float]:

@@ -33,6 +33,7 @@ PAGE = ("report.html", *(f"figures/{part}*.{form}" for part in PARTS for form in
 """A page and its pictures, as patterns."""
 RUN = (
     "case.toml", "settings.toml", "metrics.json", "convergence.csv", "interpolant.npz", "plan.npz", "table_[0-9]*.npz",
+    "track_[0-9]*.csv",
     "undeflected.vtu", "deflected.vtu", "background.vtu", *PAGE,
 )  # fmt: skip
 """Everything that a run folder may hold of ours."""

@@ -68,6 +68,11 @@ def _point(text: str) -> tuple[float, ...]:
     return point
 
 
+def shift_of(value: Any) -> Any:
+    """Return one shift or two, given as text ``x,y,z`` or as numbers, as points."""
+    return [_point(value)] if isinstance(value, str) else points_of(value)
+
+
 def range_of(value: Any) -> Any:
     """Return ``A:B`` as two numbers; anything else as it is."""
     if not isinstance(value, str):
@@ -151,7 +156,23 @@ class SurfaceSettings:
         "What moves", "blended: width of the strip beside a closed rib, as a share of the span.")] = 0.2
     table: Annotated[str | None, Spelling(file=""), IN_WORDS, Doc(
         "What moves", "Displacements in place of a hinge: a .csv of x,y,z,dx,dy,dz, or an .npz.")] = None
-    amount: Annotated[float, ONLY_SET, Doc("What moves", "Share of the table; in Python this is the `angle`.")] = 1.0
+    shift: Annotated[tuple[Corner, ...] | None, Option(metavar="x,y,z"), Spelling(read=shift_of), IN_WORDS, Doc(
+        "What moves", "Distance by which the hinge moves while the surface turns by the angle.",
+        "In a file or in Python also two, one for each hinge point.")] = None
+    track: Annotated[str | None, Spelling(file=""), IN_WORDS, Doc(
+        "What moves", "Places of the surface: a .csv of parameter,angle,dx,dy[,dz], with a title line.",
+        "The mesh stands at parameter 0. Further columns dx2,dy2[,dz2] are the shift of the second hinge point. Rows "
+        "are joined smoothly, or linearly if the first title is `controlParameter`, as in CPACS.")] = None
+    slot: Annotated[str | None, Option(metavar="NAME"), IN_WORDS, Doc(
+        "What moves", "Plane mesh: patch on the other side of the slot, for `gap` and `overlap`.")] = None
+    gap: Annotated[float | None, IN_WORDS, Doc(
+        "What moves", "With `slot`: gap at the amount 1, a length (default: the mesh's).",
+        "It is the least distance between the trailing edge ahead and the skin behind.")] = None
+    overlap: Annotated[float | None, IN_WORDS, Doc(
+        "What moves", "With `slot`: overlap at the amount 1, a length (default: the mesh's).",
+        "The foremost point of the skin behind lies so far ahead of the trailing edge, along x.")] = None
+    amount: Annotated[float, ONLY_SET, Doc(
+        "What moves", "Share of the table, or parameter of the track; in Python this is the `angle`.")] = 1.0
     corners: Annotated[tuple[Corner, ...] | None, ONLY_SET, Doc(
         "Box", "With `box_each`: the corners of this surface's box.")] = None
     # fmt: on
@@ -305,7 +326,7 @@ def settings_of(surfaces: Any, hinge: Any, angle: Any, options: Mapping[str, Any
     several = tables_of(surfaces)
     if several and own:
         raise InputError(f"{min(own)} belongs to one surface: put it into the tables of surfaces")
-    share = {"amount": own["angle"]} if "angle" in own else {}
+    share = {"amount": own["angle"]} if "angle" in own and not own.keys() & {"shift", "slot"} else {}
     tables = several or [{"patches": surfaces, **own, **share}]
     _check_use(tables, rest)
     try:

@@ -7,6 +7,7 @@ import re
 import shlex
 from dataclasses import dataclass, fields, replace
 from math import isnan
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -137,7 +138,8 @@ def job_of(settings: JobSettings, *, by_range: bool = False) -> Job:
 
 def _stays_beside(surface: SurfaceSettings, settings: JobSettings) -> tuple[str, ...]:
     """Return the patches on which nodes of a blended surface stay: fixed ones, and surfaces that move otherwise."""
-    others = (other for other in settings.surface if (other.hinge, other.angle) != (surface.hinge, surface.angle))
+    own = attrgetter("hinge", "angle", "shift", "track", "slot", "gap", "overlap")
+    others = (other for other in settings.surface if own(other) != own(surface))
     return (*settings.fixed, *(name for other in others for name in other.patches)) if settings.fixed else ()
 
 
@@ -159,12 +161,36 @@ def _motion(surface: SurfaceSettings, fixed: tuple[str, ...]) -> Motion:
     base: Motion | None = hinge
     if surface.table:
         base = Table.read(Path(surface.table), hinge.axis if hinge else None)
+    base = _track(surface, hinge) or base
     if base is None:
         raise InputError("the hinge is missing: give two points of it, such as 0.7,0,0 and 0.7,1,0; in a plane one")
     if surface.motion == "rigid":
         return base
     held = _nodes(surface.held, "held") if surface.held != () else OnPatches(fixed)
     return Blended(base, held, _nodes(surface.driven, "driven"), Rib(share=surface.strip))
+
+
+def _track(surface: SurfaceSettings, hinge: Rotation | None) -> Motion | None:
+    """Return the track of a surface: one shift, the rows of a file, or the way to a setting of a slot; None without."""
+    given = [name for name in ("table", "track", "shift", "slot") if getattr(surface, name)]
+    if not surface.slot and {surface.gap, surface.overlap} != {None}:
+        raise InputError("gap and overlap need slot: the patch on the other side of the slot")
+    if given in ([], ["table"]):
+        return None
+    if hinge is None or len(given) > 1:
+        raise InputError(f"{' and '.join(given)}: {'give one of them' if hinge else 'the hinge is missing'}")
+    return _track_about(hinge.axis, surface, surface.angle or 0.0)
+
+
+def _track_about(hinge: Axis, surface: SurfaceSettings, angle: float) -> Motion:
+    from sdm_deflect.deform.surface.slots import SlotSetting
+    from sdm_deflect.deform.surface.tracks import Track, shifts_of
+
+    if surface.track:
+        return Track.read(surface.track, hinge)
+    if surface.slot:
+        return SlotSetting(hinge, surface.slot, angle, surface.gap, surface.overlap)
+    return Track.shifted(hinge, angle, *shifts_of(surface.shift or ()))
 
 
 def _rotation(hinge: tuple[Corner, ...]) -> Rotation:

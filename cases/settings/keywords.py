@@ -24,6 +24,11 @@ class Options(TypedDict, total=False):
     driven: ArrayLike | NodeSet
     strip: float
     table: str | PathLike[str]
+    shift: ArrayLike
+    track: str | PathLike[str]
+    slot: str
+    gap: float
+    overlap: float
     corners: ArrayLike
     fixed: str | Sequence[str]
     zones: str | Sequence[str]

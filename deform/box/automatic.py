@@ -26,6 +26,7 @@ class BoxScene(NamedTuple):
     largest: float  # largest displacement
     hinge: Axis | None
     obstacles: FloatArray  # (O, 3) nodes of patches without a role
+    far_hinge: bool = False  # whether the hinge may be far away: the reach is then the surface's own size
 
 
 class Chosen(NamedTuple):
@@ -164,7 +165,7 @@ class Automatic:
         origin, axes = frame(scene)
         places = (np.vstack([scene.moving, scene.track]) - origin) @ axes.T
         low, high = places.min(axis=0), places.max(axis=0)
-        wanted = self.margin or max(_reach(places, scene.hinge), GROWTH * scene.largest)
+        wanted = self.margin or max(_reach(places, scene), GROWTH * scene.largest)
         margins = _clear(low, high, wanted, (scene.obstacles - origin) @ axes.T)
         low, high = low - margins[0], high + margins[1]
         corners = origin + (low + BITS * (high - low)) @ axes
@@ -186,10 +187,12 @@ def frame(scene: BoxScene) -> tuple[FloatArray, FloatArray]:
     return scene.hinge.point, np.vstack([along, away, np.cross(along, away)])
 
 
-def _reach(places: FloatArray, hinge: Axis | None) -> float:
-    """Return the largest distance from the hinge; without a hinge half of the second largest extent."""
-    if hinge is None:
+def _reach(places: FloatArray, scene: BoxScene) -> float:
+    """Return the largest distance from the hinge, or the extent across a far one; half of an extent without a hinge."""
+    if scene.hinge is None:
         return 0.5 * float(np.sort(np.ptp(places, axis=0))[1])
+    if scene.far_hinge:
+        return float(np.linalg.norm(np.ptp(places[:, 1:], axis=0)))
     return float(np.linalg.norm(places[:, 1:], axis=1).max())
 
 

@@ -7,6 +7,12 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import FloatArray
 
 
+def cross_matrix(vector: FloatArray) -> FloatArray:
+    """Return the matrix (3, 3) of the cross product of a vector (3,) with another one."""
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Axis:
     """A directed line; rotations about it are right-handed.
@@ -38,12 +44,12 @@ class Axis:
 
     def matrix(self, degrees: float) -> FloatArray:
         """Return the rotation matrix (3, 3)."""
-        return np.asarray(np.eye(3) + self._turn(degrees))
+        return np.asarray(np.eye(3) + self.turn(degrees))
 
     def displacement(self, points: FloatArray, degrees: float) -> FloatArray:
         """Return the displacement (N, 3) of points (N, 3) in a rotation by `degrees`."""
         x, y, z = np.moveaxis(points - self.point, 1, 0)[..., None]
-        turn = self._turn(degrees).T
+        turn = self.turn(degrees).T
         return np.asarray(x * turn[0] + y * turn[1] + z * turn[2])
 
     def rotated(self, points: FloatArray, degrees: float) -> FloatArray:
@@ -56,10 +62,9 @@ class Axis:
         along = np.sum(arm * self.direction, axis=1, keepdims=True)
         return np.asarray(arm - along * self.direction)
 
-    def _turn(self, degrees: float) -> FloatArray:
+    def turn(self, degrees: float) -> FloatArray:
         """Return the rotation matrix less the identity by Rodrigues' formula; small angles keep their digits."""
-        x, y, z = self.direction
-        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        cross = cross_matrix(self.direction)
         angle = np.radians(degrees)
         versine = 2.0 * np.sin(0.5 * angle) ** 2  # 1 - cos without cancellation
         return np.asarray(np.sin(angle) * cross + versine * (cross @ cross))

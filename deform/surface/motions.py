@@ -7,7 +7,7 @@ a law, which holds all that does not depend on the amount.
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,34 +23,61 @@ from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 
 from .surface import Surface
 
+TRACK_UNIT = "of the track"  # unit of a track's parameter
 MOST_FUNCTIONS = 6  # most functions of one amount
 MOST = 3000  # most points of a table for a direct solve
 
 
-class Functions(Protocol):
+class Functions:
     """Functions f_1 to f_k of one amount, all zero at 0."""
+
+    __slots__ = ()
+    separate: ClassVar[bool] = False
+    """Whether each reading has its own centres and its own repair; else the repair at an end fades (`fading`)."""
 
     @property
     def count(self) -> int:
         """Number k of functions, and of amounts at which the displacement is read to find their fields."""
-        ...
+        raise NotImplementedError
 
     @property
     def finer(self) -> "Functions | None":
         """The next larger set of functions, or None."""
-        ...
+        return None
 
     def values(self, amount: float) -> FloatArray:
         """Return the values (k,)."""
-        ...
+        raise NotImplementedError
 
     def rates(self, amount: float) -> FloatArray:
         """Return the derivatives (k,) per unit of the amount."""
-        ...
+        raise NotImplementedError
+
+    def within(self, low: float, high: float) -> "Functions":
+        """Return the functions for a range of amounts."""
+        del low, high
+        return self
+
+    def reads(self, low: float, high: float) -> tuple[float, ...]:
+        """Return k amounts between the ends of a range, and these, but not 0, at which the fields are read."""
+        amounts = np.linspace(low, high, self.count + 1)
+        inner = 0.0 not in (low, high) and len(amounts) > 2
+        dropped = 1 + np.argmin(np.abs(amounts[1:-1])) if inner else np.argmin(np.abs(amounts))
+        return tuple(np.delete(amounts, dropped).tolist())
+
+    def fading(self, end: float, other: float) -> FloatArray:
+        """Return weights (k,) by which the functions are 1 at an end of the range, and 0 at the other.
+
+        Only the first two are used. If the other end is 0, they are 0 at the opposite amount.
+        """
+        count = min(2, self.count)
+        out = np.zeros(self.count)
+        out[:count] = np.linalg.inv([self.values(amount)[:count] for amount in (end, other or -end)[:count]])[:, 0]
+        return out
 
 
 @dataclass(frozen=True, slots=True)
-class Turn:
+class Turn(Functions):
     """sin a and 1 - cos a of an angle a in degrees (Rodrigues' formula); further ones are those of 2 a and 3 a.
 
     Cells that follow a blended surface nearby, or slide on a cylinder, need more than two.
@@ -76,7 +103,7 @@ class Turn:
 
 
 @dataclass(frozen=True, slots=True)
-class Powers:
+class Powers(Functions):
     """The powers 1 to `count` of the amount over `scale`."""
 
     count: int
@@ -98,12 +125,11 @@ class Powers:
 
 
 @dataclass(frozen=True, slots=True)
-class Fixed:
+class Fixed(Functions):
     """Functions of a plan for one amount: 1 and 1, for a displacement and its rounding error."""
 
     amount: float
     count: int = 2
-    finer: None = None
 
     def values(self, amount: float) -> FloatArray:
         """Return ones; InputError at any other amount."""

@@ -15,7 +15,7 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.sliding import Plane, SlidingPatch, fitted
 from sdm_deflect.deform.rbf.data_sites import XYZ
 from sdm_deflect.deform.surface.blended import Blended
-from sdm_deflect.deform.surface.motions import MotionLaw
+from sdm_deflect.deform.surface.motions import TRACK_UNIT, MotionLaw
 from sdm_deflect.deform.surface.placement import Placement
 from sdm_deflect.deform.surface.reached import Reached
 from sdm_deflect.deform.surface.surface import Surface
@@ -380,9 +380,9 @@ def _check_hinges(job: Job, surfaces: Sequence[Surface]) -> None:
 
 
 def _placements(job: Job, surfaces: Sequence[Surface]) -> Iterator[tuple[Placement, Surface, bool]]:
-    """Yield the placement of each hinge, its surface, and whether the motion is blended."""
+    """Yield the placement of each hinge, its surface, and whether the motion is blended; a track's may be anywhere."""
     for moving, surface in zip(job.surfaces, surfaces, strict=True):
-        if moving.motion.axis is not None:
+        if moving.motion.axis is not None and moving.motion.unit != TRACK_UNIT:
             yield Placement.of(surface, moving.motion.axis), surface, isinstance(moving.motion, Blended)
 
 

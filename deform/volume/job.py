@@ -14,7 +14,7 @@ from sdm_deflect.deform.mesh.quality import one_hand
 from sdm_deflect.deform.mesh.sliding import NAMES, SHAPES
 from sdm_deflect.deform.options import JobOptions
 from sdm_deflect.deform.surface.blended import Blended
-from sdm_deflect.deform.surface.motions import Motion, Moving
+from sdm_deflect.deform.surface.motions import TRACK_UNIT, Motion, Moving
 from sdm_deflect.deform.surface.surface import OnPatches
 
 if TYPE_CHECKING:
@@ -216,5 +216,7 @@ def _planes(mesh: Mesh, job: Job) -> set[str]:
 
 def _named_by(motion: Motion) -> tuple[str, ...]:
     """Return every patch name and wildcard in a motion."""
+    if motion.unit == TRACK_UNIT:
+        return tuple(filter(None, (getattr(motion, "beside", ""),)))
     sets = (motion.held, motion.driven) if isinstance(motion, Blended) else ()
     return tuple(name for nodes in sets if isinstance(nodes, OnPatches) for name in nodes.names)

@@ -46,18 +46,11 @@ class Control:
     @property
     def reads(self) -> tuple[float, ...]:
         """Amounts at which the fields are read: as many as functions, with the ends of the range."""
-        amounts = np.linspace(self.low, self.high, self.functions.count + 1)
-        inner = 0.0 not in (self.low, self.high) and len(amounts) > 2
-        dropped = 1 + np.argmin(np.abs(amounts[1:-1])) if inner else np.argmin(np.abs(amounts))
-        return tuple(np.delete(amounts, dropped).tolist())
+        return self.functions.reads(self.low, self.high)
 
     def share(self, end: float) -> FloatArray:
-        """Return the weights (k,) by which a repair at an end of the range fades; only the first two are not zero."""
-        count, other = min(2, self.functions.count), self.low + self.high - end
-        ends = [self.functions.values(amount)[:count] for amount in (end, other or -end)[:count]]
-        out = np.zeros(self.functions.count)
-        out[:count] = np.linalg.inv(ends)[:, 0]
-        return out
+        """Return the weights (k,) by which a repair at an end of the range fades towards the other."""
+        return self.functions.fading(end, self.low + self.high - end)
 
     def samples(self, count: int) -> tuple[float, ...]:
         """Return `count` evenly spaced amounts, with 0 in place of the one nearest to it."""
@@ -120,20 +113,33 @@ class Readings(NamedTuple):
         """Deflect to the ends of the range as `deflect_box` does, and to amounts between on the centres of the ends.
 
         The fields are read without repairs. The repair of an end has the share 1 there, and 0 at amount 0 and at the
-        other end (at the opposite amount, if the other end is 0).
+        other end (at the opposite amount, if the other end is 0). If the functions ask for `separate` readings, each is
+        a deflection of its own with its repair.
         """
         own, reads = _with_free_nodes_repaired(box), control.reads
         poses = [_alone(box, row, amount) for amount in reads]
         last = int(np.argmax(np.abs(reads)))
-        ends = {last: _deflected(own, poses[last], progress, known)}
-        if box.boundary.laws[row].functions.count <= 2:
+        end = _deflected(own, poses[last], progress, known)
+        if control.functions.separate:
+            found = [end if i == last else _deflected(own, pose, progress, known) for i, pose in enumerate(poses)]
+            inverse = np.linalg.inv([control.functions.values(amount) for amount in reads])
+            return cls(control, box, row, tuple(found), np.asarray(inverse, dtype=np.float64), tuple(found))
+        return cls(control, box, row, (), np.empty(0), (end,))._fading(own, poses, progress, known)
+
+    def _fading(
+        self, own: BoxPlan, poses: Sequence[Amounts], progress: Progress, known: BoxDeflection | None
+    ) -> "Readings":
+        """Read amounts between the ends on the centres of the end that is there; repairs of the ends fade."""
+        control, reads, (end,) = self.control, self.control.reads, self.ends
+        last = poses.index(end.amounts)
+        ends = {last: end}
+        if self.box.boundary.laws[self.row].functions.count <= 2:
             others = {*np.flatnonzero(np.isin(reads, (control.low, control.high))).tolist()} - {last}
             ends |= {i: _deflected(own, poses[i], progress, known) for i in others}
-            steps = ends[last].steps
-            first = steps[0] if len(steps) == 1 else None
-            found = [ends.get(i) or stepped(own, pose, len(steps), progress, first) for i, pose in enumerate(poses)]
+            first = end.steps[0] if len(end.steps) == 1 else None
+            found = [ends.get(i) or stepped(own, pose, len(end.steps), progress, first) for i, pose in enumerate(poses)]
         else:
-            found = _on_shared_centers(own, poses, ends[last], progress)
+            found = _on_shared_centers(own, poses, end, progress)
         plain = [replace(one, exact=one.interpolated, repaired=None) for one in found]
         weights = np.asarray(np.linalg.inv([control.functions.values(amount) for amount in reads]), dtype=np.float64)
         for i, one in enumerate(found):
@@ -142,7 +148,7 @@ class Readings(NamedTuple):
                 weights[:, i] -= share
                 weights = np.column_stack([weights, share])
                 plain.append(one)
-        return cls(control, box, row, tuple(plain), weights, tuple(ends.values()))
+        return self._replace(deflections=tuple(plain), weights=weights, ends=tuple(ends.values()))
 
     def nearest(self, amount: float) -> BoxDeflection:
         """Return the deflection at the end of the range nearest to an amount."""
@@ -208,7 +214,7 @@ def _with_free_nodes_repaired(box: BoxPlan) -> BoxPlan:
     A root that slides has no repair at all: its motion is a sum of many functions.
     """
     job = replace(box.job, repair_slides=())
-    if any(law.functions.count > 2 for law in box.boundary.laws):
+    if any(law.functions.count > 2 and not law.functions.separate for law in box.boundary.laws):
         job = replace(job, repair=replace(job.repair, mode="off"))
     return replace(box, boundary=replace(box.boundary, job=job))
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from time import perf_counter
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -14,9 +15,13 @@ from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.confined import inside
 from sdm_deflect.deform.mesh.cells import Patch, Zone
 from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.surface.motions import TRACK_UNIT
 
 from .boundary import ZERO_LENGTH, Amounts, PrescribedNodes
 from .job import Section
+
+if TYPE_CHECKING:
+    from sdm_deflect.deform.surface.tracks import TrackLaw
 
 POSES = 4  # positions between rest and the full angle that the box must contain
 ON_FACE = 1e-6  # of the moving surfaces' size: nodes this near to a face of the box are on it
@@ -125,14 +130,26 @@ def _inside(mesh: Mesh, zones: tuple[Zone, ...], hexahedron: Hexahedron) -> IntA
 
 def _scene(boundary: PrescribedNodes, zones: tuple[Zone, ...], all_amounts: Sequence[Amounts]) -> BoxScene:
     moving = boundary.mesh.points[boundary.nodes]
-    shares = [k / POSES for k in range(1, POSES + 1)]
-    poses = dict.fromkeys(tuple(share * amount for amount in amounts) for amounts in all_amounts for share in shares)
+    poses = dict.fromkeys(
+        tuple(share * amount for amount in amounts) for amounts in all_amounts for share in _shares(boundary, amounts)
+    )
     moves = [boundary.displacement(pose) for pose in poses]
     largest = max(float(np.linalg.norm(move, axis=1).max()) for move in moves)
     track = np.vstack([moving + move for move in moves])
     axes = (surface.motion.axis for surface in boundary.job.surfaces)
     hinge = next((axis for axis in axes if axis is not None), None)
-    return BoxScene(moving, track, largest, hinge, boundary.mesh.points[_obstacles(boundary, zones)])
+    far = any(surface.motion.unit == TRACK_UNIT for surface in boundary.job.surfaces)
+    return BoxScene(moving, track, largest, hinge, boundary.mesh.points[_obstacles(boundary, zones)], far)
+
+
+def _shares(boundary: PrescribedNodes, amounts: Amounts) -> list[float]:
+    """Return shares of the amounts that the box must contain: `POSES` even ones, and the rows of tracks."""
+    shares = {k / POSES for k in range(1, POSES + 1)}
+    for surface, law, amount in zip(boundary.job.surfaces, boundary.laws, amounts, strict=True):
+        if surface.motion.unit == TRACK_UNIT and amount:
+            rows = cast("TrackLaw", law).track.rows
+            shares |= {share for share in rows[:, 0] / amount if 0.0 < share < 1.0}
+    return sorted(map(float, shares))
 
 
 def _obstacles(boundary: PrescribedNodes, zones: tuple[Zone, ...]) -> IntArray:

@@ -1,0 +1,83 @@
+"""Turned and shifted surfaces from Python, files and the command line: the same mesh, repeated from the report."""
+
+import numpy as np
+import pytest
+
+from sdm_deflect.cases.api import deflect, sweep
+from sdm_deflect.cases.cli.commands import cli
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.mesh.axis import Axis
+from sdm_deflect.deform.surface.tracks import Track, TrackLaw
+from sdm_deflect.meshing.formats.registry import FORMATS, read
+from tests.deform.plates import plate
+
+HINGE = (0.0, -0.7)
+SHIFT = (0.02, -0.03)
+ROWS = "parameter,angle,dx,dy\n0,0,0,0\n0.5,-3,0.02,-0.01\n1,-6,0.03,-0.03\n"
+
+
+def moved(angle, shift):
+    """The nodes of the hole after an angle and a shift."""
+    mesh, hinge = plate(), Axis(np.array([*HINGE, 0.0]), np.array([0.0, 0.0, 1.0]))
+    whole = np.array([*shift, 0.0])
+    nodes = mesh.on("hole")
+    return nodes, mesh.points[nodes] + TrackLaw(
+        Track.shifted(hinge, angle, whole, whole), mesh.points[nodes]
+    ).displacement(1.0)
+
+
+def test_an_angle_and_a_shift_from_python():
+    result = deflect(plate(), "hole", HINGE, -6.0, shift=SHIFT, margin=0.4)
+    nodes, expected = moved(-6.0, SHIFT)
+    np.testing.assert_allclose(result.points[nodes], expected, atol=1e-14)
+    assert result.passed
+
+
+def test_places_of_a_track_from_python(tmp_path):
+    (tmp_path / "track.csv").write_text(ROWS)
+    results = sweep(plate(), "hole", HINGE, (0.5, 1.0), track=str(tmp_path / "track.csv"), margin=0.4)
+    for result, (angle, shift) in zip(results, ((-3.0, (0.02, -0.01)), (-6.0, (0.03, -0.03))), strict=True):
+        nodes, expected = moved(angle, shift)
+        np.testing.assert_allclose(result.points[nodes], expected, atol=1e-14)
+
+
+@pytest.mark.parametrize("words", [["--angle", "-6", "--shift", "0.02,-0.03"], ["--track", "track.csv"]])
+def test_a_report_repeats_a_track(words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "track.csv").write_text(ROWS)
+    FORMATS["su2"].write(plate(), tmp_path / "plate.su2")
+    common = ["deflect", "plate.su2", "--out", "out.su2", "-q"]
+    assert (
+        cli([*common, "--surface", "hole", "--hinge", "0,-0.7", "--margin", "0.4", *words], standalone_mode=False) == 0
+    )
+    first = read(tmp_path / "out.su2").points
+    assert np.abs(first - plate().points).max() > 0.01
+    settings = str(tmp_path / "out-report" / "settings.toml")
+    assert cli([*common[:3], "again.su2", "-q", "--no-report", "--config", settings], standalone_mode=False) == 0
+    np.testing.assert_allclose(read(tmp_path / "again.su2").points, first, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"shift": (0.1, 0.0), "track": "track.csv"}, "track and shift: give one of them"),
+        ({"shift": (0.1, 0.0), "hinge": None}, "shift: the hinge is missing"),
+        ({"shift": (0.1, np.nan)}, "shift"),
+        ({"shift": 3.0}, "shift"),
+        ({"track": "none.csv"}, r"none\.csv"),
+        ({"track": "empty.csv"}, r"empty\.csv"),
+        ({"track": "words.csv"}, r"words\.csv"),
+        ({"gap": 0.01}, "gap and overlap need slot"),
+        ({"overlap": 0.01}, "gap and overlap need slot"),
+        ({"slot": "rest", "gap": -1.0}, "gap = -1 must be a positive length"),
+        ({"slot": "none", "gap": 0.1}, "slot 'none' is no patch"),
+        ({"slot": "rest", "overlap": 90.0}, "no place of the element has them"),
+    ],
+)
+def test_tracks_that_cannot_be_are_one_sentence(given, said, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "track.csv").write_text(ROWS)
+    (tmp_path / "empty.csv").write_text("parameter,angle,dx,dy\n")
+    (tmp_path / "words.csv").write_text("parameter,angle,dx,dy\n0,0,0,0\n1,a,b,c\n")
+    with pytest.raises(InputError, match=said):
+        deflect(plate(), "hole", **{"hinge": HINGE, "angle": -6.0, "margin": 0.4, **given})
