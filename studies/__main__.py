@@ -165,7 +165,7 @@ def flow(case: str, angles: str | None, scale: str, assignments: tuple[str, ...]
               help="Report the moment of a patch about a line; repeat.")  # fmt: skip
 def case(mesh: Path, out: Path, mach: float, alpha: float, far_field: tuple[str, ...], hinge: Any) -> None:
     """Write a mesh, deflected or not, as a case that OpenFOAM (a folder) or SU2 (OUT.su2) starts as it is."""
-    from sdm_deflect.cases.settings.job_settings import points_of
+    from sdm_deflect.cases.settings.spellings import points_of
     from sdm_deflect.meshing.formats.registry import read
     from studies.flow.case import write_flow
     from studies.flow.setup import FreeStream, Hinge, Setup, kinds_of

@@ -164,9 +164,9 @@ BUDGETS = {
     "cases": (927, 7),
     "cases/aircraft": (2125, 13),
     "cases/cli": (1413, 7),
-    "cases/report": (2214, 11),
+    "cases/report": (2222, 11),
     "cases/run": (2213, 10),
-    "cases/settings": (1064, 5),
+    "cases/settings": (1091, 6),
     "deform": (1046, 6),
     "deform/around": (621, 6),
     "deform/box": (498, 4),
@@ -174,15 +174,15 @@ BUDGETS = {
     "deform/mesh": (4696, 20),
     "deform/rbf": (1616, 9),
     "deform/repair": (1575, 6),
-    "deform/surface": (1666, 10),
+    "deform/surface": (1686, 10),
     "deform/volume": (3051, 11),
     "geometry": (2120, 13),
     "meshing": (573, 5),
-    "meshing/formats": (9019, 37),
+    "meshing/formats": (9025, 37),
     "meshing/generate": (1566, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 8_829, 450
+MOST_COMPLEXITY, LONGEST = 8_845, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

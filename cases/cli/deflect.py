@@ -17,9 +17,9 @@ from sdm_deflect.cases.settings.job_settings import (
     angles_of,
     job_settings,
     read_job,
-    selections_of,
     with_options,
 )
+from sdm_deflect.cases.settings.spellings import selections_of
 from sdm_deflect.deform.base.errors import InputError, short_list
 
 from . import options

@@ -251,7 +251,15 @@ def _surface(number: int, moving: Moving, surface: Surface, amount: float, folde
     if not isinstance(motion, Blended):
         return out | _base(motion, surface, amount, table)
     out |= {"held": _nodes(motion.held, surface), "driven": _nodes(motion.driven, surface)}
-    return out | {"motion": "blended", "strip": motion.rib.share} | _base(motion.base, surface, amount, table)
+    return out | {"motion": "blended", "strip": _strip(motion, surface)} | _base(motion.base, surface, amount, table)
+
+
+def _strip(motion: Blended, surface: Surface) -> float:
+    """Return the width of the strip as a share of the span."""
+    if not motion.rib.turn or motion.axis is None:
+        return motion.rib.share
+    span = float(np.ptp(surface.points @ motion.axis.direction))
+    return min(1.0, motion.rib.width_for(surface.points, motion.axis) / span)
 
 
 def _base(base: Motion, surface: Surface, amount: float, table: Path) -> dict[str, Any]:

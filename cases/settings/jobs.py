@@ -26,7 +26,8 @@ from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, Trail
 from sdm_deflect.deform.volume.job import Job, Section, Sliding
 
 from .conversion import read_toml, structured
-from .job_settings import SELECTION, Corner, JobSettings, PeriodicSettings, SectionSettings, SurfaceSettings
+from .job_settings import Corner, JobSettings, PeriodicSettings, SectionSettings, SurfaceSettings
+from .spellings import SELECTION
 
 if TYPE_CHECKING:
     from sdm_deflect.deform.mesh.selection import Condition, Selection
@@ -167,7 +168,15 @@ def _motion(surface: SurfaceSettings, fixed: tuple[str, ...]) -> Motion:
     if surface.motion == "rigid":
         return base
     held = _nodes(surface.held, "held") if surface.held != () else OnPatches(fixed)
-    return Blended(base, held, _nodes(surface.driven, "driven"), Rib(share=surface.strip))
+    return Blended(base, held, _nodes(surface.driven, "driven"), _rib(surface, base))
+
+
+def _rib(surface: SurfaceSettings, base: Motion) -> Rib:
+    """Return the strip beside closed ribs, of a given width or chosen by the largest angle."""
+    largest = max(map(abs, (surface.angle or 0.0, *(surface.range or ()))))
+    if not surface.strip and (base.unit != "deg" or not largest):
+        raise InputError("strip = auto: its width follows from the angle; give it as a share of the span")
+    return Rib(share=surface.strip) if surface.strip else Rib(turn=largest)
 
 
 def _track(surface: SurfaceSettings, hinge: Rotation | None) -> Motion | None:

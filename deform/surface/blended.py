@@ -17,6 +17,10 @@ from .surface import NodeSet, OnPatches, Surface, TrailingEdge
 MOST = 800  # largest number of nodes of either kind for a direct solve
 NEAR = 0.35  # of the largest distance from the hinge: held nodes beyond are on a rib
 LINEAR = 1e5  # shape parameter times the surface's size: the multiquadric is then linear in r
+SHEAR = 35.0  # degrees by which a chosen strip shears cells at the trailing edge, at the largest angle
+ROUNDING = (
+    1e-9  # of a surface's length: a chosen strip holds at least the first row of nodes that is farther from a rib
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,16 +33,29 @@ class Rib:
     share : width of the strip, as a share of the surface's length along `direction`.
     width : width of the strip as a length; 0 to use `share`.
     direction : (3,) direction across the strip; None for the hinge's.
+    turn : largest angle in degrees, for which the width is chosen (`width_for`); 0 to use `width` or `share`.
     """
 
     nodes: NodeSet | None = None
     share: float = 0.2
     width: float = 0.0
     direction: FloatArray | None = None
+    turn: float = 0.0
 
     def __post_init__(self) -> None:
         if not (0.0 < self.share <= 1.0 and 0.0 <= self.width < np.inf):
             raise InputError(f"strip = {self.width or self.share} must be a positive width, as a share at most 1")
+
+    def width_for(self, points: FloatArray, hinge: Axis) -> float:
+        """Return the width of the strip of a surface with nodes (K, 3), a length.
+
+        A chosen width shears cells at the trailing edge by `SHEAR` degrees at the largest angle.
+        """
+        if self.turn:
+            reach = float(np.linalg.norm(hinge.radial(points), axis=1).max())
+            return 2.0 * reach * float(np.sin(np.radians(abs(self.turn)) / 2.0) / np.tan(np.radians(SHEAR)))
+        across = hinge.direction if self.direction is None else self.direction
+        return self.width or self.share * float(np.ptp(points @ across))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -182,7 +199,10 @@ def _strip(rib: Rib, points: FloatArray, ribs: BoolArray, hinge: Axis) -> BoolAr
     ends = np.concatenate([[-np.inf], np.unique(station[ribs]), [np.inf]])
     after = np.searchsorted(ends, station)
     gap = np.minimum(station - ends[after - 1], ends[after] - station)
-    return np.asarray(gap < (rib.width or rib.share * float(np.ptp(station))))
+    width = rib.width_for(points, hinge)
+    if rib.turn:
+        width = max(width, (1.0 + ROUNDING) * float(gap[gap > ROUNDING * np.ptp(station)].min(initial=np.inf)))
+    return np.asarray(gap < width)
 
 
 def _thinned(points: FloatArray, mask: BoolArray) -> IntArray:

@@ -21,11 +21,9 @@ from .format import MeshFileError, about, check_points, fitting_names
 from .known import registered
 from .layout import Format, whole
 from .numbers import CHUNK, copy_text, table
-from .polyhedra import standard_cells
 from .shapes import simple_faces
 from .su2_read import FACES, PARALLEL, SOLIDS, KeywordBlock, Su2File, notes_of, patches_of, points_of, zone_of, zones_of
 from .table_pieces import TablePieces
-from .zones import joined, part, unwritten
 
 NUMBERS = {shape: number for number, shape in (SOLIDS | FACES | {3: "line"}).items()}
 UNFIT = r"[\s(),%=]"
@@ -54,8 +52,11 @@ class Su2(Format):
             source = Su2File.opened(file, partial(progress, f"reading {path.name}"))
             zones = zones_of(source.sections)
             parts = [whole(_layout(path, source, name, own), lambda _: None) for name, own in zones.items()]
-            mesh = joined(list(zones), parts) if len(parts) > 1 else parts[0]
-            return replace(mesh, notes=notes_of(source.sections))
+            if len(parts) == 1:
+                return parts[0]
+            from .zones import joined
+
+            return replace(joined(list(zones), parts), notes=notes_of(source.sections))
 
     def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
         return DOUBLE
@@ -79,6 +80,9 @@ class Su2(Format):
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """See `Format.write`; polyhedra that are no usual cells, or faces of five corners, are a MeshFileError."""
+        from .polyhedra import standard_cells
+        from .zones import unwritten
+
         with fresh(out) as beside, about(out), beside.open("wb") as file:
             usual = replace(mesh, cells=standard_cells(mesh))
             renamed = write_mesh(usual, file, partial(progress, f"writing {out.name}"))
@@ -145,6 +149,8 @@ def write_mesh(mesh: Mesh, out: BinaryIO, report: Callable[[float], None]) -> di
 
     MeshFileError if it has polyhedra, or boundary faces of more than four corners.
     """
+    from .zones import part
+
     if len(mesh.zones) > 1:
         out.write(b"NZONE= %d\n" % len(mesh.zones))
     renamed: dict[str, str] = {}

@@ -9,8 +9,9 @@ import pytest
 import sdm_deflect
 from sdm_deflect.cases.report.finished import FinishedRun
 from sdm_deflect.cases.run.inspection import inspect, inspected
-from sdm_deflect.cases.settings.job_settings import job_settings, selections_of
+from sdm_deflect.cases.settings.job_settings import job_settings
 from sdm_deflect.cases.settings.jobs import jobs_of, selection
+from sdm_deflect.cases.settings.spellings import selections_of
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.cells import Cells, Patch
 from sdm_deflect.deform.mesh.mesh import Mesh

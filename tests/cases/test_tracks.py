@@ -72,6 +72,7 @@ def test_a_report_repeats_a_track(words, tmp_path, monkeypatch):
         ({"slot": "rest", "gap": -1.0}, "gap = -1 must be a positive length"),
         ({"slot": "none", "gap": 0.1}, "slot 'none' is no patch"),
         ({"slot": "rest", "overlap": 90.0}, "no place of the element has them"),
+        ({"motion": "blended", "strip": "auto", "angle": 0.0}, "strip = auto: its width follows from the angle"),
     ],
 )
 def test_tracks_that_cannot_be_are_one_sentence(given, said, tmp_path, monkeypatch):

@@ -96,6 +96,17 @@ def test_hinge_nodes_that_are_not_named_are_the_held_ones_near_the_hinge(wedge):
     assert out_of_plane((wedge.points + law.displacement(20.0))[beyond]) < 0.01
 
 
+@pytest.mark.parametrize("angle", [-5.0, 10.0, 0.001])
+def test_a_chosen_strip_shears_the_trailing_edge_by_35_degrees_but_holds_a_row_of_nodes(angle, wedge):
+    rib = Rib(on("rib"), turn=angle)
+    law = Blended(ABOUT_Y, on("hinge", "rib"), on("edge"), rib, on("hinge")).law(wedge)
+    station = wedge.points[:, 1]
+    width = 2.0 * np.sin(np.radians(abs(angle)) / 2.0) / np.tan(np.radians(35.0))  # the chord is 1
+    assert rib.width_for(wedge.points, ABOUT_Y.axis) == pytest.approx(width)
+    first = np.unique(station)[1]
+    assert np.array_equal(law.strip, station < max(width, 1.001 * first))
+
+
 def test_a_rib_at_both_ends_has_a_strip_at_both(wedge):
     far = np.flatnonzero(wedge.points[:, 1] == SPAN)
     both = Listed(np.concatenate([wedge.mesh.on("rib"), far, wedge.mesh.on("hinge")]))

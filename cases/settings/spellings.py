@@ -1,0 +1,99 @@
+"""How users write points, ranges, shapes, pairs and selections, as text on the command line or as values."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from sdm_deflect.deform.base.errors import InputError, shortened
+
+from .conversion import Nested, read_toml
+
+SELECTION = (
+    "NAME=PATCH, then what leaves some of its faces: #NUMBER, box:CORNERS, side:POINT,NORMAL, and last sharp:DEG"
+)
+
+
+def points_of(value: Any) -> Any:
+    """Return points as numbers, given as texts ``x,y,z`` or numbers; a single point becomes a list of one."""
+    value = value.tolist() if hasattr(value, "tolist") else value
+    if not isinstance(value, list | tuple):
+        return value
+    if len(value) in (2, 3) and not any(isinstance(x, Iterable) for x in value):
+        return [value]
+    return [_point(item) if isinstance(item, str) else item for item in value]
+
+
+def _point(text: str) -> tuple[float, ...]:
+    try:
+        point = tuple(float(number) for number in text.split(","))
+    except ValueError:
+        point = ()
+    if len(point) not in (2, 3):
+        hint = "the hinge needs two, such as 0.7,0,0 0.7,1,0; in a plane mesh one, such as 0.7,0"
+        raise InputError(f"{shortened(text)} is no point: {hint}")
+    return point
+
+
+def shift_of(value: Any) -> Any:
+    """Return one shift or two, given as text ``x,y,z`` or as numbers, as points."""
+    return [_point(value)] if isinstance(value, str) else points_of(value)
+
+
+def strip_of(value: Any) -> Any:
+    """Return 0 for ``auto``; anything else as it is."""
+    return 0.0 if value == "auto" else value
+
+
+def range_of(value: Any) -> Any:
+    """Return ``A:B`` as two numbers; anything else as it is."""
+    if not isinstance(value, str):
+        return value
+    try:
+        low, high = (float(number) for number in value.split(":"))
+    except ValueError:
+        raise InputError(f"{shortened(value)}: must be two numbers, such as -25:25") from None
+    return low, high
+
+
+def shapes_of(value: Any) -> Any:
+    """Return ``NAME:SHAPE``, or several of them, as a table; tables as they are."""
+    if isinstance(value, Mapping) or not isinstance(value, str | list | tuple):
+        return value
+    out = {}
+    for text in value.split(",") if isinstance(value, str) else value:
+        name, colon, shape = str(text).rpartition(":")
+        if not colon or not name:
+            raise InputError(f"{text}: must be NAME:plane, NAME:cylinder or NAME:surface")
+        out[name.strip()] = shape.strip()
+    return out
+
+
+def pairs_of(value: Any) -> Any:
+    """Return a pair of names, or several pairs, as tables; tables as they are."""
+    if not isinstance(value, list | tuple):
+        return [value] if isinstance(value, Mapping) else value
+    pairs = [value] if value and all(isinstance(name, str) for name in value) else value
+    return [pair if isinstance(pair, Mapping) else {"patches": pair} for pair in pairs]
+
+
+def selections_of(value: Any) -> Any:
+    """Return ``NAME=EXPRESSION``, or files with a table `select`, one or several, as a table; tables as they are."""
+    if isinstance(value, Mapping) or not isinstance(value, str | Path | list | tuple):
+        return value
+    out: Nested = {}
+    for text in [value] if isinstance(value, str | Path) else value:
+        name, equals, expression = (part.strip() for part in str(text).partition("="))
+        new = {name: expression} if equals else _stored(Path(str(text)))
+        if twice := sorted(out.keys() & new.keys()):
+            raise InputError(f"{text}: {twice[0]} is selected twice")
+        out |= new
+    return out
+
+
+def _stored(path: Path) -> Nested:
+    if path.suffix != ".toml":
+        raise InputError(f"{path}: must be {SELECTION}, or a .toml file with a table select")
+    table = read_toml(path).get("select")
+    if not isinstance(table, Mapping):
+        raise InputError(f"{path}: the file has no table select, such as select = {{ flap = 'wall#2' }}")
+    return dict(table)
