@@ -29,10 +29,11 @@ from .metrics import (
     mesh_figures,
     motion_figures,
     notes_of,
+    surface_figures,
     verdict_figures,
     warnings_of,
 )
-from .output import lacks, output_files
+from .output import lacks, output_files, write_table
 from .progress import Stopwatch
 
 if TYPE_CHECKING:
@@ -160,9 +161,26 @@ def _deflected(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: R
             saved = held or _of_one_amount(deflection, checks)
             saved.save(scratch / wanted.plan.name)
             names.append(wanted.plan)
+        if wanted.summary and summaries:
+            write_table(scratch / wanted.summary.name, _rows(plan, wanted, summaries))
+            names.append(wanted.summary)
         check_unchanged(plan.mesh.files)
         wanted.keep_tables(scratch)
     return Outcome(plan, tuple(summaries), tuple(names), wanted.reports, lost, tuple(_notes(wanted, held, older)), held)
+
+
+def _rows(plan: Plan, wanted: Targets, summaries: Sequence[AngleSummary]) -> list[list[object]]:
+    """Return the table of several angles, for scripts: a title line, then a row for each angle."""
+    rows: list[dict[str, object]] = []
+    for summary in sorted(summaries, key=lambda one: one.angle):
+        row: dict[str, object] = {"file": wanted.mesh(summary.angle).name, "verdict": verdict(summary.checks)}
+        row["least_quality"] = min((one.min for one in summary.quality), default="")
+        for name, own in surface_figures(plan, summary.angle).items():
+            row |= {name: own["amount"], f"{name}_share": "" if own["mean"] is None else own["mean"]}
+            places = zip(("first", "second"), own["hinge"] or (), strict=False)
+            row |= {f"{name}_{end}_{axis}": x for end, place in places for axis, x in zip("xyz", place, strict=True)}
+        rows.append(row)
+    return [list(rows[0]), *(list(row.values()) for row in rows)]
 
 
 def _of_one_amount(deflection: Deflection, checks: Sequence[Check]) -> "HeldPlan":

@@ -114,6 +114,11 @@ class Targets:
         return not self.sensitive and self.source.exists() and _keeps_bytes(self.source, self.out)
 
     @property
+    def summary(self) -> Path | None:
+        """The table of several angles, such as ``wing-deflected.csv``; None for a single mesh."""
+        return self._named("", ".csv") if len(self.angles) > 1 and self.meshes else None
+
+    @property
     def extra(self) -> tuple[Path, ...]:
         """Sensitivities beside the meshes."""
         return tuple(path for angle in self.angles for path in self.sensitivity(angle)) if self.sensitive else ()
@@ -144,7 +149,7 @@ class Targets:
         self._check_plan()
         meshes = tuple(self.mesh(angle) for angle in self.angles)
         seen: set[Path] = set()
-        for target in (*meshes, *self.extra, *filter(None, [self.plan]), *self._other_tables()):
+        for target in (*meshes, *self.extra, *filter(None, [self.plan, self.summary]), *self._other_tables()):
             self._check_target(target, (self.source, *inputs))
             if target.resolve() in seen:
                 raise InputError(f"{target} would be written twice; choose another name in out")
@@ -184,7 +189,9 @@ class Targets:
         """Whether what is there may be replaced."""
         if target.is_dir():
             return self._is_folder and not target.suffix[1:2].isalpha() and not any(target.iterdir())
-        return target.is_file() and (target in (self.out, self.plan) or (target in self.extra and _is_ours(target)))
+        return target.is_file() and (
+            target in (self.out, self.plan) or (target in (*self.extra, self.summary) and _is_ours(target))
+        )
 
     def _named(self, tail: str, suffix: str | None = None) -> Path:
         end = "" if self._is_folder else ending(self.out)
@@ -279,17 +286,20 @@ def _beside(source: Path) -> Path:
 
 
 def _is_ours(path: Path) -> bool:
-    """Whether a file is the sensitivity of an earlier job."""
+    """Whether a file is the sensitivity, or the table, of an earlier job."""
     try:
         if path.suffix == ".npz":
             with zipfile.ZipFile(path) as arrays:
                 return f"{SENSITIVITY}.npy" in arrays.namelist()
         with path.open("rb") as file:
-            return f'Name="{SENSITIVITY}"'.encode() in file.read(1 << 12)
+            begin = file.read(1 << 12)
+            return begin.startswith(HEAD) if path.suffix == ".csv" else f'Name="{SENSITIVITY}"'.encode() in begin
     except (OSError, ValueError, zipfile.BadZipFile):
         return False
 
 
+HEAD = b"file,verdict,least_quality,"
+"""Beginning of the table of several angles."""
 DIFFERS = "{}: what was written does not read back as what was judged, and is discarded: {}"
 
 

@@ -2,8 +2,8 @@
 
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
-from typing import Any
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -13,9 +13,13 @@ from sdm_deflect.deform.mesh.mesh import Warned
 from sdm_deflect.deform.mesh.quality import SEVERE, SKEW, Quality
 from sdm_deflect.deform.rbf.data_sites import DIRECTIONS
 from sdm_deflect.deform.rbf.fitting import KERNELS, ORDERS
+from sdm_deflect.deform.surface.motions import TRACK_UNIT, MotionLaw, Moving
 from sdm_deflect.deform.surface.reached import Reached
 from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
+
+if TYPE_CHECKING:
+    from sdm_deflect.deform.surface.tracks import TrackLaw
 
 Json = dict[str, Any]
 REACHED = 0.9
@@ -208,17 +212,29 @@ def motion_figures(plan: Plan, angle: float) -> Json:
     return {name: asdict(reached) if reached else None for name, reached in _reached(plan, angle)}
 
 
+def _hinge(moving: Moving, law: MotionLaw, amount: float) -> list[list[float]] | None:
+    """Return the two points of a hinge after the motion; None without a hinge."""
+    axis = moving.motion.axis
+    if axis is None:
+        return None
+    ends = np.array([axis.point, axis.point + (axis.length or 1.0) * axis.direction])
+    if moving.motion.unit == TRACK_UNIT:
+        ends = ends + replace(cast("TrackLaw", law), points=ends).displacement(amount)
+    first, second = ends.tolist()
+    return [first, second]
+
+
 def surface_figures(plan: Plan, angle: float) -> Json:
-    """Return each surface's amount at an angle of the first, what it reaches of it, and two points of its hinge."""
+    """Return each surface's amount at an angle of the first, what it reaches of it, and two points of its hinge.
+
+    The hinge of a track is where the motion brings it.
+    """
     out = {}
     for box in plan.boxes:
         amounts = plan.amounts_of(box, angle)
-        rows = zip(box.moving, amounts, box.boundary.reached(amounts), strict=True)
-        for (moving, _), amount, (surface, reached) in rows:
-            axis = moving.motion.axis
-            hinge = (
-                [axis.point.tolist(), (axis.point + (axis.length or 1.0) * axis.direction).tolist()] if axis else None
-            )
+        rows = zip(box.moving, box.boundary.laws, amounts, box.boundary.reached(amounts), strict=True)
+        for (moving, _), law, amount, (surface, reached) in rows:
+            hinge = _hinge(moving, law, amount)
             share = {"full": reached.full, "mean": reached.mean} if reached else {"full": None, "mean": None}
             out[surface.label] = {"amount": amount, "unit": moving.motion.unit, **share, "hinge": hinge}
     return out

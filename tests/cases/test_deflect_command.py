@@ -1,5 +1,6 @@
 """`sdm deflect` from the command line, on files."""
 
+import csv
 import json
 import shutil
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect import deflect
+from sdm_deflect.cases.run.mesh_files import HEAD
 from sdm_deflect.meshing.formats.known import writable
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of
 from tests.deform.blocks import block_with_body, two_bodies
@@ -239,7 +241,40 @@ def test_the_files_of_a_sweep_name_the_amounts_of_all_surfaces(sdm, tmp_path):
     code, said, error = sdm("deflect", tmp_path / "pair.su2", *words)
     assert code == 0, said + error
     names = {path.name for path in tmp_path.glob("*deflected*")}
-    assert names == {"pair-deflected_-4_+2.su2", "pair-deflected_+2_-1.su2"}
+    assert names == {"pair-deflected_-4_+2.su2", "pair-deflected_+2_-1.su2", "pair-deflected.csv"}
+    with (tmp_path / "pair-deflected.csv").open() as table:
+        first, second = csv.DictReader(table)
+    assert (first["file"], first["left"], first["right"]) == ("pair-deflected_-4_+2.su2", "-4.0", "2.0")
+    assert (second["file"], second["left"], second["right"]) == ("pair-deflected_+2_-1.su2", "2.0", "-1.0")
+    assert first["verdict"] == "all validations passed"
+    assert 0.9 < float(first["least_quality"]) < 1.0
+    assert float(first["right_share"]) == pytest.approx(1.0)
+    assert [float(first[f"right_{end}_{axis}"]) for end in ("first", "second") for axis in "xyz"] == [1, 0, 0, 1, 1, 0]
+
+
+def test_a_table_that_is_not_of_an_earlier_sweep_stays(sdm, tmp_path):
+    FORMATS["su2"].write(two_bodies(), tmp_path / "pair.su2")
+    words = (
+        "--surface",
+        "left",
+        "--hinge",
+        "-1,0,0",
+        "-1,1,0",
+        "--angles",
+        "1,2",
+        "--margin",
+        "0.4",
+        "--no-report",
+        "-q",
+    )
+    table = tmp_path / "pair-deflected.csv"
+    table.write_text("my own numbers\n")
+    code, _, complaint = sdm("deflect", tmp_path / "pair.su2", *words)
+    assert (code, table.read_text()) == (2, "my own numbers\n")
+    assert "pair-deflected.csv exists already" in complaint
+    table.write_bytes(HEAD + b"left\n")
+    assert sdm("deflect", tmp_path / "pair.su2", *words)[0] == 0
+    assert len(table.read_text().splitlines()) == 3
 
 
 @pytest.mark.parametrize(
