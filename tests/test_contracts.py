@@ -175,7 +175,7 @@ BUDGETS = {
     "deform/rbf": (1616, 9),
     "deform/repair": (1575, 6),
     "deform/surface": (1686, 10),
-    "deform/volume": (3051, 11),
+    "deform/volume": (3058, 11),
     "geometry": (2120, 13),
     "meshing": (573, 5),
     "meshing/formats": (9025, 37),

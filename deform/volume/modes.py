@@ -21,6 +21,8 @@ from .deflection import BoxDeflection, deflect_box, stepped
 from .plan import BoxPlan
 from .step import take
 
+SAMPLES, MOST_GROWTH = 101, 5.0
+"""Amounts at which the growth of errors between separate readings is sampled, and the largest that is allowed for."""
 MISSED = 0.1
 """Share of the tolerance by which modes may miss a deflection on the same centres between the ends."""
 
@@ -114,16 +116,18 @@ class Readings(NamedTuple):
 
         The fields are read without repairs. The repair of an end has the share 1 there, and 0 at amount 0 and at the
         other end (at the opposite amount, if the other end is 0). If the functions ask for `separate` readings, each is
-        a deflection of its own with its repair.
+        a deflection of its own with its repair, and more accurate by as much as errors grow between them.
         """
         own, reads = _with_free_nodes_repaired(box), control.reads
         poses = [_alone(box, row, amount) for amount in reads]
-        last = int(np.argmax(np.abs(reads)))
-        end = _deflected(own, poses[last], progress, known)
         if control.functions.separate:
-            found = [end if i == last else _deflected(own, pose, progress, known) for i, pose in enumerate(poses)]
-            inverse = np.linalg.inv([control.functions.values(amount) for amount in reads])
-            return cls(control, box, row, tuple(found), np.asarray(inverse, dtype=np.float64), tuple(found))
+            inverse = np.asarray(np.linalg.inv([control.functions.values(amount) for amount in reads]))
+            shares = [control.functions.values(amount) @ inverse for amount in control.samples(SAMPLES)]
+            growth = min(MOST_GROWTH, float(np.abs(shares).sum(axis=1).max()))
+            own = replace(own, margin=growth)
+            found = tuple(deflect_box(own, pose, progress) for pose in poses)
+            return cls(control, box, row, found, inverse, found)
+        end = _deflected(own, poses[int(np.argmax(np.abs(reads)))], progress, known)
         return cls(control, box, row, (), np.empty(0), (end,))._fading(own, poses, progress, known)
 
     def _fading(

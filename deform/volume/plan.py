@@ -47,6 +47,7 @@ class BoxPlan:
     more : additions beyond those of the job.
     runner : evaluates the interpolant.
     precision : how the file to be written rounds coordinates.
+    margin : factor by which fits are more accurate than the tolerance.
     """
 
     boundary: PrescribedNodes
@@ -56,6 +57,7 @@ class BoxPlan:
     more: tuple[Addition, ...] = ()
     runner: Runner = HERE
     precision: Precision = EVERY_BIT
+    margin: float = 1.0
 
     @classmethod
     def of(
@@ -195,8 +197,9 @@ class BoxPlan:
         """Return the start of a step, with the interpolated mesh at `points` (N, 3)."""
         fitting, sites = self.job.fitting, self.sites
         free = np.setdiff1d(self.region.inside, sites.known, assume_unique=True)
+        error = sites.tolerance / self.margin
         options = GreedyOptions(
-            n_add=fitting.n_add, tol_add=sites.tolerance, tol_stop=sites.tolerance, max_centers=fitting.max_centers,
+            n_add=fitting.n_add, tol_add=error, tol_stop=error, max_centers=fitting.max_centers,
             polynomial=fitting.polynomial,
         )  # fmt: skip
         initial = fitting.initial_surface, fitting.initial_hexahedron

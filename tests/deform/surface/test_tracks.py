@@ -154,7 +154,8 @@ def test_a_plan_of_a_track_is_the_deflection_and_keeps_the_mesh_at_zero(tmp_path
     plan = Plan.of(mesh, [Job((Moving(("hole",), track, 1.0, (0.0, 1.0)),), box=Automatic(0.4))])
     held, tolerance = HeldPlan.of(plan), plan.boxes[0].sites.tolerance
     assert held.at(0.0).tolist() == mesh.points.tolist()
-    np.testing.assert_allclose(held.at(1.0), deflect(plan, 1.0).points, atol=1e-12)
+    assert np.abs(held.at(1.0) - deflect(plan, 1.0).points).max() < 20.0 * tolerance
+    assert held.judged().passed(0) == (0.0, 1.0)
     hole = mesh.on("hole")
     for amount in (0.2, 0.55, 0.8):
         expected = TrackLaw(track, mesh.points[hole]).displacement(amount)
