@@ -40,8 +40,13 @@ def shift_of(value: Any) -> Any:
 
 
 def strip_of(value: Any) -> Any:
-    """Return 0 for ``auto``; anything else as it is."""
-    return 0.0 if value == "auto" else value
+    """Return 0 for ``auto``, a number for other text; anything else as it is."""
+    if not isinstance(value, str):
+        return value
+    try:
+        return 0.0 if value == "auto" else float(value)
+    except ValueError:
+        raise InputError(f"{shortened(value)}: must be auto, or a share of the span such as 0.2") from None
 
 
 def range_of(value: Any) -> Any:

@@ -5,6 +5,7 @@ import pytest
 
 from sdm_deflect.cases.api import deflect, sweep
 from sdm_deflect.cases.cli.commands import cli
+from sdm_deflect.cases.settings.job_settings import settings_of
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.surface.tracks import Track, TrackLaw
@@ -55,6 +56,14 @@ def test_a_report_repeats_a_track(words, tmp_path, monkeypatch):
     settings = str(tmp_path / "out-report" / "settings.toml")
     assert cli([*common[:3], "again.su2", "-q", "--no-report", "--config", settings], standalone_mode=False) == 0
     np.testing.assert_allclose(read(tmp_path / "again.su2").points, first, atol=1e-14)
+
+
+@pytest.mark.parametrize(("word", "strip"), [("0.1", 0.1), ("auto", 0.0)])
+def test_a_strip_is_a_share_or_auto(word, strip):
+    settings = settings_of("flap", [[0.7, 0, 0], [0.7, 1, 0]], 5.0, {"motion": "blended", "strip": word})
+    assert settings.surface[0].strip == strip
+    with pytest.raises(InputError, match="strip = 'wide': must be auto, or a share of the span"):
+        settings_of("flap", [[0.7, 0, 0], [0.7, 1, 0]], 5.0, {"motion": "blended", "strip": "wide"})
 
 
 @pytest.mark.parametrize(
