@@ -174,7 +174,7 @@ BUDGETS = {
     "deform/mesh": (4696, 20),
     "deform/rbf": (1616, 9),
     "deform/repair": (1575, 6),
-    "deform/surface": (1686, 10),
+    "deform/surface": (1684, 10),
     "deform/volume": (3058, 11),
     "geometry": (2120, 13),
     "meshing": (573, 5),

@@ -18,9 +18,7 @@ MOST = 800  # largest number of nodes of either kind for a direct solve
 NEAR = 0.35  # of the largest distance from the hinge: held nodes beyond are on a rib
 LINEAR = 1e5  # shape parameter times the surface's size: the multiquadric is then linear in r
 SHEAR = 35.0  # degrees by which a chosen strip shears cells at the trailing edge, at the largest angle
-ROUNDING = (
-    1e-9  # of a surface's length: a chosen strip holds at least the first row of nodes that is farther from a rib
-)
+ROUNDING = 1e-9  # of a surface's length: nodes nearer to a rib are on it; a chosen strip holds the next row
 
 
 @dataclass(frozen=True, slots=True, eq=False)
