@@ -62,7 +62,7 @@ def test_any_rigid_motion_is_an_angle_and_two_shifts():
     left = Turned.from_matrix(swung).inv() * turn
     angle = np.degrees(left.as_rotvec() @ hinge.direction)
     found = points + TrackLaw(Track.shifted(hinge, angle, first, second), points).displacement(1.0)
-    np.testing.assert_allclose(found, expected, atol=1e-12 * 100)
+    np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("smooth", [True, False])
