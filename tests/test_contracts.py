@@ -161,12 +161,12 @@ def test_no_class_has_the_name_of_another():
 
 
 BUDGETS = {
-    "cases": (927, 7),
+    "cases": (929, 7),
     "cases/aircraft": (2125, 13),
-    "cases/cli": (1413, 7),
+    "cases/cli": (1411, 7),
     "cases/report": (2222, 11),
     "cases/run": (2257, 10),
-    "cases/settings": (1096, 6),
+    "cases/settings": (1105, 6),
     "deform": (1046, 6),
     "deform/around": (621, 6),
     "deform/box": (498, 4),
@@ -182,7 +182,7 @@ BUDGETS = {
     "meshing/generate": (1566, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 8_865, 450
+MOST_COMPLEXITY, LONGEST = 8_868, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

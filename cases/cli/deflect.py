@@ -1,7 +1,7 @@
 """Commands on any mesh file: example, quality, deflect, limit, apply."""
 
 import lzma
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, replace
 from functools import partial
@@ -15,6 +15,7 @@ from sdm_deflect.cases.settings.job_settings import (
     BY_NAME,
     JobSettings,
     angles_of,
+    check_swept,
     job_settings,
     read_job,
     with_options,
@@ -84,8 +85,10 @@ def deflect(
     text = given.pop("angles")
     many = angles_of(text) if text else ()
     helpers = [given.pop(name) for name in HELPERS]
-    given |= _largest(many, given)
+    if many:
+        given["angle"] = max(many, key=abs)
     settings, inputs = _settings(given)
+    settings = check_swept(settings) if many else settings
     from sdm_deflect.cases.settings.jobs import jobs_of
 
     jobs = jobs_of(settings, by_range=not meshes)
@@ -230,11 +233,6 @@ def quality(mesh: Path, select: tuple[str, ...], slot: tuple[str, ...] | None, a
         click.echo(inspect(mesh, selections_of(select), slot or ()))
 
 
-def _largest(many: Sequence[float], given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the largest of many angles as the angle; with a shift or a slot they are shares of the whole setting."""
-    return {"angle": max(many, key=abs)} if many and not given["shift"] and not given["slot"] else {}
-
-
 Found = tuple["Search", "RepairMode", Path, dict[str, Any]]
 """What is tried, how cells are repaired, where the files go, and figures of it."""
 
@@ -272,7 +270,7 @@ def _search_of_mesh(name: str, watch: "Stopwatch", given: dict[str, Any]) -> Fou
     resolution, path = given.pop("resolution") or 0.0, Path(name)
     if not (given["config"] or given["table"] or given["angle"]):
         given["angle"] = 1.0
-    jobs = jobs_of(_settings(given)[0])
+    jobs = jobs_of(check_swept(_settings(given)[0]))
     targets = Targets.of(path, None, ())
     with watch.stage("read") as progress:
         mesh = read(path, progress)

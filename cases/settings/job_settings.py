@@ -254,6 +254,15 @@ def settings_of(surfaces: Any, hinge: Any, angle: Any, options: Mapping[str, Any
         raise InputError(str(error).replace("patches =", "surfaces =").replace("surface[", "surfaces[")) from None
 
 
+def check_swept(settings: JobSettings) -> JobSettings:
+    """Return the settings of a sweep; InputError for a shift or a slot, whose own angle the sweep would replace."""
+    if any(surface.shift or surface.slot for surface in settings.surface):
+        raise InputError(
+            "shift and slot are one setting with an angle of its own: for a sweep give the places as a track"
+        )
+    return settings
+
+
 def tables_of(surfaces: Any) -> list[Nested]:
     """Return the tables if surfaces are given as tables, or as tables by their patches; else none."""
     if isinstance(surfaces, Mapping) and surfaces and all(isinstance(own, Mapping) for own in surfaces.values()):

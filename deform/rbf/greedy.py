@@ -85,7 +85,7 @@ class Adaptation:
     chosen: IndexArray  # (C,) rows of the data sites that are centres
     history: tuple[Iteration, ...]
     stop: Stop
-    max_error: float  # m, largest error of the final interpolant at any site in any column, computed anew
+    max_error: float  # m, largest error of the final interpolant at any site in any column
     basis: Basis | None = field(default=None, repr=False)  # interpolates other values on these centres
 
     @classmethod

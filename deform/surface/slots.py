@@ -2,7 +2,7 @@
 
 The gap is the least distance between the trailing edge of the element ahead and the skin of the element behind. The
 overlap is how far the foremost point of the skin lies ahead of that edge, along x. A blunt trailing edge has two
-corners; the one nearer to the skin counts. So measured, the 30P30N has the published settings to 0.01 % of its chord.
+corners; the one nearer to the skin counts.
 """
 
 from dataclasses import dataclass, field, replace

@@ -58,6 +58,23 @@ def test_a_report_repeats_a_track(words, tmp_path, monkeypatch):
     np.testing.assert_allclose(read(tmp_path / "again.su2").points, first, atol=1e-14)
 
 
+@pytest.mark.parametrize("setting", [{"shift": SHIFT}, {"slot": "rest", "gap": 0.1}])
+def test_a_sweep_does_not_replace_the_angle_of_a_setting(setting, tmp_path, capsys):
+    """It did: a setting at -6 degrees was made at 1, the largest share, and every check passed."""
+    said = "one setting with an angle of its own: for a sweep give the places as a track"
+    with pytest.raises(InputError, match=said):
+        sweep(plate(), "hole", HINGE, (0.5, 1.0), margin=0.4, **setting)
+    with pytest.raises(InputError, match=said):
+        sweep(plate(), [{"patches": "hole", "hinge": HINGE, "angle": -6.0, **setting}], None, (0.5, 1.0), margin=0.4)
+    FORMATS["su2"].write(plate(), tmp_path / "plate.su2")
+    words = "".join(f"{name} = {list(one) if isinstance(one, tuple) else repr(one)}\n" for name, one in setting.items())
+    (tmp_path / "job.toml").write_text(f"[[surface]]\npatches = 'hole'\nhinge = [[0, -0.7]]\nangle = -6\n{words}")
+    for command in (["deflect", "--angles", "0.5,1"], ["limit"]):
+        given = [command[0], str(tmp_path / "plate.su2"), "--config", str(tmp_path / "job.toml"), *command[1:]]
+        with pytest.raises(InputError, match=said):
+            cli(given, standalone_mode=False)
+
+
 @pytest.mark.parametrize(("word", "strip"), [("0.1", 0.1), ("auto", 0.0)])
 def test_a_strip_is_a_share_or_auto(word, strip):
     settings = settings_of("flap", [[0.7, 0, 0], [0.7, 1, 0]], 5.0, {"motion": "blended", "strip": word})
