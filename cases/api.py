@@ -17,9 +17,8 @@ from numpy.typing import ArrayLike
 
 from sdm_deflect.cases.run.metrics import notes_of, warnings_of
 from sdm_deflect.cases.run.progress import in_notebook, of_notebook
-from sdm_deflect.cases.settings.job_settings import (
-    BY_NAME, GONE, IN_PYTHON, angles_of, check_swept, settings_of, tables_of,
-)  # fmt: skip
+from sdm_deflect.cases.settings import job_settings
+from sdm_deflect.cases.settings.job_settings import BY_NAME, GONE, IN_PYTHON, angles_of, settings_of, tables_of
 from sdm_deflect.cases.settings.jobs import jobs_of
 from sdm_deflect.cases.settings.keywords import Options
 from sdm_deflect.deform.base.arrays import FloatArray
@@ -418,7 +417,7 @@ def sweep(
     """
     wanted = angles_of(angles)
     largest = None if tables_of(surfaces) else max(wanted, key=abs)
-    settings = check_swept(settings_of(surfaces, hinge, largest, options))
+    settings = job_settings.check_swept(settings_of(surfaces, hinge, largest, options))
     return _run(mesh, jobs_of(settings), wanted, progress)
 
 

@@ -88,7 +88,7 @@ def deflect(
     if many:
         given["angle"] = max(many, key=abs)
     settings, inputs = _settings(given)
-    settings = check_swept(settings) if many else settings
+    settings = check_swept(settings, bool(many))
     from sdm_deflect.cases.settings.jobs import jobs_of
 
     jobs = jobs_of(settings, by_range=not meshes)

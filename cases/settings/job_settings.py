@@ -254,9 +254,9 @@ def settings_of(surfaces: Any, hinge: Any, angle: Any, options: Mapping[str, Any
         raise InputError(str(error).replace("patches =", "surfaces =").replace("surface[", "surfaces[")) from None
 
 
-def check_swept(settings: JobSettings) -> JobSettings:
-    """Return the settings of a sweep; InputError for a shift or a slot, whose own angle the sweep would replace."""
-    if any(surface.shift or surface.slot for surface in settings.surface):
+def check_swept(settings: JobSettings, swept: bool = True) -> JobSettings:
+    """Return the settings; of a sweep InputError for a shift or a slot, whose own angle the sweep would replace."""
+    if swept and any(surface.shift or surface.slot for surface in settings.surface):
         raise InputError(
             "shift and slot are one setting with an angle of its own: for a sweep give the places as a track"
         )
