@@ -13,13 +13,13 @@ from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import TYPE_CHECKING, Any, TypeVar, Unpack
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from sdm_deflect.cases.run.metrics import notes_of, warnings_of
 from sdm_deflect.cases.run.progress import in_notebook, of_notebook
-from sdm_deflect.cases.settings import job_settings
-from sdm_deflect.cases.settings.job_settings import BY_NAME, GONE, IN_PYTHON, angles_of, settings_of, tables_of
-from sdm_deflect.cases.settings.jobs import jobs_of
+from sdm_deflect.cases.settings.job_settings import BY_NAME, GONE, IN_PYTHON, settings_of
+from sdm_deflect.cases.settings.jobs import jobs_of, swept
 from sdm_deflect.cases.settings.keywords import Options
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, shortened
@@ -31,7 +31,7 @@ from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.excerpt import excerpt
-from sdm_deflect.deform.volume.job import Job
+from sdm_deflect.deform.volume.job import Amounts, Job
 from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.meshing.formats import adapters
 from sdm_deflect.meshing.formats.format import MeshFileError
@@ -128,8 +128,9 @@ class Result:
 
     @property
     def sensitivity(self) -> FloatArray:
-        """d(points)/d(angle) (N, 3), in length units per degree, or per whole table; from the same centres."""
-        return self.deflection.sensitivity()
+        """d(points)/d(amount) (N, 3), in lengths per degree or whole table; (n, N, 3) by each of several amounts."""
+        rates = [*self.deflection.sensitivity().values()]
+        return rates[0] if len(rates) == 1 else np.stack(rates)
 
     def figures(self) -> dict[str, Any]:
         """Return all figures, in dictionaries, under the names of metrics.json."""
@@ -340,7 +341,7 @@ def deflect(
         result.save("naca-15.su2")
     """
     jobs = jobs_of(settings_of(surfaces, hinge, angle, options))
-    return _run(mesh, jobs, (jobs[0].angle,), progress)[0]
+    return _run(mesh, jobs, (), progress)[0]
 
 
 def plan(
@@ -379,8 +380,8 @@ def plan(
         with about_files(), in_pieces(path_of(mesh), progress) as large:
             mesh = excerpt(large, jobs, (), Threads(), progress) if large else mesh
     if any(moving.range for job in jobs for moving in job.surfaces):
-        return HeldPlan.of(_planned(mesh, jobs, (jobs[0].angle,), progress)[0], progress).judged(progress)
-    (found,) = _run(mesh, jobs, (jobs[0].angle,), progress)
+        return HeldPlan.of(_planned(mesh, jobs, (), progress)[0], progress).judged(progress)
+    (found,) = _run(mesh, jobs, (), progress)
     if not found.passed:
         raise InputError(found.title)
     return HeldPlan.of_one_amount(found.deflection, ())
@@ -390,7 +391,7 @@ def sweep(
     mesh: Any,
     surfaces: str | Sequence[Any],
     hinge: ArrayLike | None,
-    angles: str | Sequence[float],
+    angles: str | PathLike[str] | Sequence[float] | Sequence[Sequence[float]],
     *,
     progress: Progress = silent,
     **options: Unpack[Options],
@@ -399,43 +400,42 @@ def sweep(
 
     Each angle is checked at every data site; centres are added where one is off by more than the tolerance. The box is
     one that holds the surface at all angles. Of several surfaces with angles of their own, `angles` are those of the
-    first, and the others keep their proportion to it.
+    first, and the others keep their proportion to it; or `angles` has the amounts of all.
 
     Parameters
     ----------
     mesh, surfaces, hinge : As for `deflect`.
-    angles : Degrees, in any order; or text, ``"-30:30:5"`` with both ends included.
+    angles : Degrees, in any order; or text, ``"-30:30:5"`` with both ends included. Or rows with the amounts of all
+        surfaces, or a .csv of them with a title line that names the surfaces.
     progress, **options : As for `deflect`.
 
     Returns
     -------
-    One result for each angle, in the order of `angles`.
+    One result for each angle or row, in the order of `angles`.
 
     Raises
     ------
     InputError : as for `deflect`, or if there is no angle.
     """
-    wanted = angles_of(angles)
-    largest = None if tables_of(surfaces) else max(wanted, key=abs)
-    settings = job_settings.check_swept(settings_of(surfaces, hinge, largest, options))
-    return _run(mesh, jobs_of(settings), wanted, progress)
+    jobs, poses = swept(settings_of(surfaces, hinge, None, options), angles)
+    return _run(mesh, jobs, poses, progress)
 
 
-def _run(mesh: Any, jobs: Sequence[Job], angles: Sequence[float], progress: Progress) -> tuple[Result, ...]:
-    """Plan jobs for all angles and bring the mesh to each; results in the order of the angles."""
+def _run(mesh: Any, jobs: Sequence[Job], poses: Sequence[Amounts], progress: Progress) -> tuple[Result, ...]:
+    """Plan jobs for all poses and bring the mesh to each; results in the order of the poses."""
     if not callable(progress):
         raise InputError(f"progress = {shortened(progress)} must be a function of a text and a fraction")
     progress = of_notebook() if progress is silent else progress
-    plan, given = _planned(mesh, jobs, angles, progress)
-    judged = run(plan, angles, lambda _: nullcontext(progress))
-    found = {one.angle: Result(one, given.with_points(one.points), checks) for one, checks in judged}
-    return tuple(found[angle] for angle in angles)
+    plan, given = _planned(mesh, jobs, poses, progress)
+    judged = run(plan, lambda _: nullcontext(progress))
+    found = {one.amounts: Result(one, given.with_points(one.points), checks) for one, checks in judged}
+    return tuple(found[pose] for pose in plan.poses)
 
 
-def _planned(mesh: Any, jobs: Sequence[Job], angles: Sequence[float], progress: Progress) -> tuple[Plan, Any]:
-    """Plan jobs for all angles, and warn of what is probably wrong; return the mesh as it was given, too."""
+def _planned(mesh: Any, jobs: Sequence[Job], poses: Sequence[Amounts], progress: Progress) -> tuple[Plan, Any]:
+    """Plan jobs for all poses, and warn of what is probably wrong; return the mesh as it was given, too."""
     given = adapters.accepted(read(mesh, progress) if isinstance(mesh, str | PathLike) else mesh)
-    plan = Plan.of(given.mesh, jobs, angles, progress)
+    plan = Plan.of(given.mesh, jobs, poses, progress)
     for text in warnings_of(plan):
         warnings.warn(text, stacklevel=4)
     return plan, given

@@ -67,7 +67,7 @@ def saved(mesh: Mesh, points: FloatArray, path: str | PathLike[str]) -> Path:
 
     out, source = path_of(path), Path(mesh.source) if mesh.source else None
     with about_files():
-        wanted = Targets.of(source or out.with_name(f"no file but {out.name}.vtu"), out, (0.0,))
+        wanted = Targets.of(source or out.with_name(f"no file but {out.name}.vtu"), out, ((0.0,),))
         wanted.check()
         wanted.check_names(mesh)
         try:

@@ -24,9 +24,9 @@ from sdm_deflect.deform.surface.motions import Fixed, Moving, Powers, Turn
 from sdm_deflect.deform.surface.surface import Surface, name_of
 from sdm_deflect.deform.surface.tail_root import RootOnCylinder
 from sdm_deflect.deform.surface.tracks import Places
-from sdm_deflect.deform.volume.boundary import Amounts
 from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection
 from sdm_deflect.deform.volume.field import Field
+from sdm_deflect.deform.volume.job import Amounts
 from sdm_deflect.deform.volume.modes import Control, Modes, Readings, fields_of, residuals
 from sdm_deflect.deform.volume.plan import Plan
 
@@ -238,13 +238,15 @@ class HeldPlan:
         """Return the mesh at amounts as a deflection, with the steps of the nearest reading."""
         return self._on_mesh.deflection(self.named(amounts), precision)
 
-    def turned(self, angle: float, precision: Precision = EVERY_BIT) -> Deflection:
-        """Return the mesh at an angle of the first surface, the others in proportion, rounded for a file."""
-        return self._on_mesh.deflection(self._on_mesh.pose(angle), precision)
+    def turned(self, pose: Amounts, precision: Precision = EVERY_BIT) -> Deflection:
+        """Return the mesh at a pose of the plan's surfaces, rounded for a file."""
+        return self._on_mesh.deflection(self._on_mesh.pose(pose), precision)
 
-    def rate(self, angle: float) -> FloatArray:
-        """Return the derivative (N, 3) of the coordinates by the angle of the first surface."""
-        return self._on_mesh.modes.jvp(self._on_mesh.pose(angle), self._on_mesh.pose(1.0))
+    def rates(self, pose: Amounts) -> dict[str, FloatArray]:
+        """Return the derivative (N, 3) of the coordinates by each surface's amount, by the surface's name."""
+        there, units = self._on_mesh.pose(pose), np.eye(len(self.controls))
+        names = (one.name for one in self.controls)
+        return {name: self._on_mesh.modes.jvp(there, tuple(unit)) for name, unit in zip(names, units, strict=True)}
 
     def check(self, amounts: Wanted) -> tuple[Check, ...]:
         """Return all checks of the mesh at amounts."""
@@ -375,9 +377,10 @@ class OnMesh:
         """Return the index of a surface's box."""
         return next(b for b, box in enumerate(self.plan.boxes) if box is self.readings[row].box)
 
-    def pose(self, angle: float) -> Amounts:
-        """Return the amount of each surface at an angle of the first one."""
-        return tuple(self.plan.amounts_of(own.box, angle)[own.row] for own in self.readings)
+    def pose(self, pose: Amounts) -> Amounts:
+        """Return the amounts of the surfaces with a range, given those of all."""
+        parts = {id(box): own for box, own in self.plan.parted(pose)}
+        return tuple(parts[id(own.box)][own.row] for own in self.readings)
 
     def deflection(self, amounts: Amounts, precision: Precision) -> Deflection:
         """See `HeldPlan.deflection`."""

@@ -50,7 +50,7 @@ def donors_at(case: Case, angles: Sequence[float], watch: Stopwatch, cache: bool
             turned = replace(case, angle=angle)
             try:
                 plan = plan_of(turned, mesh)
-                moved = mesh.with_points(deflect(plan, plan.angle).points)
+                moved = mesh.with_points(deflect(plan).points)
             except InputError as error:
                 found.append(Position(angle, reason=str(error)))
                 continue

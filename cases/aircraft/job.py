@@ -41,7 +41,8 @@ def plan_of(case: Case, mesh: Mesh, angles: Sequence[float] = (), progress: Prog
     Raises InputError if a surface leaves its box, something is in a box that must not move, or two boxes overlap.
     """
     jobs = [job_of(case, mesh, turn) for turn in case.deflections]
-    return Plan.of(mesh, jobs, [case.deflections[0].factor * angle for angle in angles], progress)
+    poses = [tuple(turn.factor * angle for turn in case.deflections) for angle in angles]
+    return Plan.of(mesh, jobs, poses, progress)
 
 
 def job_of(case: Case, mesh: Mesh, turn: SurfaceTurn) -> Job:

@@ -79,7 +79,7 @@ class Run:
 
 def case_toml(case: Case, plan: Plan) -> str:
     """Return case.toml, which repeats a case; comments say where the hinges are."""
-    return "".join(f"# {name}: {text} m\n" for name, text in amounts(plan, plan.angle)) + to_toml(case)
+    return "".join(f"# {name}: {text} m\n" for name, text in amounts(plan, plan.pose)) + to_toml(case)
 
 
 def metrics(run: Run) -> Json:

@@ -50,7 +50,7 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, rep
         with watch.stage("deformation") as progress:
             plan = plan_of(case, mesh, progress=progress)
             held = held_by(plan, lambda _: nullcontext(progress))
-            ((deflection, mesh_checks),) = carried_out(plan, (plan.angle,), lambda _: nullcontext(progress), "m", held)
+            ((deflection, mesh_checks),) = carried_out(plan, lambda _: nullcontext(progress), "m", held)
             moved = mesh.with_points(deflection.points)
             whole = whole_mesh_seconds(deflection)
             stiff = pinned_quality(case, mesh, progress) if case.domain == "block" else None
@@ -169,7 +169,7 @@ def pinned_quality(case: Case, mesh: Mesh, progress: Progress) -> Quality:
     """Quality inside the box if the Chimera face were pinned instead of sliding: what sliding is worth."""
     stiff = replace(case, repair="off", confinement=replace(case.confinement, slide=False))
     plan = plan_of(stiff, mesh, progress=progress)
-    return deflect(plan, plan.angle, progress).quality[0]
+    return deflect(plan, progress=progress).quality[0]
 
 
 def case_search(case: Case, mesh: Mesh, threshold: float, resolution: float) -> Search:

@@ -53,7 +53,7 @@ def case_data(
         facts=(
             ("case", case.name),
             ("scale, strategy", f"{case.scale}, {case.strategy.upper()}"),
-            *amounts(plan, plan.angle),
+            *amounts(plan, plan.pose),
         ),
         mesh=mesh,
         points=points,
@@ -74,7 +74,7 @@ def case_data(
 
 def _box(plan: BoxPlan, fits: FitRows) -> Box:
     """Return the box of a control surface, which is the first patch that moves; a tail's panel only follows it."""
-    box, nodes = Box.of(plan, plan.job.angle, plan.surface, fits), plan.mesh.patch(plan.surface).nodes
+    box, nodes = Box.of(plan, plan.job.amounts, plan.surface, fits), plan.mesh.patch(plan.surface).nodes
     own = replace(box.surfaces[0], name=plan.surface, patches=(plan.surface,), nodes=nodes)
     return replace(box, surfaces=(own,))
 

@@ -29,7 +29,7 @@ from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 
 if TYPE_CHECKING:
-    from sdm_deflect.cases.run.deflect_file import AngleSummary, Outcome
+    from sdm_deflect.cases.run.deflect_file import Outcome, PoseSummary
 
     from .examination import Finding
 
@@ -97,25 +97,25 @@ def plan_table(plan: Plan) -> Group:
 
 def result_table(done: "Outcome", whole: bool) -> Group:
     """Return verdict, warnings, motion, quality and files; with `whole` all checks, the box and the fit, too."""
-    ordered = sorted(done.angles, key=lambda summary: summary.angle)
-    tables, texts = _of_one_angle(done, ordered[0], whole) if len(ordered) == 1 else _of_many_angles(done, ordered)
+    ordered = sorted(done.poses, key=lambda summary: summary.amounts)
+    tables, texts = _of_one_pose(done, ordered[0], whole) if len(ordered) == 1 else _of_many_poses(done, ordered)
     texts = [*_lines(done.plan, whole), *texts, *(f"note: {text}" for text in done.notes)]
     texts += [f"not held by this format: {text}" for text in done.lost]
     if whole:
-        further = [summary.seconds for summary in done.angles[1:]]
+        further = [summary.seconds for summary in done.poses[1:]]
         mean = f", {sum(further) / len(further):.2f} s for each further one" if further else ""
-        texts.append(f"first angle {done.angles[0].seconds:.2f} s{mean}")
+        texts.append(f"first {done.poses[0].seconds:.2f} s{mean}")
     if done.files:
         unfit = "" if done.passed else "; do not use the mesh as it is"
         texts.append(f"wrote {short_list(map(str, (*done.files, *done.reports)))}{unfit}")
     warned = warnings_of(done.plan)
-    last = outcome([check for summary in done.angles for check in summary.checks], warned)
+    last = outcome([check for summary in done.poses for check in summary.checks], warned)
     return Group(*warning_texts(warned, last), *tables, *_texts([*texts, last]))
 
 
-def _of_one_angle(done: "Outcome", summary: "AngleSummary", whole: bool) -> tuple[list[Table], list[str]]:
-    """Return the tables of a single angle, or of its checks that failed, and lines on quality, repair and fit."""
-    title, repair = f"{_title(done)}, {summary.angle:+g} {_unit(done)}", repair_text(summary.figures)
+def _of_one_pose(done: "Outcome", summary: "PoseSummary", whole: bool) -> tuple[list[Table], list[str]]:
+    """Return the tables of a single pose, or of its checks that failed, and lines on quality, repair and fit."""
+    title, repair = f"{_title(done)}, {_amounts(summary)} {_unit(done)}", repair_text(summary.figures)
     texts = [repair] if repair else []
     if not whole:
         failed = [check for check in summary.checks if not check.passed]
@@ -125,9 +125,9 @@ def _of_one_angle(done: "Outcome", summary: "AngleSummary", whole: bool) -> tupl
     return [*tables, *face_table(summary.figures)], [*texts, *(fits or [fit_text(summary.figures)])]
 
 
-def _of_many_angles(done: "Outcome", ordered: Sequence["AngleSummary"]) -> tuple[list[Table], list[str]]:
-    """Return a table with a row for each angle and the checks of those that failed, and what is said of repairs."""
-    named = [(f"{summary.angle:+g} {_unit(done)}", summary) for summary in ordered]
+def _of_many_poses(done: "Outcome", ordered: Sequence["PoseSummary"]) -> tuple[list[Table], list[str]]:
+    """Return a table with a row for each pose and the checks of those that failed, and what is said of repairs."""
+    named = [(f"{_amounts(summary)} {_unit(done)}", summary) for summary in ordered]
     failed = [check_table(summary.checks, name) for name, summary in named if not summary.passed]
     repairs = [f"{name}: {text}" for name, summary in named if (text := repair_text(summary.figures))]
     return [sweep_table(ordered, _title(done)), *failed] if ordered else [], repairs
@@ -135,6 +135,10 @@ def _of_many_angles(done: "Outcome", ordered: Sequence["AngleSummary"]) -> tuple
 
 def _title(done: "Outcome") -> str:
     return f"{done.plan.moving[0][1].label} of {done.plan.mesh.name}"
+
+
+def _amounts(summary: "PoseSummary") -> str:
+    return ", ".join(f"{amount:+g}" for amount in summary.amounts)
 
 
 def _unit(done: "Outcome") -> str:
@@ -180,16 +184,16 @@ def comparison_tables(names: Sequence[str], tables: Mapping[str, Sequence[Sequen
     return found
 
 
-def sweep_table(angles: Sequence["AngleSummary"], title: str) -> Table:
-    """Return one row for each angle."""
+def sweep_table(poses: Sequence["PoseSummary"], title: str) -> Table:
+    """Return one row for each pose."""
     table = _table(title, (), ("angle", "steps", "centres", "site error", "least quality", "seconds", "verdict"))
-    for one in angles:
+    for one in poses:
         fits = one.figures["adaptation"]
         centers = ", ".join(f"{name}: {fit['centers']}" for name, fit in fits.items())
         error = max(fit["max_error"] for fit in fits.values())
         least = min((quality.min for quality in one.quality), default=float("nan"))
         numbers = (f"{one.figures['steps']}", centers, f"{error:.1e}", f"{least:.3f}", f"{one.seconds:.2f}")
-        table.add_row(f"{one.angle:+g}", *numbers, _word("passed" if one.passed else "FAILED"))
+        table.add_row(_amounts(one), *numbers, _word("passed" if one.passed else "FAILED"))
     return table
 
 

@@ -14,7 +14,6 @@ import click
 from sdm_deflect.cases.settings.job_settings import (
     BY_NAME,
     JobSettings,
-    angles_of,
     check_swept,
     job_settings,
     read_job,
@@ -31,7 +30,6 @@ if TYPE_CHECKING:
     from sdm_deflect.cases.run.progress import Stopwatch
     from sdm_deflect.deform.base.threads import Runner
     from sdm_deflect.deform.options import RepairMode
-    from sdm_deflect.deform.volume.job import Job
     from sdm_deflect.deform.volume.plan import Plan
 
 HELPERS = ("workers", "scheduler", "worker_memory")
@@ -41,7 +39,11 @@ moved = partial(click.option, cls=options.Grouped, group="What moves")
 
 @click.command(cls=options.DeflectCommand, params=options.settings_options(BY_NAME.values()))
 @click.argument("mesh", type=options.FILE)
-@moved("--angles", metavar="A:B:STEP", help="Many angles, a file for each; or a list with commas.")
+@moved(
+    "--angles",
+    metavar="A:B:STEP|FILE",
+    help="Many angles, a file for each; a list with commas; or a .csv, a column per surface.",
+)
 @options.gone("--history")
 @options.gone("--cpacs")
 @options.gone("--device")
@@ -82,27 +84,28 @@ def deflect(
     from sdm_deflect.cases.run.mesh_files import Targets
 
     as_json, quiet, verbose = (given.pop(name) for name in ("as_json", "quiet", "verbose"))
-    text = given.pop("angles")
-    many = angles_of(text) if text else ()
-    helpers = [given.pop(name) for name in HELPERS]
-    if many:
-        given["angle"] = max(many, key=abs)
+    angles, helpers = given.pop("angles"), [given.pop(name) for name in HELPERS]
     settings, inputs = _settings(given)
-    settings = check_swept(settings, bool(many))
-    from sdm_deflect.cases.settings.jobs import jobs_of
+    from sdm_deflect.cases.settings.jobs import jobs_of, swept
+    from sdm_deflect.deform.volume.job import by_job, pose_of
 
-    jobs = jobs_of(settings, by_range=not meshes)
-    if many and plan:
-        jobs = tuple(job.over(jobs[0], many) for job in jobs)
-    angles, others = _amounts(jobs, many)
-    wanted = replace(Targets.of(mesh, out, angles, sensitivity, report), plan=plan, others=others, meshes=meshes)
+    if angles:
+        jobs, poses = swept(settings, angles, by_range=not meshes)
+    else:
+        jobs = jobs_of(settings, by_range=not meshes)
+        poses = (pose_of(jobs),)
+    if angles and plan:
+        parts = zip(*(by_job(jobs, pose) for pose in poses), strict=True)
+        jobs = tuple(job.over(own) for job, own in zip(jobs, parts, strict=True))
+    poses = tuple(dict.fromkeys(poses))
+    wanted = replace(Targets.of(mesh, out, poses, sensitivity, report), plan=plan, meshes=meshes)
     wanted.check(inputs)
     with (
         options.watched(quiet or (as_json and not verbose), verbose) as watch,
         _runner(helpers, watch, mesh, wanted.out.absolute().parent) as runner,
     ):
         if dry_run:
-            decided = planned(wanted, jobs, watch, runner, angles)
+            decided = planned(wanted, jobs, watch, runner)
         else:
             done = deflect_file(wanted, jobs, watch, runner)
     if dry_run:
@@ -298,18 +301,11 @@ def _show_plan(wanted: "Targets", plan: "Plan", as_json: bool) -> int:
 
     names = [
         str(path)
-        for path in (*map(wanted.mesh, wanted.angles), *wanted.extra, *filter(None, [wanted.plan]), *wanted.reports)
+        for path in (*map(wanted.mesh, wanted.poses), *wanted.extra, *filter(None, [wanted.plan]), *wanted.reports)
     ]
     figured = {**plan_figures(plan), "files": names}
     options.print_either(as_json, figured, plan_table(plan), f"would write {short_list(names)}")
     return 0
-
-
-def _amounts(jobs: Sequence["Job"], many: tuple[float, ...]) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return the angles of the first surface, and if they are several the amounts of the others per unit of it."""
-    from sdm_deflect.deform.volume.job import ratios_of
-
-    return (many, ratios_of(jobs)[1:]) if many else ((jobs[0].angle,), ())
 
 
 def _settings(given: dict[str, Any]) -> tuple[JobSettings, tuple[Path, ...]]:

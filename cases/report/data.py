@@ -28,6 +28,7 @@ from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.rbf.data_sites import DIRECTIONS
 from sdm_deflect.deform.surface.surface import name_of
 from sdm_deflect.deform.volume.deflection import BoxDeflection
+from sdm_deflect.deform.volume.job import Amounts
 from sdm_deflect.deform.volume.plan import BoxPlan
 
 from .near import with_near_cells
@@ -157,11 +158,11 @@ class Box:
     fits: FitRows = field(repr=False)
 
     @classmethod
-    def of(cls, plan: BoxPlan, angle: float, name: str, fits: FitRows) -> "Box":
-        """Return the box of a plan with its surfaces, the first of them at `angle`."""
+    def of(cls, plan: BoxPlan, amounts: Amounts, name: str, fits: FitRows) -> "Box":
+        """Return the box of a plan with its surfaces at some amounts."""
         surfaces = [
-            MovedSurface(name_of(own.patches), one.amount, one.motion.unit, own.patches, own.nodes, one.motion.axis)
-            for one, own in zip(plan.job.at(angle).surfaces, plan.boundary.surfaces, strict=True)
+            MovedSurface(name_of(own.patches), amount, one.motion.unit, own.patches, own.nodes, one.motion.axis)
+            for (one, own), amount in zip(plan.moving, amounts, strict=True)
         ]
         return cls(
             name=name,

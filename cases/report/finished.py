@@ -74,7 +74,7 @@ class FinishedRun:
         """Return what its report shows, with the checks that it made itself; InputError if a file is damaged."""
         figures, checks, fits = read_figures(self.folder)
         stored = self.settings, self.folder.resolve().name
-        data = job_data(self.plan, self.plan.angle, self.points, stored, fits, self.repair)
+        data = job_data(self.plan, self.plan.pose, self.points, stored, fits, self.repair)
         return replace(data, held=self.held).with_verdict(checks, figures)
 
     @property

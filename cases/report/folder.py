@@ -47,7 +47,7 @@ from sdm_deflect.deform.surface.slots import SlotSetting
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, Surface, TrailingEdge, name_of
 from sdm_deflect.deform.surface.tracks import CPACS, Track
 from sdm_deflect.deform.volume.deflection import Deflection
-from sdm_deflect.deform.volume.job import Sliding
+from sdm_deflect.deform.volume.job import Amounts, Sliding
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 from sdm_deflect.meshing.formats.registry import ending
 from sdm_deflect.meshing.formats.vtu import write_vtu
@@ -130,11 +130,11 @@ def data_of(deflection: Deflection, settings: str = "", name: str = "") -> Repor
     `settings` is the content of settings.toml in the folder `name`.
     """
     fits, repair = [FitRows.of(box) for box in deflection.boxes], deflection.moved_by_repair
-    return job_data(deflection.plan, deflection.angle, deflection.points, (settings, name), fits, repair)
+    return job_data(deflection.plan, deflection.amounts, deflection.points, (settings, name), fits, repair)
 
 
 def job_data(
-    plan: Plan, angle: float, points: FloatArray, stored: tuple[str, str], fits: Sequence[FitRows],
+    plan: Plan, pose: Amounts, points: FloatArray, stored: tuple[str, str], fits: Sequence[FitRows],
     repair: FloatArray | None,
 ) -> ReportData:  # fmt: skip
     """Return what a report shows of points (N, 3), of which a repair (N, 3) is a part.
@@ -143,8 +143,8 @@ def job_data(
     """
     mesh, (settings, folder) = plan.mesh, stored
     boxes = tuple(
-        Box.of(box, plan.angle_of(box, angle), name_of(plan.patches) if len(plan.boxes) == 1 else box.surface, fit)
-        for box, fit in zip(plan.boxes, fits, strict=True)
+        Box.of(box, own, name_of(plan.patches) if len(plan.boxes) == 1 else box.surface, fit)
+        for (box, own), fit in zip(plan.parted(pose), fits, strict=True)
     )
     moves = "; ".join(f"{surface.name} by {surface.turned}" for box in boxes for surface in box.surfaces)
     shown = in_view(mesh, (*plan.patches, *plan.stays))
@@ -154,7 +154,7 @@ def job_data(
         title=f"{mesh.name}: {moves}",
         facts=(
             ("mesh", mesh.name),
-            *((f"amount of {name}", text) for name, text in amounts(plan, angle)),
+            *((f"amount of {name}", text) for name, text in amounts(plan, pose)),
             *((f"{name} moves by up to", travel) for name, travel in travels(plan)),
             *((f"motion of {name}", text) for name, text in motions(plan)),
         ),

@@ -176,7 +176,7 @@ def _writers(meshes: Sequence[Path], out: Path | None) -> Iterator[list[Write]]:
 
 @contextmanager
 def _writer(mesh: Path, out: Path | None) -> Iterator[Write]:
-    wanted, form = Targets.of(mesh, out, (0.0,)), format_of(mesh)
+    wanted, form = Targets.of(mesh, out, ((0.0,),)), format_of(mesh)
     wanted.check()
     if format_of(wanted.out) is not form:
         raise InputError(f"{wanted.out}: a plan is applied to a copy; name a file {form.suffixes[0]}")

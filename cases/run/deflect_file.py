@@ -15,7 +15,7 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.mesh.touched import Layers
 from sdm_deflect.deform.volume.deflection import Deflection
-from sdm_deflect.deform.volume.job import Job
+from sdm_deflect.deform.volume.job import Amounts, Job
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 from sdm_deflect.meshing.files import permitted_as
 from sdm_deflect.meshing.formats.registry import FORMATS, files_of, format_of, in_pieces, read, size_of
@@ -41,10 +41,10 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class AngleSummary:
-    """One angle of a job, without the mesh: figures, quality by type, checks."""
+class PoseSummary:
+    """One pose of a job, without the mesh: amounts of the surfaces, figures, quality by type, checks."""
 
-    angle: float
+    amounts: Amounts
     figures: Json = field(repr=False)
     quality: tuple[Quality, ...]
     layers: Layers | None
@@ -52,11 +52,11 @@ class AngleSummary:
     seconds: float
 
     @classmethod
-    def of(cls, deflection: Deflection, checks: tuple[Check, ...]) -> "AngleSummary":
+    def of(cls, deflection: Deflection, checks: tuple[Check, ...]) -> "PoseSummary":
         """Collect the figures of a deflection."""
         by_box = {"deflections": figures_by_box(deflection)} if len(deflection.boxes) > 1 else {}
         figures = {**deflection_figures(deflection), **by_box}
-        return cls(deflection.angle, figures, deflection.quality, layers_of(deflection), checks, deflection.seconds)
+        return cls(deflection.amounts, figures, deflection.quality, layers_of(deflection), checks, deflection.seconds)
 
     @property
     def passed(self) -> bool:
@@ -66,13 +66,13 @@ class AngleSummary:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome:
-    """What was done, for the table at the end; the angles in the order in which they were computed.
+    """What was done, for the table at the end; the poses in the order in which they were computed.
 
     `notes` are sentences on what is left to do; `held` is the plan by which the meshes were moved, if there is one.
     """
 
     plan: Plan
-    angles: tuple[AngleSummary, ...] = field(repr=False)
+    poses: tuple[PoseSummary, ...] = field(repr=False)
     files: tuple[Path, ...]
     reports: tuple[Path, ...]
     lost: tuple[str, ...]
@@ -81,8 +81,8 @@ class Outcome:
 
     @property
     def passed(self) -> bool:
-        """True if every check of every angle holds."""
-        return all(summary.passed for summary in self.angles)
+        """True if every check of every pose holds."""
+        return all(summary.passed for summary in self.poses)
 
 
 def needed(wanted: Targets, jobs: Sequence[Job], progress: Progress, runner: Runner = HERE) -> Mesh:
@@ -97,7 +97,7 @@ def needed(wanted: Targets, jobs: Sequence[Job], progress: Progress, runner: Run
             if large:
                 from sdm_deflect.deform.volume.excerpt import excerpt
 
-                return excerpt(large, jobs, wanted.angles, runner, progress)
+                return excerpt(large, jobs, wanted.poses, runner, progress)
     return read(wanted.source, progress)
 
 
@@ -110,7 +110,7 @@ def _by_workers(wanted: Targets, jobs: Sequence[Job], progress: Progress, runner
         if mesh:
             from sdm_deflect.deform.volume.excerpt import excerpt
 
-            return excerpt(mesh, jobs, wanted.angles, runner, progress)
+            return excerpt(mesh, jobs, wanted.poses, runner, progress)
     raise InputError(f"{wanted.source}: workers need {_sent()}, and this file is something else")
 
 
@@ -120,19 +120,17 @@ def _sent() -> str:
     return f"{', '.join(first)}, or {last}"
 
 
-def planned(
-    wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: Runner = HERE, angles: tuple[float, ...] = ()
-) -> Plan:
-    """Read the mesh and plan the deflection for the angles of the targets or for others."""
+def planned(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: Runner = HERE) -> Plan:
+    """Read the mesh and plan the deflection for the poses of the targets."""
     with watch.stage("read") as progress:
         mesh = needed(wanted, jobs, progress, runner)
     with watch.stage("plan") as progress:
-        plan = Plan.of(mesh, jobs, angles or wanted.angles, progress)
+        plan = Plan.of(mesh, jobs, wanted.poses, progress)
         return plan.keeping(wanted.precision(plan.mesh), runner)
 
 
 def deflect_file(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: Runner = HERE) -> Outcome:
-    """Deflect a mesh file to each angle; the files appear together at the end, or none of them.
+    """Deflect a mesh file to each pose; the files appear together at the end, or none of them.
 
     Raises InputError if a file that is read changes meanwhile, MeshFileError if one that is written is not what was
     judged.
@@ -144,17 +142,17 @@ def deflect_file(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner:
 def _deflected(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: Runner) -> Outcome:
     plan = planned(wanted, jobs, watch, runner)
     wanted.check_names(plan.mesh)
-    summaries: list[AngleSummary] = []
+    summaries: list[PoseSummary] = []
     names: list[Path] = []
     lost: tuple[str, ...] = ()
     held = held_by(plan, watch.stage)
     older = [path.name for path in wanted.written if path.exists()]
     with permitted_as(wanted.source), output_files(wanted.out.parent) as scratch:
-        for deflection, checks in run(plan, wanted.angles, watch.stage, held=held) if wanted.written else ():
-            summaries.append(AngleSummary.of(deflection, checks))
-            mesh = wanted.mesh(deflection.angle)
+        for deflection, checks in run(plan, watch.stage, held=held) if wanted.written else ():
+            summaries.append(PoseSummary.of(deflection, checks))
+            mesh = wanted.mesh(deflection.amounts)
             with watch.stage("write") as progress:
-                lost = write_angle(wanted, deflection, scratch / mesh.name, progress)
+                lost = write_pose(wanted, deflection, scratch / mesh.name, progress)
                 names.append(mesh)
             _write_beside(wanted, deflection, checks, scratch, watch, held)
         if wanted.plan:
@@ -169,13 +167,13 @@ def _deflected(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: R
     return Outcome(plan, tuple(summaries), tuple(names), wanted.reports, lost, tuple(_notes(wanted, held, older)), held)
 
 
-def _rows(plan: Plan, wanted: Targets, summaries: Sequence[AngleSummary]) -> list[list[object]]:
-    """Return the table of several angles, for scripts: a title line, then a row for each angle."""
+def _rows(plan: Plan, wanted: Targets, summaries: Sequence[PoseSummary]) -> list[list[object]]:
+    """Return the table of several poses, for scripts: a title line, then a row for each pose."""
     rows: list[dict[str, object]] = []
-    for summary in sorted(summaries, key=lambda one: one.angle):
-        row: dict[str, object] = {"file": wanted.mesh(summary.angle).name, "verdict": verdict(summary.checks)}
+    for summary in sorted(summaries, key=lambda one: one.amounts):
+        row: dict[str, object] = {"file": wanted.mesh(summary.amounts).name, "verdict": verdict(summary.checks)}
         row["least_quality"] = min((one.min for one in summary.quality), default="")
-        for name, own in surface_figures(plan, summary.angle).items():
+        for name, own in surface_figures(plan, summary.amounts).items():
             row |= {name: own["amount"], f"{name}_share": "" if own["mean"] is None else own["mean"]}
             places = zip(("first", "second"), own["hinge"] or (), strict=False)
             row |= {f"{name}_{end}_{axis}": x for end, place in places for axis, x in zip("xyz", place, strict=True)}
@@ -201,19 +199,19 @@ def _write_beside(
     wanted: Targets, deflection: Deflection, checks: tuple[Check, ...], scratch: Path, watch: Stopwatch,
     held: "HeldPlan | None",
 ) -> None:  # fmt: skip
-    """Write report and sensitivity of one angle, if they are wanted."""
-    plan, mesh = deflection.plan, wanted.mesh(deflection.angle)
+    """Write report and sensitivity of one pose, if they are wanted."""
+    plan, pose = deflection.plan, deflection.amounts
     if wanted.reported:
         from sdm_deflect.cases.report.folder import plan_around, write_run_folder
 
         with watch.stage("report") as progress:
-            place, seconds = scratch / wanted.report(deflection.angle).name, {**watch.seconds}
-            around = held or (plan_around(deflection, progress) if len(wanted.angles) == 1 else None)
-            write_run_folder(place, deflection, checks, mesh, seconds, held=around)
+            place, seconds = scratch / wanted.report(pose).name, {**watch.seconds}
+            around = held or (plan_around(deflection, progress) if len(wanted.poses) == 1 else None)
+            write_run_folder(place, deflection, checks, wanted.mesh(pose), seconds, held=around)
     if wanted.sensitive:
         with watch.stage("sensitivity"):
-            arrays, picture = (scratch / path.name for path in wanted.sensitivity(deflection.angle))
-            rates = held.rate(deflection.angle) if held else deflection.sensitivity()
+            arrays, picture = (scratch / path.name for path in wanted.sensitivity(pose))
+            rates = held.rates(pose) if held else deflection.sensitivity()
             unit = f"mesh length per {plan.unit}"
             write_sensitivity(plan.mesh, deflection.points, rates, (arrays, picture), unit)
 
@@ -230,15 +228,15 @@ def held_by(plan: Plan, stage: Stage) -> "HeldPlan | None":
         return held.judged(progress)
 
 
-def write_angle(wanted: Targets, deflection: Deflection, out: Path, progress: Progress) -> tuple[str, ...]:
-    """Write the mesh at one angle; return what its format cannot hold.
+def write_pose(wanted: Targets, deflection: Deflection, out: Path, progress: Progress) -> tuple[str, ...]:
+    """Write the mesh at one pose; return what its format cannot hold.
 
     Raises MeshFileError if it does not read back as what was judged.
     """
     mesh = deflection.plan.mesh
     points, source = deflection.points, wanted.source if mesh.source else None
     lost = write_mesh(source, mesh, points, out, progress, deflection.plan.runner)
-    check_written(mesh, points, out, wanted.mesh(deflection.angle))
+    check_written(mesh, points, out, wanted.mesh(deflection.amounts))
     return lost
 
 
@@ -254,7 +252,7 @@ def plan_figures(plan: Plan) -> Json:
         **({"boxes": dict(zip((box.surface for box in plan.boxes), boxes, strict=True))} if boxes[1:] else {}),
         "cells_touched": plan.touched.count,
         "farthest": {name: {"at": at.tolist(), "move": move.tolist()} for name, at, move in farthest(plan)},
-        "motion": motion_figures(plan, max(plan.angles, key=abs)),
+        "motion": motion_figures(plan, plan.largest),
         "warnings": list(warnings_of(plan)),
         "notes": list(notes_of(plan)),
     }
@@ -276,19 +274,19 @@ def figures(done: Outcome, watch: Stopwatch) -> Json:
         "notes": [*notes_of(done.plan), *done.notes],
         "angles": [
             {
-                "angle": summary.angle,
+                "angle": summary.amounts[0],
                 "unit": done.plan.unit,
                 **summary.figures,
                 "first_layer": asdict(summary.layers) if summary.layers else None,
                 "validation": verdict_figures(summary.checks),
             }
-            for summary in sorted(done.angles, key=lambda summary: summary.angle)
+            for summary in sorted(done.poses, key=lambda summary: summary.amounts)
         ],
         **({"plan": {"surfaces": done.held.figures()}} if done.held else {}),
         "files": [str(path) for path in done.files],
         "reports": [str(path) for path in done.reports],
         "lost": list(done.lost),
         "passed": done.passed,
-        "verdict": verdict([check for summary in done.angles for check in summary.checks]),
+        "verdict": verdict([check for summary in done.poses for check in summary.checks]),
         "timings": watch.seconds,
     }

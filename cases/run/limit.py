@@ -19,7 +19,7 @@ from sdm_deflect.deform.mesh.precision import EVERY_BIT, Precision
 from sdm_deflect.deform.mesh.quality import quality_and_inverted
 from sdm_deflect.deform.options import LARGEST_ANGLE, RepairMode
 from sdm_deflect.deform.volume.deflection import Deflection
-from sdm_deflect.deform.volume.job import Job, ratios_of
+from sdm_deflect.deform.volume.job import Job, by_job, in_proportion
 from sdm_deflect.deform.volume.plan import Plan
 
 from .output import lacks, write_table
@@ -116,7 +116,7 @@ class Search:
             plan = self.plan(angle, repair)
             if not plan.touched.count:
                 raise InputError(f"{plan.mesh.name} has no cells that move: there is no quality to keep")
-            (judged,) = run(plan, (plan.angle,))
+            (judged,) = run(plan)
         except InputError as error:
             return Trial(angle, 0.0, 0, reason=str(error), fault=str(error))
         worst = min(judged.deflection.parts, key=lambda part: min(quality.min for quality in part.quality))
@@ -175,14 +175,15 @@ def search_of(mesh: Mesh, jobs: Sequence[Job], resolution: float = 0.0, precisio
     whole = abs(first.angle) or 1.0
 
     def plan(angle: float, repair: RepairMode) -> Plan:
-        turned = (job.at(job.beside(first, angle)) for job in jobs)
+        (pose,) = in_proportion(jobs, (angle,))
+        turned = (job.at(own) for job, own in zip(jobs, by_job(jobs, pose), strict=True))
         repaired = [replace(job, repair=replace(job.repair, mode=repair)) for job in turned]
-        return Plan.of(mesh, repaired, (angle,)).keeping(precision)
+        return Plan.of(mesh, repaired).keeping(precision)
 
     title = f"{', '.join(first.surfaces[0].patches)} of {mesh.name}"
     if unit != "deg":
         return Search(title, unit, plan, BEYOND * whole, resolution or whole / 50.0)
-    return Search(title, unit, plan, LARGEST_ANGLE / max(map(abs, ratios_of(jobs))), resolution or 1.0)
+    return Search(title, unit, plan, LARGEST_ANGLE / max(map(abs, *in_proportion(jobs, (1.0,)))), resolution or 1.0)
 
 
 def where_worst(deflection: Deflection) -> str:

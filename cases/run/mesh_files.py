@@ -19,6 +19,7 @@ from sdm_deflect.deform.base.threads import HERE, Progress, Runner, silent
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.pieces import gathered
 from sdm_deflect.deform.mesh.precision import DOUBLE, EVERY_BIT, Precision
+from sdm_deflect.deform.volume.job import Amounts
 from sdm_deflect.meshing.formats.format import MeshFileError, only_rewritten
 from sdm_deflect.meshing.formats.registry import ending, format_of, in_pieces
 
@@ -34,27 +35,25 @@ class Targets:
     Attributes
     ----------
     source : the mesh that is read.
-    out : the mesh that is written; a folder for OpenFOAM. With several angles, the names of all begin with it.
-    angles : distinct, in the order asked for.
+    out : the mesh that is written; a folder for OpenFOAM. With several poses, the names of all begin with it.
+    poses : amounts of all surfaces; distinct, in the order asked for.
     sensitive : whether d(points)/d(angle) is written beside each mesh.
     reported : whether a folder with a report is written beside each mesh.
     plan : the file of the plan; None: none is written.
     meshes : whether meshes are written, and reports beside them.
-    others : amounts of further surfaces per unit of the angle, for the names of files.
     """
 
     source: Path
     out: Path
-    angles: tuple[float, ...]
+    poses: tuple[Amounts, ...]
     sensitive: bool = False
     reported: bool = False
     plan: Path | None = None
     meshes: bool = True
-    others: tuple[float, ...] = ()
 
     @classmethod
     def of(
-        cls, source: Path, out: Path | None, angles: Sequence[float], sensitive: bool = False, reported: bool = False
+        cls, source: Path, out: Path | None, poses: Sequence[Amounts], sensitive: bool = False, reported: bool = False
     ) -> "Targets":
         """Return the targets of a job; `out` is beside the source if None.
 
@@ -70,29 +69,30 @@ class Targets:
                 raise only_rewritten(chosen)
             if ending(chosen).lower() != (suffix := ending(source)).lower():
                 raise InputError(f"{chosen}: is to be a copy of a file {suffix} and must have that suffix")
-        return cls(source, named, tuple(angles), sensitive, reported)
+        return cls(source, named, tuple(poses), sensitive, reported)
 
-    def mesh(self, angle: float) -> Path:
-        """Return the mesh of one angle, such as ``wing-deflected_-12.su2`` where there are several.
+    def mesh(self, pose: Amounts) -> Path:
+        """Return the mesh of one pose, such as ``wing-deflected_-12.su2`` where there are several.
 
         The amounts of further surfaces follow: ``wing-deflected_-12_+3.su2``.
         """
-        amounts = "".join(f"_{angle * other:+g}" for other in self.others)
-        return self.out if len(self.angles) == 1 else self._named(f"_{angle:+}".removesuffix(".0") + amounts)
+        first, *others = pose
+        tail = f"_{first:+}".removesuffix(".0") + "".join(f"_{other:+g}" for other in others)
+        return self.out if len(self.poses) == 1 else self._named(tail)
 
-    def sensitivity(self, angle: float) -> tuple[Path, Path]:
-        """Return the .npz and the .vtu of the sensitivity at one angle."""
-        targets = replace(self, out=self.mesh(angle))
+    def sensitivity(self, pose: Amounts) -> tuple[Path, Path]:
+        """Return the .npz and the .vtu of the sensitivity at one pose."""
+        targets = replace(self, out=self.mesh(pose))
         return targets._named("-sensitivity", ".npz"), targets._named("-sensitivity", ".vtu")
 
-    def report(self, angle: float) -> Path:
-        """Return the folder of the report at one angle."""
-        return replace(self, out=self.mesh(angle))._named("-report", "")
+    def report(self, pose: Amounts) -> Path:
+        """Return the folder of the report at one pose."""
+        return replace(self, out=self.mesh(pose))._named("-report", "")
 
     @property
     def written(self) -> tuple[Path, ...]:
         """All meshes that are written."""
-        return tuple(map(self.mesh, self.angles)) if self.meshes else ()
+        return tuple(map(self.mesh, self.poses)) if self.meshes else ()
 
     @property
     def limits(self) -> Path:
@@ -102,7 +102,7 @@ class Targets:
     @property
     def reports(self) -> tuple[Path, ...]:
         """All folders of reports."""
-        return tuple(self.report(angle) for angle in self.angles) if self.reported and self.meshes else ()
+        return tuple(map(self.report, self.poses)) if self.reported and self.meshes else ()
 
     def precision(self, mesh: Mesh) -> Precision:
         """Return how the files keep the coordinates of a mesh."""
@@ -115,25 +115,25 @@ class Targets:
 
     @property
     def summary(self) -> Path | None:
-        """The table of several angles, such as ``wing-deflected.csv``; None for a single mesh."""
-        return self._named("", ".csv") if len(self.angles) > 1 and self.meshes else None
+        """The table of several poses, such as ``wing-deflected.csv``; None for a single mesh."""
+        return self._named("", ".csv") if len(self.poses) > 1 and self.meshes else None
 
     @property
     def extra(self) -> tuple[Path, ...]:
         """Sensitivities beside the meshes."""
-        return tuple(path for angle in self.angles for path in self.sensitivity(angle)) if self.sensitive else ()
+        return tuple(path for pose in self.poses for path in self.sensitivity(pose)) if self.sensitive else ()
 
     @property
     def tables(self) -> tuple[Path, ...]:
         """Files with names of patches beside the meshes, of a format that has such."""
         form = format_of(self.out)
-        return tuple(table for angle in self.angles for table in form.name_files(self.mesh(angle)))
+        return tuple(table for pose in self.poses for table in form.name_files(self.mesh(pose)))
 
     def check_names(self, mesh: Mesh) -> None:
         """Raise MeshFileError if a table of patch names is there and belongs to another mesh."""
         form = format_of(self.out)
-        for angle in self.angles if format_of(self.source) is not form else ():
-            form.check_named(mesh, self.mesh(angle))
+        for pose in self.poses if format_of(self.source) is not form else ():
+            form.check_named(mesh, self.mesh(pose))
 
     def keep_tables(self, scratch: Path) -> None:
         """Keep an existing table of patch names: a user may have set conditions in it."""
@@ -147,7 +147,7 @@ class Targets:
         Raises InputError naming the first such target.
         """
         self._check_plan()
-        meshes = tuple(self.mesh(angle) for angle in self.angles)
+        meshes = tuple(map(self.mesh, self.poses))
         seen: set[Path] = set()
         for target in (*meshes, *self.extra, *filter(None, [self.plan, self.summary]), *self._other_tables()):
             self._check_target(target, (self.source, *inputs))
@@ -182,7 +182,7 @@ class Targets:
     def _other_tables(self) -> list[Path]:
         """Return the tables that would replace another one."""
         form = format_of(self.out)
-        meshes = [mesh for mesh in map(self.mesh, self.angles) if form.named_otherwise(self.source, mesh)]
+        meshes = [mesh for mesh in map(self.mesh, self.poses) if form.named_otherwise(self.source, mesh)]
         return [table for mesh in meshes for table in form.name_files(mesh)]
 
     def _replaced(self, target: Path) -> bool:
@@ -264,13 +264,21 @@ def write_mesh(
     return tuple(map(printable, form.write_moved(mesh, points, out, progress)))
 
 
-def write_sensitivity(mesh: Mesh, points: FloatArray, rates: FloatArray, out: tuple[Path, Path], unit: str) -> None:
-    """Write d(points)/d(angle): an .npz with the points, and a .vtu to look at."""
+def write_sensitivity(
+    mesh: Mesh, points: FloatArray, rates: Mapping[str, FloatArray], out: tuple[Path, Path], unit: str
+) -> None:
+    """Write the derivatives by each surface's amount: an .npz with the points, and a .vtu to look at.
+
+    Of a single surface `d_points_d_angle` is (N, 3); of n surfaces it is (n, N, 3), with their names in `surfaces`.
+    """
     from sdm_deflect.meshing.formats.vtu import write_vtu
 
     arrays, picture = out
-    np.savez_compressed(arrays, points=points, unit=np.array(unit), d_points_d_angle=rates)
-    write_vtu(picture, replace(mesh, points=points, patches=()), {SENSITIVITY: rates})
+    names, (first, *others) = list(rates), list(rates.values())
+    several = {SENSITIVITY: np.stack([first, *others]), "surfaces": np.array(names)} if others else {SENSITIVITY: first}
+    np.savez_compressed(arrays, points=points, unit=np.array(unit), **several)
+    shown = {f"{SENSITIVITY}_{name}": own for name, own in rates.items()} if others else several
+    write_vtu(picture, replace(mesh, points=points, patches=()), shown)
 
 
 def _beside(source: Path) -> Path:
@@ -293,13 +301,13 @@ def _is_ours(path: Path) -> bool:
                 return f"{SENSITIVITY}.npy" in arrays.namelist()
         with path.open("rb") as file:
             begin = file.read(1 << 12)
-            return begin.startswith(HEAD) if path.suffix == ".csv" else f'Name="{SENSITIVITY}"'.encode() in begin
+            return begin.startswith(HEAD) if path.suffix == ".csv" else f'Name="{SENSITIVITY}'.encode() in begin
     except (OSError, ValueError, zipfile.BadZipFile):
         return False
 
 
 HEAD = b"file,verdict,least_quality,"
-"""Beginning of the table of several angles."""
+"""Beginning of the table of several poses."""
 DIFFERS = "{}: what was written does not read back as what was judged, and is discarded: {}"
 
 

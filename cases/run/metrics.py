@@ -16,6 +16,7 @@ from sdm_deflect.deform.rbf.fitting import KERNELS, ORDERS
 from sdm_deflect.deform.surface.motions import TRACK_UNIT, MotionLaw, Moving
 from sdm_deflect.deform.surface.reached import Reached
 from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection
+from sdm_deflect.deform.volume.job import Amounts
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 
 if TYPE_CHECKING:
@@ -77,8 +78,8 @@ def deflection_figures(deflection: Deflection) -> Json:
         "kernel": kernel_figures(plan),
         "adaptation": _adaptation(first),
         "error_between_sites": asdict(first.error_between) if first.error_between else None,
-        "motion": motion_figures(whole, deflection.angle),
-        "surfaces": surface_figures(whole, deflection.angle),
+        "motion": motion_figures(whole, deflection.amounts),
+        "surfaces": surface_figures(whole, deflection.amounts),
         "cells_touched": whole.touched.count,
         "quality_inside": {"before": by_shape(whole.before), "after": by_shape(deflection.quality)},
         **face_figures(deflection),
@@ -181,7 +182,7 @@ def warnings_of(plan: Plan) -> tuple[str, ...]:
     notes = [note for note in plan.mesh.notes if isinstance(note, Warned)]
     short = [
         f"{name} turns by {reached.mean:.0%} of its angle on average; with a narrower --strip it turns by more"
-        for name, reached in _reached(plan, max(plan.angles, key=abs))
+        for name, reached in _reached(plan, plan.largest)
         if reached and reached.mean < REACHED
     ]
     return tuple(dict.fromkeys([*notes, *(text for box in plan.boxes for text in box.boundary.warnings), *short]))
@@ -201,15 +202,15 @@ def notes_of(plan: Plan) -> tuple[str, ...]:
 
 
 def farthest(plan: Plan) -> Iterator[tuple[str, FloatArray, FloatArray]]:
-    """Yield each surface's name, place and displacement (3,) of its node that moves farthest, at the largest angle."""
-    for box in plan.boxes:
-        for surface, place, move in box.boundary.farthest(plan.amounts_of(box, max(plan.angles, key=abs))):
+    """Yield each surface's name, place and displacement (3,) of its node that moves farthest, at the largest pose."""
+    for box, own in plan.parted(plan.largest):
+        for surface, place, move in box.boundary.farthest(own):
             yield surface.label, place, move
 
 
-def motion_figures(plan: Plan, angle: float) -> Json:
+def motion_figures(plan: Plan, pose: Amounts) -> Json:
     """Return how much of its angle each surface reaches (`Reached`); null for a motion without an angle."""
-    return {name: asdict(reached) if reached else None for name, reached in _reached(plan, angle)}
+    return {name: asdict(reached) if reached else None for name, reached in _reached(plan, pose)}
 
 
 def _hinge(moving: Moving, law: MotionLaw, amount: float) -> list[list[float]] | None:
@@ -224,14 +225,13 @@ def _hinge(moving: Moving, law: MotionLaw, amount: float) -> list[list[float]] |
     return [first, second]
 
 
-def surface_figures(plan: Plan, angle: float) -> Json:
-    """Return each surface's amount at an angle of the first, what it reaches of it, and two points of its hinge.
+def surface_figures(plan: Plan, pose: Amounts) -> Json:
+    """Return each surface's amount at a pose, what it reaches of it, and two points of its hinge.
 
     The hinge of a track is where the motion brings it.
     """
     out = {}
-    for box in plan.boxes:
-        amounts = plan.amounts_of(box, angle)
+    for box, amounts in plan.parted(pose):
         rows = zip(box.moving, box.boundary.laws, amounts, box.boundary.reached(amounts), strict=True)
         for (moving, _), law, amount, (surface, reached) in rows:
             hinge = _hinge(moving, law, amount)
@@ -240,24 +240,24 @@ def surface_figures(plan: Plan, angle: float) -> Json:
     return out
 
 
-def amounts(plan: Plan, angle: float) -> Iterator[tuple[str, str]]:
+def amounts(plan: Plan, pose: Amounts) -> Iterator[tuple[str, str]]:
     """Yield the name of each surface with its amount and, where it has one, its hinge, as text."""
-    for name, one in surface_figures(plan, angle).items():
+    for name, one in surface_figures(plan, pose).items():
         ends = [", ".join(f"{x:.6g}" for x in point) for point in one["hinge"] or ()]
         yield name, f"{one['amount']:+g} {one['unit']}" + (f" about ({ends[0]}) to ({ends[1]})" if ends else "")
 
 
 def motions(plan: Plan) -> Iterator[tuple[str, str]]:
     """Yield the name of each turning surface and, as text, how much of the largest angle it reaches."""
-    for name, reached in _reached(plan, max(plan.angles, key=abs)):
+    for name, reached in _reached(plan, plan.largest):
         if reached:
             yield name, reached.text
 
 
-def _reached(plan: Plan, angle: float) -> Iterator[tuple[str, Reached | None]]:
-    """Yield the name of each surface, and what it reaches at an angle of the first."""
-    for box in plan.boxes:
-        for surface, reached in box.boundary.reached(plan.amounts_of(box, angle)):
+def _reached(plan: Plan, pose: Amounts) -> Iterator[tuple[str, Reached | None]]:
+    """Yield the name of each surface, and what it reaches at a pose."""
+    for box, own in plan.parted(pose):
+        for surface, reached in box.boundary.reached(own):
             yield surface.label, reached
 
 

@@ -5,16 +5,18 @@ Selections of patches are written so: ``flap=wall#2 box:0.6,-1,-1,1,1,1``.
 
 import re
 import shlex
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from math import isnan
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, shortened
+from sdm_deflect.deform.base.unpacking import read_rows
 from sdm_deflect.deform.box.automatic import Automatic, BoxRule, Given, Outline
 from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.axis import Axis
@@ -23,10 +25,19 @@ from sdm_deflect.deform.options import JobOptions
 from sdm_deflect.deform.surface.blended import Blended, Rib
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, TrailingEdge
-from sdm_deflect.deform.volume.job import Job, Section, Sliding
+from sdm_deflect.deform.volume.job import Amounts, Job, Section, Sliding, in_proportion
 
 from .conversion import read_toml, structured
-from .job_settings import Corner, JobSettings, PeriodicSettings, SectionSettings, SurfaceSettings
+from .job_settings import (
+    MOST_ANGLES,
+    Corner,
+    JobSettings,
+    PeriodicSettings,
+    SectionSettings,
+    SurfaceSettings,
+    angles_of,
+    check_swept,
+)
 from .spellings import SELECTION
 
 if TYPE_CHECKING:
@@ -119,6 +130,55 @@ def jobs_of(settings: JobSettings, *, by_range: bool = False) -> tuple[Job, ...]
         raise InputError("box_each = true: each surface has a box of its own; leave box out, and give corners of each")
     boxes = [_at(corners) if corners else job.box for corners in given]
     return tuple(replace(job, surfaces=(moving,), box=box) for moving, box in zip(job.surfaces, boxes, strict=True))
+
+
+def swept(settings: JobSettings, angles: Any, *, by_range: bool = False) -> tuple[tuple[Job, ...], tuple[Amounts, ...]]:
+    """Return the jobs and the poses of a sweep, one for each angle of the first surface or each row of a table.
+
+    Parameters
+    ----------
+    settings : Of several surfaces with angles, the others keep their proportion to the first one.
+    angles : As `angles_of` reads them. Or amounts of all surfaces (poses, surfaces), or a .csv of them with a title
+        line that names the surfaces.
+
+    Raises InputError as `jobs_of`, for a title that is no surface, or a surface without a column.
+    """
+    surfaces, rows = check_swept(settings).surface, _rows(angles, settings)
+    if not rows:
+        wanted = angles_of(angles)
+        if len(surfaces) > 1:
+            jobs = jobs_of(settings, by_range=by_range)
+            return jobs, in_proportion(jobs, wanted)
+        rows = tuple((angle,) for angle in wanted)
+    largest = (max(own, key=abs) for own in zip(*rows, strict=True))
+    moved = (replace(one, angle=most, amount=most) for one, most in zip(surfaces, largest, strict=True))
+    return jobs_of(replace(settings, surface=tuple(moved)), by_range=by_range), rows
+
+
+def _rows(angles: Any, settings: JobSettings) -> tuple[Amounts, ...]:
+    """Return rows of amounts, given as numbers or as a .csv, in the order of the surfaces; none for mere angles."""
+    names = [one.patches for one in settings.surface]
+    if isinstance(angles, str | Path) and Path(angles).suffix == ".csv":
+        given = _columns(Path(angles), names)
+    elif isinstance(angles, str) or not isinstance(angles, Iterable) or not any(map(np.ndim, angles)):
+        return ()
+    else:
+        given = np.asarray(angles, dtype=np.float64)
+    if given.ndim != 2 or given.shape[1] != len(names):
+        raise InputError(f"angles {given.shape}: rows of {len(names)} amounts, one for each surface")
+    if not 0 < len(given) <= MOST_ANGLES or not np.isfinite(given).all():
+        raise InputError(f"angles: 1 to {MOST_ANGLES} rows of finite numbers")
+    return tuple(map(tuple, given.tolist()))
+
+
+def _columns(path: Path, names: Sequence[tuple[str, ...]]) -> FloatArray:
+    """Read a table with a column for each surface, in the order of the surfaces' patch `names`."""
+    titles, given = read_rows(path, "table of amounts")
+    owners = [next((i for i, own in enumerate(names) if title in own), -1) for title in titles]
+    if sorted(owners) != [*range(len(names))]:
+        wanted = ",".join(own[0] for own in names)
+        raise InputError(f"{path}: one column for each surface, titled {wanted}; its titles are {','.join(titles)}")
+    return given[:, np.argsort(owners)] if given.shape[1] == len(names) else given
 
 
 def job_of(settings: JobSettings, *, by_range: bool = False) -> Job:

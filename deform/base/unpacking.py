@@ -72,6 +72,13 @@ def damaged(path: Path, what: str) -> Iterator[None]:
         raise InputError(f"{path}: no {what}: {reason or 'it is damaged'}") from None
 
 
+def read_rows(path: Path, what: str) -> tuple[list[str], NDArray[np.float64]]:
+    """Return the titles and the numbers (rows, columns) of a .csv with a title line; InputError if it is no `what`."""
+    with damaged(path, what), path.open(encoding="utf-8-sig") as text:
+        titles = [title.strip() for title in text.readline().split(",")]
+        return titles, np.loadtxt(text, delimiter=",", ndmin=2)
+
+
 def read_arrays(path: Path) -> dict[str, Array]:
     """Return the arrays of an .npz file by name.
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, farthest, first_coincident
 from sdm_deflect.deform.base.errors import InputError, shortened
-from sdm_deflect.deform.base.unpacking import damaged, read_arrays
+from sdm_deflect.deform.base.unpacking import damaged, read_arrays, read_rows
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.cells import bounded
 from sdm_deflect.deform.options import LARGEST_ANGLE
@@ -24,6 +24,7 @@ from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from .surface import Surface
 
 TRACK_UNIT = "of the track"  # unit of a track's parameter
+TABLE = "table of points and displacements"
 MOST_FUNCTIONS = 6  # most functions of one amount
 MOST = 3000  # most points of a table for a direct solve
 
@@ -293,12 +294,12 @@ class Table:
         if not isinstance(path, str | PathLike):
             raise InputError(f"table = {shortened(path)} is no path of a file")
         path = Path(path)
-        stored = read_arrays(path) if path.suffix == ".npz" else {}
-        with damaged(path, "table of points and displacements"):
-            if path.suffix == ".npz":
+        if path.suffix == ".npz":
+            stored = read_arrays(path)
+            with damaged(path, TABLE):
                 return cls(stored["points"], stored["vectors"], hinge)
-            with path.open(encoding="utf-8") as text:
-                rows = np.loadtxt(text, delimiter=",", skiprows=1, ndmin=2)
+        _, rows = read_rows(path, TABLE)
+        with damaged(path, TABLE):
             if rows.shape[1] == 4:
                 rows = np.insert(rows, (2, 4), 0.0, axis=1)
             if rows.shape[1] != 6:

@@ -15,7 +15,7 @@ from scipy.interpolate import PchipInterpolator, make_interp_spline
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray
 from sdm_deflect.deform.base.errors import InputError, shortened
-from sdm_deflect.deform.base.unpacking import damaged
+from sdm_deflect.deform.base.unpacking import read_rows
 from sdm_deflect.deform.mesh.axis import Axis, cross_matrix
 from sdm_deflect.deform.mesh.cells import bounded
 from sdm_deflect.deform.options import LARGEST_ANGLE
@@ -76,18 +76,15 @@ class Track:
         Without the latter both points have the same shift. If the first title is `controlParameter`, rows are steps of
         CPACS. Raises InputError for any other content.
         """
-        path = Path(path)
-        with damaged(path, "track"), path.open(encoding="utf-8") as text:
-            titles = text.readline()
-            given = np.loadtxt(text, delimiter=",", ndmin=2)
-            if given.shape[1] not in COLUMNS:
-                raise ValueError(f"rows of {given.shape[1]} numbers; they must be parameter, angle, dx, dy[, dz]")
+        titles, given = read_rows(Path(path), "track")
+        if given.shape[1] not in COLUMNS:
+            raise InputError(f"{path}: rows of {given.shape[1]} numbers; they must be parameter, angle, dx, dy[, dz]")
         rows = np.zeros((len(given), 8))
         rows[:, :2] = given[:, :2]
         rows[:, COLUMNS[given.shape[1]]] = given[:, 2:]
         if given.shape[1] < 6:
             rows[:, 5:] = rows[:, 2:5]
-        return cls(hinge, rows, titles.split(",")[0].strip() != CPACS)
+        return cls(hinge, rows, titles[0] != CPACS)
 
     @property
     def unit(self) -> str:

@@ -20,7 +20,7 @@ from sdm_deflect.deform.surface.placement import Placement
 from sdm_deflect.deform.surface.reached import Reached
 from sdm_deflect.deform.surface.surface import Surface
 
-from .job import Job
+from .job import Amounts, Job
 
 if TYPE_CHECKING:
     from sdm_deflect.deform.mesh.thin import ThinMesh
@@ -31,8 +31,6 @@ ON_SHAPE = 1e-6  # of the same: a moving node this near to a sliding shape is pu
 ALIKE = 0.01  # of the largest displacement: images that differ by less move by their mean, and stay in their plane
 ACROSS = 0.1  # cosine between a hinge and the normal of a plane, below which the surface turns across the plane
 COARSE = 0.1  # of the moving surface's median edge: a larger tolerance is probably a mistake
-Amounts = tuple[float, ...]
-"""Amount of each moving surface: degrees, or the share of a table."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,4 +1,4 @@
-"""The mesh at one angle, and the error of the interpolants between their sites."""
+"""The mesh at one pose, and the error of the interpolants between their sites."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -21,7 +21,8 @@ from sdm_deflect.deform.rbf.interpolant import SolveError
 from sdm_deflect.deform.repair.patch import RepairResult
 from sdm_deflect.deform.repair.repair import repaired
 
-from .boundary import Amounts, PrescribedNodes
+from .boundary import PrescribedNodes
+from .job import Amounts
 from .plan import BoxPlan, Plan
 from .step import Step, take
 
@@ -177,7 +178,7 @@ class BoxDeflection:
 
 @dataclass(frozen=True, eq=False)
 class Deflection:
-    """The mesh at one angle of the first surface.
+    """The mesh at one pose of all surfaces.
 
     Attributes
     ----------
@@ -190,17 +191,16 @@ class Deflection:
 
     @classmethod
     def at(cls, plan: Plan, points: FloatArray, repair: FloatArray | None = None) -> "Deflection":
-        """Return a deflection without steps at the plan's angle, given its final coordinates (N, 3).
+        """Return a deflection without steps at the plan's pose, given its final coordinates (N, 3).
 
         `repair` is the displacement (N, 3) by repairs, if there were any.
         """
-        boxes = (BoxDeflection.at(box, plan.amounts_of(box, plan.angle), points, repair) for box in plan.boxes)
-        return cls(plan, tuple(boxes))
+        return cls(plan, tuple(BoxDeflection.at(box, own, points, repair) for box, own in plan.parted(plan.pose)))
 
     @property
     def parts(self) -> "tuple[Deflection, ...]":
         """One deflection for each box."""
-        return tuple(Deflection(Plan((box.plan,), (box.angle,)), (box,)) for box in self.boxes)
+        return tuple(Deflection(Plan((box.plan,), (box.amounts,)), (box,)) for box in self.boxes)
 
     @property
     def angle(self) -> float:
@@ -264,10 +264,10 @@ class Deflection:
         """Return the deflection rounded for another file."""
         return Deflection(self.plan.keeping(precision), tuple(box.stored(precision) for box in self.boxes))
 
-    def sensitivity(self) -> FloatArray:
-        """Return d(points)/d(angle) (N, 3) in lengths per unit of the amount, on the same centres.
+    def sensitivity(self) -> dict[str, FloatArray]:
+        """Return the derivative (N, 3) by each surface's amount, by the surface's name, on the same centres.
 
-        With several steps it is the derivative at the end of the last one.
+        It is in lengths per unit of the amount. With several steps it is the derivative at the end of the last one.
 
         Raises InputError for a repaired mesh: a repair ends where cells are good enough, so it has no derivative.
         """
@@ -276,22 +276,24 @@ class Deflection:
                 f"{self.plan.mesh.name}: the mesh at {self.angle:g} was repaired, and a repair ends where cells are "
                 "good enough: it has no derivative; set repair = off for the sensitivity"
             )
-        rates = np.zeros_like(self.points)
+        rates = {}
         for box in self.boxes:
-            changed = box.plan.changed
-            rates[changed] = _rate(box, self.plan.amounts_of(box.plan, 1.0))[changed]
+            for row, (_, surface) in enumerate(box.plan.moving):
+                own, changed = np.zeros_like(self.points), box.plan.changed
+                own[changed] = _rate(box, row)[changed]
+                rates[surface.label] = own
         return rates
 
 
-def _rate(one: BoxDeflection, speeds: Amounts) -> FloatArray:
-    """Return d(points)/d(angle) (N, 3) at the end of the last step, on its centres; the amounts change at `speeds`."""
+def _rate(one: BoxDeflection, row: int) -> FloatArray:
+    """Return the derivative (N, 3) by the amount of surface `row` at the end of the last step, on its centres."""
     plan, step, count = one.plan, one.steps[-1], len(one.steps)
     boundary = plan.boundary.frozen_at(one.amounts)
-    h = DEGREES if plan.job.surfaces[0].motion.unit == "deg" else SHARE
+    h = DEGREES if plan.job.surfaces[row].motion.unit == "deg" else SHARE
     before = step.known[: len(plan.sites.moving)] - boundary.displacement(one.amounts) if count > 1 else 0.0
     ends = []
     for k in (-2, -1, 1, 2):
-        amounts = tuple(amount + k * h * speed for amount, speed in zip(one.amounts, speeds, strict=True))
+        amounts = tuple(amount + k * h * (i == row) for i, amount in enumerate(one.amounts))
         move = boundary.displacement(amounts)
         points = take(step.start, move + before, step, held=True, runner=plan.runner).points
         points[plan.sites.moving] = boundary.mesh.points[plan.sites.moving] + move
@@ -299,12 +301,13 @@ def _rate(one: BoxDeflection, speeds: Amounts) -> FloatArray:
     return np.asarray((8.0 * (ends[2] - ends[1]) - (ends[3] - ends[0])) / (12.0 * h))
 
 
-def deflect(plan: Plan, angle: float, progress: Progress = silent, earlier: Deflection | None = None) -> Deflection:
-    """Deflect every box to an angle of the first surface; start from the centres of an earlier deflection."""
+def deflect(
+    plan: Plan, pose: Amounts = (), progress: Progress = silent, earlier: Deflection | None = None
+) -> Deflection:
+    """Deflect every box to a pose, by default the plan's; start from the centres of an earlier deflection."""
     known = earlier.boxes if earlier else [None] * len(plan.boxes)
-    pairs = zip(plan.boxes, known, strict=True)
-    boxes = (deflect_box(box, plan.amounts_of(box, angle), progress, reused) for box, reused in pairs)
-    return Deflection(plan, tuple(boxes))
+    pairs = zip(plan.parted(pose or plan.pose), known, strict=True)
+    return Deflection(plan, tuple(deflect_box(box, own, progress, reused) for (box, own), reused in pairs))
 
 
 def deflect_box(

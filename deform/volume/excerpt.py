@@ -24,7 +24,7 @@ from sdm_deflect.deform.mesh.standard import POLYHEDRON
 from sdm_deflect.deform.mesh.touched import touching
 
 from .boundary import PrescribedNodes
-from .job import Job, prepared
+from .job import Amounts, Job, by_job, pose_of, prepared
 from .region import confining_box
 
 if TYPE_CHECKING:
@@ -235,9 +235,9 @@ def _faces_seen(task: ScanTask, view: Window, cells: Volume) -> IntArray:
 
 
 def excerpt(
-    mesh: MeshInPieces, jobs: Sequence[Job], angles: Sequence[float], runner: Runner, progress: Progress = silent
+    mesh: MeshInPieces, jobs: Sequence[Job], poses: Sequence[Amounts], runner: Runner, progress: Progress = silent
 ) -> Mesh:
-    """Read the part of a mesh that jobs need at some angles of the first one.
+    """Read the part of a mesh that jobs need at some poses of all surfaces.
 
     All points and cells are read once and judged piece by piece.
 
@@ -245,7 +245,7 @@ def excerpt(
     """
     pieces = mesh.pieces
     border = _border(mesh)
-    task = _task(mesh, border, prepared(border, jobs), jobs, angles)
+    task = _task(mesh, border, prepared(border, jobs), jobs, poses)
     task = _in_memory(task) if runner.shares_memory else task
     inside, places = _nodes_inside(task, runner, progress)
     scanned, task = _cells(mesh, task, runner, progress)
@@ -292,13 +292,14 @@ def _numbered(mesh: MeshInPieces, points: FloatArray, cells: tuple[Volume, ...],
     return Mesh(points, cells, patches, zones, mesh.name, source, mesh.notes, whole, periodic, files)
 
 
-def _task(mesh: MeshInPieces, border: Mesh, own: Mesh, jobs: Sequence[Job], angles: Sequence[float]) -> ScanTask:
-    """Return the task for jobs at some angles of the first one; `own` is the border `prepared` for them."""
+def _task(mesh: MeshInPieces, border: Mesh, own: Mesh, jobs: Sequence[Job], poses: Sequence[Amounts]) -> ScanTask:
+    """Return the task for jobs at some poses of all surfaces; `own` is the border `prepared` for them."""
     assert border.whole is not None
     boxes, moving, halfway = [], [np.empty(0, dtype=np.intp)], None
-    for job in jobs:
+    parts = zip(*(by_job(jobs, pose) for pose in poses or [pose_of(jobs)]), strict=True)
+    for job, amounts in zip(jobs, parts, strict=True):
         boundary = PrescribedNodes.of(own, job)
-        zones, box = confining_box(boundary, job.ends([job.beside(jobs[0], angle) for angle in angles] or [job.angle]))
+        zones, box = confining_box(boundary, job.ends(amounts))
         names = {zone.name for zone in zones}
         spans = [(zone.start, zone.stop) for zone in mesh.zones if zone.name in names]
         boxes.append((box.hexahedron, np.array(spans, dtype=np.intp).reshape(-1, 2)))

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from operator import is_
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,10 @@ from sdm_deflect.deform.surface.surface import OnPatches
 
 if TYPE_CHECKING:
     from sdm_deflect.deform.mesh.selection import Selection
+
+
+Amounts = tuple[float, ...]
+"""A pose: the amount of each moving surface, in degrees or as a share of a table."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,8 +68,7 @@ class Job(JobOptions):
 
     Attributes
     ----------
-    surfaces : the moving surfaces. In a sweep the angle is the first one's amount, and the others keep their ratio to
-        it.
+    surfaces : the moving surfaces.
     slides : patches that stay on a plane, a cylinder, or their own surface.
     box : rule for the confining hexahedron.
     sections : faces of an overlapping block that cut the box.
@@ -104,58 +108,65 @@ class Job(JobOptions):
         )
 
     @property
-    def amounts(self) -> tuple[float, ...]:
+    def amounts(self) -> Amounts:
         """Amount of each surface."""
         return tuple(moving.amount for moving in self.surfaces)
 
-    @property
-    def ratios(self) -> tuple[float, ...]:
-        """Amount of each surface per unit of the first one's amount.
-
-        Raises InputError if the first one's amount is zero.
-        """
-        if not self.angle and any(self.amounts):
-            moves = next(surface for surface in self.surfaces if surface.amount)
-            raise InputError(
-                f"angle = 0 of {', '.join(self.surfaces[0].patches)}, the first surface: the others cannot be in "
-                f"proportion to it; put {', '.join(moves.patches)} first"
-            )
-        return tuple(amount / self.angle if self.angle else 1.0 for amount in self.amounts)
-
-    def amounts_at(self, angle: float) -> tuple[float, ...]:
-        """Return the amount of each surface at an angle of the first one."""
-        return self.amounts if angle == self.angle else tuple(angle * ratio for ratio in self.ratios)
-
-    def beside(self, first: "Job", angle: float) -> float:
-        """Return the amount of this job's first surface at an angle of the first job's."""
-        if self is first:
-            return angle
-        return replace(self, surfaces=(first.surfaces[0], *self.surfaces)).amounts_at(angle)[1]
-
-    def ends(self, angles: Sequence[float]) -> tuple[tuple[float, ...], ...]:
-        """Return the amounts at the smallest and the largest angle of the first surface.
+    def ends(self, poses: Sequence[Amounts]) -> tuple[Amounts, ...]:
+        """Return the poses at which a surface's amount is the least or the largest; `poses` are the job's own.
 
         A surface with a range adds the ends of the range, with the others at rest.
         """
-        ends = [self.amounts_at(angle) for angle in dict.fromkeys((min(angles), max(angles)))]
+        columns = [own for own in zip(*poses, strict=True) if len({*own}) > 1]
+        ends = [poses[own.index(end(own))] for own in columns for end in (min, max)] or [poses[0]]
         for i, surface in enumerate(self.surfaces):
-            alone = (tuple(end if i == j else 0.0 for j in range(len(self.surfaces))) for end in surface.range or ())
-            ends += [amounts for amounts in alone if any(amounts)]
+            ends += [
+                tuple(end * (i == j) + 0.0 for j in range(len(self.surfaces))) for end in surface.range or () if end
+            ]
         return tuple(dict.fromkeys(ends))
 
-    def over(self, first: "Job", angles: Sequence[float]) -> "Job":
-        """Return the job with ranges that contain the surfaces' amounts at some angles of the first job's surface."""
-        poses = [self.amounts_at(self.beside(first, angle)) for angle in angles]
+    def over(self, poses: Sequence[Amounts]) -> "Job":
+        """Return the job with ranges that contain the amounts of its own `poses`."""
         ranges = [(min(0.0, *own), max(0.0, *own)) for own in zip(*poses, strict=True)]
         pairs = zip(self.surfaces, ranges, strict=True)
         surfaces = (replace(one, range=one.range or own) if any(own) else one for one, own in pairs)
         return replace(self, surfaces=tuple(surfaces))
 
-    def at(self, angle: float) -> "Job":
-        """Return the job with the first surface at `angle` and the others in proportion."""
-        amounts = self.amounts_at(angle)
+    def at(self, amounts: Amounts) -> "Job":
+        """Return the job with other amounts of its surfaces."""
         moved = (replace(surface, amount=amount) for surface, amount in zip(self.surfaces, amounts, strict=True))
         return replace(self, surfaces=tuple(moved))
+
+
+def pose_of(jobs: Sequence[Job]) -> Amounts:
+    """Return the amount of every surface of all jobs."""
+    return tuple(amount for job in jobs for amount in job.amounts)
+
+
+def by_job(jobs: Sequence[Job], pose: Amounts) -> tuple[Amounts, ...]:
+    """Return the amounts of each job's surfaces, given those of all."""
+    rest = iter(pose)
+    return tuple(tuple(islice(rest, len(job.surfaces))) for job in jobs)
+
+
+def in_proportion(jobs: Sequence[Job], angles: Sequence[float]) -> tuple[Amounts, ...]:
+    """Return a pose for each angle of the first surface; the others keep their proportion to it.
+
+    Raises InputError if the first surface's own amount is zero, but another one's is not.
+    """
+    own = pose_of(jobs)
+    return tuple(own if angle == own[0] else tuple(angle * ratio for ratio in _ratios(jobs)) for angle in angles)
+
+
+def _ratios(jobs: Sequence[Job]) -> Amounts:
+    own, surfaces = pose_of(jobs), [one for job in jobs for one in job.surfaces]
+    moves = next((one for one in surfaces if one.amount), surfaces[0])
+    if own[0] or moves is surfaces[0]:
+        return tuple(amount / own[0] if own[0] else 1.0 for amount in own)
+    raise InputError(
+        f"angle = 0 of {', '.join(surfaces[0].patches)}, the first surface: the others cannot be in proportion to it; "
+        f"put {', '.join(moves.patches)} first, or give rows of amounts"
+    )
 
 
 def prepared(mesh: Mesh, jobs: Sequence[Job]) -> Mesh:
@@ -184,11 +195,6 @@ def prepared(mesh: Mesh, jobs: Sequence[Job]) -> Mesh:
 def _of_one_hand(mesh: Mesh) -> Mesh:
     cells = tuple(one_hand(mesh.points, block) for block in mesh.cells)
     return mesh if all(map(is_, cells, mesh.cells)) else replace(mesh, cells=cells)
-
-
-def ratios_of(jobs: Sequence[Job]) -> tuple[float, ...]:
-    """Return the amount of each surface of all jobs per unit of the first one's; InputError as for `Job.ratios`."""
-    return tuple(amount for job in jobs for amount in job.amounts_at(job.beside(jobs[0], 1.0)))
 
 
 def _in_planes(mesh: Mesh, job: Job) -> Iterator[str]:

@@ -16,8 +16,8 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.surface.motions import Functions
 
-from .boundary import Amounts
 from .deflection import BoxDeflection, deflect_box, stepped
+from .job import Amounts
 from .plan import BoxPlan
 from .step import take
 

@@ -1,6 +1,6 @@
 """A plan: all that is decided before the first fit."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import nan
@@ -26,8 +26,8 @@ from sdm_deflect.deform.repair.freedom import Columns, FreeNodes
 from sdm_deflect.deform.surface.motions import Moving
 from sdm_deflect.deform.surface.surface import Surface
 
-from .boundary import Amounts, PrescribedNodes
-from .job import Job, prepared
+from .boundary import PrescribedNodes
+from .job import Amounts, Job, by_job, pose_of, prepared
 from .region import ON_FACE, BoxNodes, check_disjoint
 from .sites import Sites
 from .step import Start
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class BoxPlan:
-    """Known nodes, box, sites and touched cells of one box, for all angles of a job.
+    """Known nodes, box, sites and touched cells of one box, for all poses of a job.
 
     Attributes
     ----------
@@ -61,14 +61,14 @@ class BoxPlan:
 
     @classmethod
     def of(
-        cls, mesh: Mesh, job: Job, angles: Sequence[float], progress: Progress = silent, more: Sequence[Addition] = ()
+        cls, mesh: Mesh, job: Job, poses: Sequence[Amounts], progress: Progress = silent, more: Sequence[Addition] = ()
     ) -> "BoxPlan":
-        """Plan a job for several angles in a mesh that is `prepared` for it; `more` are further additions.
+        """Plan a job for several poses in a mesh that is `prepared` for it; `more` are further additions.
 
         Raises InputError if the job does not suit the mesh.
         """
         progress("surfaces", nan)
-        boundary, ends = PrescribedNodes.of(mesh, job), job.ends(angles)
+        boundary, ends = PrescribedNodes.of(mesh, job), job.ends(poses)
         progress("box", nan)
         try:
             boundary = boundary.knowing({*ends, job.amounts})
@@ -219,23 +219,23 @@ class Plan:
     Attributes
     ----------
     boxes : the plan of each box; at least one.
-    angles : amounts of the first surface that its box contains.
+    poses : amounts of all surfaces, box by box, that the boxes contain.
     """
 
     boxes: tuple[BoxPlan, ...]
-    angles: tuple[float, ...]
+    poses: tuple[Amounts, ...]
 
     @classmethod
-    def of(cls, mesh: Mesh, jobs: Sequence[Job], angles: Sequence[float] = (), progress: Progress = silent) -> "Plan":
-        """Plan every job, for its own angle or for several angles of the first job.
+    def of(cls, mesh: Mesh, jobs: Sequence[Job], poses: Sequence[Amounts] = (), progress: Progress = silent) -> "Plan":
+        """Plan every job, for its own amounts or for several poses of all jobs' surfaces.
 
         The plan's mesh has the jobs' selections as patches. Raises InputError if a job does not suit the mesh, or two
         boxes overlap.
         """
-        mesh, first = prepared(mesh, jobs), jobs[0]
-        wanted = tuple(angles) or (first.angle,)
-        boxes = tuple(BoxPlan.of(mesh, job, [job.beside(first, angle) for angle in wanted], progress) for job in jobs)
-        check_disjoint([(box.surface, box.region.hexahedron) for box in boxes], first.box.settings)
+        mesh, wanted = prepared(mesh, jobs), tuple(poses) or (pose_of(jobs),)
+        parts = zip(*(by_job(jobs, pose) for pose in wanted), strict=True)
+        boxes = tuple(BoxPlan.of(mesh, job, own, progress) for job, own in zip(jobs, parts, strict=True))
+        check_disjoint([(box.surface, box.region.hexahedron) for box in boxes], jobs[0].box.settings)
         return cls(boxes, wanted)
 
     @property
@@ -249,13 +249,18 @@ class Plan:
         return self.boxes[0].job
 
     @property
-    def angle(self) -> float:
-        """Amount of the first surface."""
-        return self.job.angle
+    def pose(self) -> Amounts:
+        """Amount of each surface, as the jobs have it."""
+        return pose_of([box.job for box in self.boxes])
+
+    @property
+    def largest(self) -> Amounts:
+        """The pose with the largest amount."""
+        return max(self.poses, key=lambda pose: max(map(abs, pose)))
 
     @property
     def unit(self) -> str:
-        """Unit of the angles."""
+        """Unit of the first surface's amount."""
         return self.job.surfaces[0].motion.unit
 
     @property
@@ -310,13 +315,9 @@ class Plan:
         """Sorted indices of the moving and fixed nodes inside."""
         return union(*(box.walls for box in self.boxes))
 
-    def angle_of(self, box: BoxPlan, angle: float) -> float:
-        """Return the amount of the first surface of a box at an angle of the plan's first surface."""
-        return box.job.beside(self.job, angle)
-
-    def amounts_of(self, box: BoxPlan, angle: float) -> Amounts:
-        """Return the amount of each moving surface of a box at an angle of the plan's first surface."""
-        return box.job.amounts_at(self.angle_of(box, angle))
+    def parted(self, pose: Amounts) -> Iterator[tuple[BoxPlan, Amounts]]:
+        """Yield each box with the amounts of its surfaces, given those of all."""
+        yield from zip(self.boxes, by_job([box.job for box in self.boxes], pose), strict=True)
 
     @cached_property
     def undeflected(self) -> FloatArray:

@@ -17,8 +17,8 @@ from sdm_deflect.deform.mesh.cells import Patch, Zone
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.surface.motions import TRACK_UNIT
 
-from .boundary import ZERO_LENGTH, Amounts, PrescribedNodes
-from .job import Section
+from .boundary import ZERO_LENGTH, PrescribedNodes
+from .job import Amounts, Section
 
 if TYPE_CHECKING:
     from sdm_deflect.deform.surface.tracks import TrackLaw

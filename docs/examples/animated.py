@@ -57,10 +57,10 @@ def aircraft(parts: Sequence[float]) -> Iterator[Any]:
     case = replace(case_named("all"), angle=AIRCRAFT)
     mesh = meshed(case, Stopwatch())[0]
     plan = plan_of(case, mesh, [AIRCRAFT * part for part in parts])
-    known = deflect(plan, plan.angle)
+    known = deflect(plan)
     orientation = plan.touched.orientation
-    for part in parts:
-        displacement = deflect(plan, plan.angle * part, earlier=known).points - mesh.points
+    for pose in plan.poses:
+        displacement = deflect(plan, pose, earlier=known).points - mesh.points
         yield to_pyvista(mesh.with_points(mesh.points + displacement), displacement, orientation)
 
 

@@ -11,6 +11,7 @@ from sdm_deflect.cases.run.mesh_files import Targets
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.cases.settings.job_settings import JobSettings, settings_of
 from sdm_deflect.cases.settings.jobs import jobs_of
+from sdm_deflect.deform.volume.job import pose_of
 
 HINGE = [[0.7, 0.6, 0.0], [0.7, 1.4, 0.0]]
 
@@ -18,7 +19,7 @@ HINGE = [[0.7, 0.6, 0.0], [0.7, 1.4, 0.0]]
 def deflected(source: Path, out: Path, settings: JobSettings, helpers: Wanted) -> Outcome:
     """Write the deflected mesh and return what was found: checks, quality, figures."""
     jobs, watch = jobs_of(settings), Stopwatch()
-    wanted = Targets.of(source, out, (jobs[0].angle,))
+    wanted = Targets.of(source, out, (pose_of(jobs),))
     wanted.check()
     with workers(helpers, watch, source, out.absolute().parent) as runner:
         return deflect_file(wanted, jobs, watch, runner)

@@ -34,18 +34,20 @@ def rates(folder: Path, angle: float) -> tuple[float, float]:
     skin = Skin.of(study, folder / FOLDER / Member(DEFLECTED, angle).name)
     flow = undeflected_mesh(study, Stopwatch())
     plan = plan_of(study.at(angle), flow)
-    here = deflect(plan, plan.angle)
+    here = deflect(plan)
     np.testing.assert_array_equal(here.points, skin.points)  # the mesh whose flow was computed
     own = skin.own == 1
     pressure, triangles = study.stream.dynamic_pressure * skin.pressure[own], skin.triangles[own]
     hinge = next(one for one in study.setup(True).hinges if one.name == study.surface)
     moments = []
     for step in (STEP, -STEP):
-        one = deflect(plan, plan.angle + step * plan.angle / angle, earlier=here)
+        one = deflect(plan, tuple(own + step * own / angle for own in plan.pose), earlier=here)
         moments.append(hinge_moment(one.points, triangles, pressure, hinge))
     reference = surface_reference(case.fighter, study.surface)
     scale = study.stream.dynamic_pressure * reference.area * reference.chord
-    rate = hinge_moment_rate(here.points, here.sensitivity(), triangles, pressure, hinge)
+    own = zip(here.sensitivity().values(), plan.pose, strict=True)
+    speeds = np.sum([rate * amount / angle for rate, amount in own], axis=0)
+    rate = hinge_moment_rate(here.points, speeds, triangles, pressure, hinge)
     return rate / scale, (moments[0] - moments[1]) / (2.0 * STEP) / scale
 
 

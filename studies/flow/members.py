@@ -167,7 +167,7 @@ def fresh_deflected_meshes(
 def moved_points(case: Case, flow: Mesh) -> FloatArray:
     """Return the points (N, 3) of a case's mesh, deflected; InputError as a run has it."""
     plan = plan_of(case, flow)
-    return deflect(plan, plan.angle).points
+    return deflect(plan).points
 
 
 def fresh_mesh(study: FlowStudy, member: Member, watch: Stopwatch) -> Mesh:

@@ -34,7 +34,7 @@ def test_block_and_background_are_one_overset_case(chimera_run, tmp_path):
     run, _ = chimera_run
     case = replace(run.case, angle=-12.0)
     plan = plan_of(case, run.mesh)
-    block = run.mesh.with_points(deflect(plan, plan.angle).points)
+    block = run.mesh.with_points(deflect(plan).points)
     folder = tmp_path / "overset"
     overset.write_overset(block, run.background, BLOCK, Setup(), folder)
     types = {patch.name: patch.type for patch in parse(open_foam(folder / MESH, "boundary").text())}

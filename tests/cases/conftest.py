@@ -107,7 +107,7 @@ def turned(make_mesh):
     def turn(case):
         mesh, _ = make_mesh(case)
         plan = plan_of(case, mesh)
-        found = deflect(plan, plan.angle)
+        found = deflect(plan)
         moved = mesh.with_points(found.points)
         return mesh, moved, validate(case, found, checks_of(found, unit="m"), built(case))
 

@@ -3,6 +3,7 @@
 import csv
 import json
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -220,7 +221,7 @@ def test_a_first_surface_that_stays_does_not_keep_the_second_from_moving(sdm, tm
     assert moved[mesh.on("right")].max() > 0.1
     code, _, complaint = sdm(*words, "--angles", "0,5", "--out", tmp_path / "swept.su2")
     assert code == 2
-    assert "put 'right' first" in complaint
+    assert "put right first, or give rows of amounts" in complaint
 
 
 def test_a_mesh_that_replaces_an_older_one_says_so(sdm, tmp_path):
@@ -250,6 +251,73 @@ def test_the_files_of_a_sweep_name_the_amounts_of_all_surfaces(sdm, tmp_path):
     assert 0.9 < float(first["least_quality"]) < 1.0
     assert float(first["right_share"]) == pytest.approx(1.0)
     assert [float(first[f"right_{end}_{axis}"]) for end in ("first", "second") for axis in "xyz"] == [1, 0, 0, 1, 1, 0]
+
+
+TWO = (
+    '[[surface]]\npatches = "left"\nhinge = [[-1, 0, 0], [-1, 1, 0]]\n'
+    '[[surface]]\npatches = "right"\nhinge = [[1, 0, 0], [1, 1, 0]]\n'
+)
+
+
+@pytest.fixture
+def paired_bodies(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    FORMATS["su2"].write(two_bodies(), tmp_path / "pair.su2")
+    (tmp_path / "job.toml").write_text(TWO)
+    return ("deflect", "pair.su2", "--config", "job.toml", "--no-report", "--quiet", "--angles", "doe.csv")
+
+
+def test_rows_of_amounts_are_meshes_with_derivatives_of_their_own(sdm, paired_bodies):
+    rows = [(0.0, 4.0), (0.0, -2.0), (-3.0, 1.0)]
+    Path("doe.csv").write_text("\ufeffright, left\n" + "".join(f"{right},{left}\n" for left, right in rows))
+    code, said, error = sdm(*paired_bodies, "--sensitivity", "--json")
+    assert code == 0, said + error
+    figures = json.loads(said)
+    mesh = two_bodies()
+    assert sorted(
+        (one["surfaces"]["left"]["amount"], one["surfaces"]["right"]["amount"]) for one in figures["angles"]
+    ) == sorted(rows)
+    for left, right in rows:
+        name = f"pair-deflected_{left:+g}_{right:+g}"
+        expected = deflect(
+            mesh,
+            [
+                {"patches": "left", "hinge": [[-1, 0, 0], [-1, 1, 0]], "angle": left},
+                {"patches": "right", "hinge": [[1, 0, 0], [1, 1, 0]], "angle": right},
+            ],
+        )
+        points = FORMATS["su2"].read(Path(f"{name}.su2")).points
+        for side in ("left", "right"):
+            np.testing.assert_allclose(points[mesh.on(side)], expected.points[mesh.on(side)], atol=1e-14)
+        assert np.abs(points - expected.points).max() < 0.01
+        with np.load(f"{name}-sensitivity.npz") as stored:
+            assert stored["surfaces"].tolist() == ["left", "right"]
+            rates = dict(zip(stored["surfaces"], stored["d_points_d_angle"], strict=True))
+        assert not rates["left"][mesh.on("right")].any()
+        radius = points[mesh.on("right")] - [1.0, 0.0, 0.0]
+        np.testing.assert_allclose(
+            rates["right"][mesh.on("right")], np.radians(1.0) * np.cross([0, 1, 0], radius), atol=1e-11
+        )
+    with Path("pair-deflected.csv").open() as table:
+        assert [(float(one["left"]), float(one["right"])) for one in csv.DictReader(table)] == sorted(rows)
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("left\n1\n", "one column for each surface, titled left,right; its titles are left"),
+        ("left,flap\n1,2\n", "titled left,right; its titles are left,flap"),
+        ("left,right\n1,nan\n", "1 to 1000 rows of finite numbers"),
+        ("left,right\n1\n", "rows of 2 amounts, one for each surface"),
+        ("left,right\n", "no table of amounts"),
+        ("left,right\n1,95\n", "angle = 95 deg of right is out of range"),
+    ],
+)
+def test_rows_that_do_not_suit_the_surfaces_are_one_sentence(sdm, paired_bodies, text, complaint):
+    Path("doe.csv").write_text(text)
+    code, _, error = sdm(*paired_bodies)
+    assert code == 2
+    assert complaint in error
 
 
 def test_a_table_that_is_not_of_an_earlier_sweep_stays(sdm, tmp_path):

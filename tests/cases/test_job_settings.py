@@ -22,6 +22,7 @@ from sdm_deflect.deform.box.hexahedron import box
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.surface.surface import Listed, OnPatches, TrailingEdge
+from sdm_deflect.deform.volume.job import in_proportion
 
 HINGE = [[0.7, 0, 0], [0.7, 1, 0]]
 OWN = Rotation.about(*np.array(HINGE))
@@ -50,7 +51,7 @@ def two(tmp_path):
 
 def test_a_configuration_of_two_surfaces(two):
     job = jobs_of(job_settings(two))[0]
-    assert job.amounts_at(4.0) == (4.0, -2.0)
+    assert in_proportion([job], (4.0,)) == ((4.0, -2.0),)
     assert job.fitting.max_centers == 900
     assert [(one.patch, one.shape) for one in job.slides] == [("symmetry", "plane")]
     assert job.surfaces[1].motion.held.nodes.tolist() == [3, 4, 5]

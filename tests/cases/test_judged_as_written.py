@@ -92,7 +92,7 @@ def foam_points(path, n):
 def run(source, out, angle=5.0, **asked):
     """Deflect a file as the command does."""
     settings = settings_of(asked.pop("surfaces"), asked.pop("hinge"), angle, asked)
-    return command.deflect_file(Targets.of(source, out, (angle,)), jobs_of(settings), Stopwatch())
+    return command.deflect_file(Targets.of(source, out, ((angle,),)), jobs_of(settings), Stopwatch())
 
 
 def value(checks, name):
@@ -116,7 +116,7 @@ def test_the_verdict_is_of_the_numbers_on_the_disk(name, thin, tmp_path):
     before = ON_DISK[name](tmp_path / name, len(points)).astype(np.float64)
     below, above = thin.columns[:, :2].T
     low, high = (np.linalg.norm(at[above] - at[below], axis=1) for at in (before, points))
-    checks = {check.name: check for check in done.angles[0].checks}
+    checks = {check.name: check for check in done.poses[0].checks}
     for quality in done.plan.touched.quality(points):
         assert checks[f"quality_min:{quality.shape}"].value == quality.min
     if "first_layer" in checks:  # files of polyhedra have none

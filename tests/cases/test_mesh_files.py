@@ -21,19 +21,19 @@ def folder(tmp_path, monkeypatch):
 
 
 def targets(source, out, angles=(8.0,), sensitive=False):
-    return Targets.of(Path(source), Path(out) if out else None, angles, sensitive)
+    return Targets.of(Path(source), Path(out) if out else None, [(angle,) for angle in angles], sensitive)
 
 
 def test_names():
     many = targets("wing.su2", "out/flap.v2.cgns", (-12.0, 0.5, 1e-7), True)
-    assert [str(many.mesh(angle)) for angle in many.angles] == [
+    assert [str(many.mesh(pose)) for pose in many.poses] == [
         "out/flap.v2_-12.cgns", "out/flap.v2_+0.5.cgns", "out/flap.v2_+1e-07.cgns"
     ]  # fmt: skip
-    assert [path.name for path in many.sensitivity(-12.0)] == [
+    assert [path.name for path in many.sensitivity((-12.0,))] == [
         "flap.v2_-12-sensitivity.npz", "flap.v2_-12-sensitivity.vtu"
     ]  # fmt: skip
     assert len(many.extra) == 6
-    assert targets("wing.su2", None).mesh(8.0) == Path("wing-deflected.su2")
+    assert targets("wing.su2", None).mesh((8.0,)) == Path("wing-deflected.su2")
 
 
 def test_names_of_cases(folder):
@@ -42,9 +42,9 @@ def test_names_of_cases(folder):
     Path("alpha-12.5/case.foam").touch()
     for source in ("alpha-12.5", "alpha-12.5/case.foam"):
         case = targets(source, None, (5.0, 10.0), True)
-        assert case.mesh(5.0) == Path("alpha-12.5-deflected_+5")
+        assert case.mesh((5.0,)) == Path("alpha-12.5-deflected_+5")
         assert case.extra[0] == Path("alpha-12.5-deflected_+5-sensitivity.npz")
-    assert targets("wing.su2", "new/case.foam").mesh(8.0) == Path("new")
+    assert targets("wing.su2", "new/case.foam").mesh((8.0,)) == Path("new")
 
 
 @pytest.mark.parametrize("source", [".", "../case", "case.foam", "constant/.."])
@@ -52,14 +52,14 @@ def test_a_case_is_named_from_within(source, folder, monkeypatch):
     Path("case/constant").mkdir(parents=True)
     Path("case/case.foam").touch()
     monkeypatch.chdir("case")
-    assert targets(source, None).mesh(8.0).resolve() == folder / "case-deflected"
+    assert targets(source, None).mesh((8.0,)).resolve() == folder / "case-deflected"
     targets(source, None).check()
 
 
 @pytest.mark.parametrize("out", ["", ".", ".."])
 def test_a_folder_without_a_name_has_its_own(out, folder):
     Path("m.su2").touch()
-    wanted = Targets.of(Path("m.su2"), Path(out), (1.0,), sensitive=True)
+    wanted = Targets.of(Path("m.su2"), Path(out), ((1.0,),), sensitive=True)
     assert wanted.out == Path(out).resolve()
     with pytest.raises(InputError, match="exists already"):
         wanted.check()
@@ -67,14 +67,14 @@ def test_a_folder_without_a_name_has_its_own(out, folder):
 
 def test_the_root_is_no_mesh():
     with pytest.raises(InputError, match="is no place for a mesh"):
-        Targets.of(Path("m.su2"), Path("/"), (1.0,))
+        Targets.of(Path("m.su2"), Path("/"), ((1.0,),))
 
 
 def test_angles_that_differ_have_names_that_differ(folder):
     angles = (10.00001, 10.00002, 10.0, 1e-20)
     sweep = targets("wing.su2", "flap.su2", angles)
     sweep.check()
-    assert len({sweep.mesh(angle) for angle in angles}) == 4
+    assert len({sweep.mesh((angle,)) for angle in angles}) == 4
 
 
 def test_the_source_is_never_a_target(folder):
@@ -106,7 +106,7 @@ def test_files_that_settings_name_are_inputs(folder):
 
 
 def test_two_targets_of_one_name(folder):
-    twice = Targets(Path("w.su2"), Path("flap.vtu"), (5.0, 5.0), True)
+    twice = Targets(Path("w.su2"), Path("flap.vtu"), ((5.0,), (5.0,)), True)
     with pytest.raises(InputError, match=r"flap_\+5\.vtu would be written twice"):
         twice.check()
 
@@ -129,7 +129,7 @@ def test_a_pipe_is_not_replaced(folder):
 def test_earlier_files_are_replaced(folder):
     job = targets("wing.su2", "flap.su2", sensitive=True)
     mesh = hybrid()
-    write_sensitivity(mesh, mesh.points, np.ones_like(mesh.points), job.sensitivity(8.0), "m")
+    write_sensitivity(mesh, mesh.points, {"flap": np.ones_like(mesh.points)}, job.sensitivity((8.0,)), "m")
     job.out.write_text("an earlier mesh")
     job.check()
 

@@ -127,7 +127,7 @@ def test_folder_holds_all_and_makes_the_page_anew(coarse_wing, tmp_path, monkeyp
     source, out = tmp_path / "wing.su2", tmp_path / "out" / "bent.su2"
     format_of(source).write(coarse_wing.mesh, source)
     mesh = replace(format_of(source).read(source), name="wing.su2", source=str(source))
-    one = deflect(Plan.of(mesh, [blended(coarse_wing.hinge)]), 3.0)
+    one = deflect(Plan.of(mesh, [blended(coarse_wing.hinge)]), (3.0,))
     checks = tuple(checks_of(one))
     folder = folders.folder_of(out)
     data = write_run_folder(folder, one, checks, out, {"deflect": one.seconds})
@@ -185,7 +185,7 @@ def blended(hinge):
 
 @pytest.mark.parametrize("whole", [True, False])
 def test_a_note_says_when_the_file_is_a_part_of_the_mesh(whole, coarse_wing, tmp_path, monkeypatch):
-    one = deflect(Plan.of(coarse_wing.mesh, [blended(coarse_wing.hinge)]), 3.0)
+    one = deflect(Plan.of(coarse_wing.mesh, [blended(coarse_wing.hinge)]), (3.0,))
     limited(monkeypatch, shown=10**9 if whole else 1)
     write_run_folder(tmp_path, one, (), None, {})
     path = tmp_path / "deflected.vtu"
@@ -198,7 +198,7 @@ def test_a_note_says_when_the_file_is_a_part_of_the_mesh(whole, coarse_wing, tmp
 def test_the_command_that_repeats_it_is_typed_outside_the_folder(coarse_wing, tmp_path):
     """It replaces the folder of the report, so a shell within would stand in a folder that is gone."""
     mesh = replace(coarse_wing.mesh, source=str(tmp_path / "a wing.su2"))
-    one = deflect(Plan.of(mesh, [blended(coarse_wing.hinge)]), 3.0)
+    one = deflect(Plan.of(mesh, [blended(coarse_wing.hinge)]), (3.0,))
     data = write_run_folder(tmp_path / "scratch", one, (), tmp_path / "out.su2", {})
     assert data.repeat == "sdm deflect 'a wing.su2' --config out-report/settings.toml"
 
@@ -210,7 +210,7 @@ def test_polyhedra_and_nodes_alone_have_a_report(tmp_path):
     hinge = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
     for name, mesh in (("polyhedra", replace(polyhedral(block), zones=())), ("nodes", loose)):
         job = Job((Moving(("body",), Rotation.about(*hinge), 5.0),))
-        one = deflect(Plan.of(mesh, [job]), 5.0)
+        one = deflect(Plan.of(mesh, [job]), (5.0,))
         data = write_run_folder(tmp_path / name, one, tuple(checks_of(one)), None, {})
         text = (tmp_path / name / "report.html").read_text()
         assert text.count("<figure>") == (3 if mesh.cells else 1)
@@ -221,7 +221,7 @@ def test_polyhedra_and_nodes_alone_have_a_report(tmp_path):
 
 
 def test_page_of_a_hybrid_mesh_is_turnable(coarse_wing, opened, tmp_path):
-    one = deflect(Plan.of(coarse_wing.mesh, [blended(coarse_wing.hinge)]), 3.0)
+    one = deflect(Plan.of(coarse_wing.mesh, [blended(coarse_wing.hinge)]), (3.0,))
     data = write_run_folder(tmp_path, one, tuple(checks_of(one)), None, {})
     tab, _, complaints = opened(tmp_path / "report.html")
     tab.locator("#scene-threshold").fill("0.6")
@@ -237,7 +237,7 @@ def test_names_of_a_mesh_cannot_inject_markup(coarse_wing, opened, tmp_path):
     evil = "</script><script>document.title='broken'</script>"
     named = {"symmetry": evil}
     patches = tuple(Patch(named.get(p.name, p.name), p.faces) for p in coarse_wing.mesh.patches)
-    one = deflect(Plan.of(replace(coarse_wing.mesh, patches=patches, name=evil), [blended(coarse_wing.hinge)]), 3.0)
+    one = deflect(Plan.of(replace(coarse_wing.mesh, patches=patches, name=evil), [blended(coarse_wing.hinge)]), (3.0,))
     data = write_run_folder(tmp_path, one, tuple(checks_of(one)), None, {})
     (tmp_path / "report.html").write_text(page(data, Gallery(())), encoding="utf-8")
     tab, _, complaints = opened(tmp_path / "report.html")
@@ -249,7 +249,7 @@ def test_names_of_a_mesh_cannot_inject_markup(coarse_wing, opened, tmp_path):
 @pytest.mark.parametrize("cells", [lambda mesh: mesh, polyhedral], ids=["as they are", "polyhedra"])
 def test_pictures_of_the_near_cells_are_those_of_all(cells, coarse_wing):
     mesh = replace(cells(coarse_wing.mesh), zones=())
-    data = folders.data_of(deflect(Plan.of(mesh, [blended(coarse_wing.hinge)]), 3.0))
+    data = folders.data_of(deflect(Plan.of(mesh, [blended(coarse_wing.hinge)]), (3.0,)))
     near = data.near
     assert 0 < sum(map(len, near.mesh.cells)) < sum(map(len, mesh.cells))
     one, other = turnable(near), turnable(data)
@@ -269,7 +269,7 @@ def test_pictures_of_the_near_cells_are_those_of_all(cells, coarse_wing):
 
 def test_without_its_libraries_a_report_has_all_but_the_page(coarse_wing, tmp_path, monkeypatch):
     monkeypatch.setattr("sdm_deflect.cases.run.output.find_spec", lambda name: None if name == "jinja2" else name)
-    one = deflect(Plan.of(coarse_wing.mesh, [blended(coarse_wing.hinge)]), 3.0)
+    one = deflect(Plan.of(coarse_wing.mesh, [blended(coarse_wing.hinge)]), (3.0,))
     write_run_folder(tmp_path, one, tuple(checks_of(one)), None, {})
     assert {path.name for path in tmp_path.iterdir()} == FILES - {"report.html"}
     with pytest.raises(InputError, match=r"needs jinja2: in your clone, pip install '.\[report\]'"):
@@ -314,8 +314,8 @@ def test_the_command_writes_a_folder_unless_told_not_to(coarse_wing, tmp_path, s
 
 
 def test_an_angle_of_a_sweep_is_told_as_it_is(coarse_wing, tmp_path):
-    plan = Plan.of(coarse_wing.mesh, [blended(coarse_wing.hinge)], (3.0, -1.0))
-    data = write_run_folder(tmp_path, deflect(plan, -1.0), (), None, {})
+    plan = Plan.of(coarse_wing.mesh, [blended(coarse_wing.hinge)], ((3.0,), (-1.0,)))
+    data = write_run_folder(tmp_path, deflect(plan, (-1.0,)), (), None, {})
     assert [surface.turned for surface in data.surfaces] == ["-1 deg"]
     assert "angle = -1.0" in (tmp_path / "settings.toml").read_text()
     assert data.title == "mesh: flap by -1 deg"
@@ -324,7 +324,7 @@ def test_an_angle_of_a_sweep_is_told_as_it_is(coarse_wing, tmp_path):
 def test_turnable_cells_of_polyhedra_are_those_of_their_types_or_triangles_of_their_own():
     mesh = replace(polyhedral(block_with_body()), zones=())
     hinge = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
-    one = deflect(Plan.of(mesh, [Job((Moving(("body",), Rotation.about(*hinge), 5.0),))]), 5.0)
+    one = deflect(Plan.of(mesh, [Job((Moving(("body",), Rotation.about(*hinge), 5.0),))]), (5.0,))
     (group,) = turnable(folders.data_of(one))["cells"]["groups"]
     rows = one.plan.touched.rows[0]
     assert (group["shape"], group["corners"], group["cell"]) == ("hexahedron", 8, None)
@@ -338,7 +338,7 @@ def test_an_arrow_shows_which_way_each_surface_moved():
     hinge = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
     for angle in (5.0, -5.0):
         job = Job((Moving(("body",), Rotation.about(*hinge), angle),))
-        one = deflect(Plan.of(block_with_body(), [job]), angle)
+        one = deflect(Plan.of(block_with_body(), [job]), (angle,))
         scene = turnable(folders.data_of(one))
         triangles = np.frombuffer(b64decode(scene["arrows"]["segments"]), "<f4").reshape(-1, 3, 3)
         assert len(triangles) == 6, "two crossed arrows of three triangles"

@@ -15,7 +15,7 @@ def test_a_chimera_block_is_deflected_by_settings_alone():
     case = replace(case_named("aileron-chimera"), angle=-12.0)
     mesh = frozen_mesh("block")
     plan = plan_of(case, mesh)
-    expected = carried_out(plan, plan.angle)
+    expected = carried_out(plan)
     moving = job_of(case, mesh, case.deflections[0]).surfaces[0]
     fitting = expected.plan.job.fitting
     result = deflect(

@@ -28,12 +28,18 @@ def job(patches, hinge=Y_AXIS, angle=10.0, motion=None, slide=None, box=None, re
 
 def box_plan(mesh, wanted, angles=()):
     """Plan the one box of a job."""
-    return Plan.of(mesh, [wanted], angles).boxes[0]
+    return Plan.of(mesh, [wanted], [(angle,) for angle in angles]).boxes[0]
 
 
 def turn(mesh, patches=("body",), hinge=Y_AXIS, angle=10.0, **more):
     """Plan one angle and bring the mesh to it."""
-    return deflect(Plan.of(mesh, [job(patches, hinge, angle, **more)]), angle)
+    return deflect(Plan.of(mesh, [job(patches, hinge, angle, **more)]), (angle,))
+
+
+def sensitivity(one):
+    """Return the derivative (N, 3) of a deflection of a single surface."""
+    (rate,) = one.sensitivity().values()
+    return rate
 
 
 def placed(one, points):

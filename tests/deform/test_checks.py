@@ -25,7 +25,7 @@ def named(deflection):
 def kept(block, share, angle=10.0):
     """A deflection whose cells must keep a share of their quality."""
     wanted = job(("body",), angle=angle, box=TIGHT)
-    return deflect(Plan.of(block, [replace(wanted, repair=replace(wanted.repair, min_quality=share))]), angle)
+    return deflect(Plan.of(block, [replace(wanted, repair=replace(wanted.repair, min_quality=share))]), (angle,))
 
 
 def twisted(mesh, rows):

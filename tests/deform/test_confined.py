@@ -50,7 +50,7 @@ def test_nodes_go_where_dense_fits_on_the_same_centres_bring_them(name, angle, s
     case = case_named(name)
     case = replace(case, angle=angle, adaptation=replace(case.adaptation, strategy=strategy), repair="off")
     plan = plan_of(case, frozen_mesh("block" if case.domain == "block" else "aircraft"))
-    (found,) = deflect(plan, plan.angle).boxes
+    (found,) = deflect(plan).boxes
     sections = found.plan.region.sections
     assert bool(sections) == ("chimera" in name)
     points = plan.mesh.points

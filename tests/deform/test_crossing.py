@@ -167,7 +167,7 @@ def test_a_plate_between_two_flows_fails_by_this_check_alone():
     bulge[bulge < 1e-9] = 0.0
     moving = Moving(("skin",), Table(at, 0.08 * bulge[:, None] * [1.0, 0.0, 0.0]), 1.0)
     plan = Plan.of(mesh, [Job((moving,), fixed=("rim", "other"), box=Automatic(margin=0.25))])
-    found = deflect(plan, 1.0)
+    found = deflect(plan, (1.0,))
     assert found.inverted == 0
     assert found.points[:, 0][mesh.patch("skin").nodes].max() > 0.05
     assert [check.name for check in checks_of(found) if not check.passed] == ["surfaces_crossed"]

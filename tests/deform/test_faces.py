@@ -55,9 +55,9 @@ def test_a_plate_without_thickness_turns():
     mesh = with_baffle(True)
     hinge = [[0.0, 0.0, 1.0], [0.0, 1.0, 1.0]]
     plan = Plan.of(mesh, [job(("upper", "lower"), hinge=hinge, angle=8.0, fixed=("body",))])
-    failed = [check.name for check in checks_of(deflect(plan, 8.0)) if not check.passed]
+    failed = [check.name for check in checks_of(deflect(plan, (8.0,))) if not check.passed]
     assert failed == []
     inside = replace(mesh, cells=with_baffle(False).cells)
     assert "faces_off_boundary" in {
-        check.name for check in checks_of(deflect(Plan.of(inside, [plan.job]), 8.0)) if not check.passed
+        check.name for check in checks_of(deflect(Plan.of(inside, [plan.job]), (8.0,))) if not check.passed
     }

@@ -81,7 +81,7 @@ def test_cells_that_invert_are_not_made_up_for_by_others_that_a_repair_mended(sh
     mesh = floor(shape)
     mesh = replace(mesh, cells=(Cells(mesh.cells[0].shape, mesh.cells[0].nodes[::order]),))
     before = inverted(mesh, mesh.points)
-    found = deflect(Plan.of(mesh, [pulled(mesh, amount, repair)]), 1.0)
+    found = deflect(Plan.of(mesh, [pulled(mesh, amount, repair)]), (1.0,))
     new = np.setdiff1d(inverted(mesh, found.points), before)
     check = checked(found)["inverted_cells"]
     assert len(before)
@@ -95,7 +95,7 @@ def test_cells_that_invert_are_not_made_up_for_by_others_that_a_repair_mended(sh
 def test_cells_that_were_good_keep_their_quality_beside_one_that_was_inverted(shape):
     mesh = floor(shape)
     plan = Plan.of(mesh, [pulled(mesh, 0.1, "off")])
-    found = deflect(plan, 1.0)
+    found = deflect(plan, (1.0,))
     (old,) = plan.before
     quality, was_inverted = plan.touched.scores(mesh.points)
     good = ~was_inverted & (quality > 0.0)
@@ -115,8 +115,8 @@ def test_cells_that_were_good_keep_their_quality_beside_one_that_was_inverted(sh
 def test_a_repair_ends_where_no_cell_is_inverted_that_was_not_before():
     mesh = floor("tetra")
     job = pulled(mesh, 0.7, "auto")
-    alone = deflect(Plan.of(mesh, [pulled(mesh, 0.7, "off")]), 1.0)
-    found = deflect(Plan.of(mesh, [job]), 1.0)
+    alone = deflect(Plan.of(mesh, [pulled(mesh, 0.7, "off")]), (1.0,))
+    found = deflect(Plan.of(mesh, [job]), (1.0,))
     assert alone.inverted == 2
     assert found.inverted == len(found.boxes[0].repaired.inverted) == 0
     assert all(check.passed for check in checked(found).values())
@@ -125,8 +125,8 @@ def test_a_repair_ends_where_no_cell_is_inverted_that_was_not_before():
 def test_an_excerpt_counts_the_same_cells():
     mesh = floor("tetra")
     job = pulled(mesh, 0.9, "off")
-    part = excerpt(in_pieces(mesh), (job,), (1.0,), Elsewhere())
-    whole, found = (checked(deflect(Plan.of(one, [job]), 1.0)) for one in (mesh, part))
+    part = excerpt(in_pieces(mesh), (job,), ((1.0,),), Elsewhere())
+    whole, found = (checked(deflect(Plan.of(one, [job]), (1.0,))) for one in (mesh, part))
     assert found["inverted_cells"].value > 0
     for name in ("inverted_cells", "quality_min:tetra"):
         assert found[name].as_dict() == whole[name].as_dict()

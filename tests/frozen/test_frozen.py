@@ -75,7 +75,7 @@ def test_cases(meshes, name, angle, strategy):
     mesh = meshes["block" if case.domain == "block" else "aircraft"]
     kept = frozen(f"{name}{angle:+g}" + (f"_{strategy}" if strategy else ""))
     plan = plan_of(case, mesh)
-    found = carried_out(plan, plan.angle)
+    found = carried_out(plan)
     results, points = found.boxes, found.points
     assert np.abs(points - expected(mesh.points, kept)).max() < SAME
     centers = [[len(fit.chosen) for fit in one.steps[0].fits.adaptations] for one in results]

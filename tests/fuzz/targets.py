@@ -128,9 +128,9 @@ def _plan(mesh, random: Random) -> None:
     hinge = np.array([middle - reach, middle + reach])
     name = mesh.patches[0].name
     job = jobs_of(settings_of([name], hinge, 3.0, {"fixed": "*"} if len(mesh.patches) > 1 else {}))[0]
-    plan = Plan.of(mesh, [job], (3.0,))
+    plan = Plan.of(mesh, [job], ((3.0,),))
     if random.random() < 0.3:
-        for one, _ in run(plan, (3.0,)):
+        for one, _ in run(plan):
             checks_of(one)
 
 

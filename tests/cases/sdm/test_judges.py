@@ -71,7 +71,7 @@ def bent(make_mesh, tmp_path_factory):
             case = case_of(name)
             mesh, _ = make_mesh(case)
             plan = plan_of(case, mesh)
-            after = mesh.with_points(deflect(plan, plan.angle).points)
+            after = mesh.with_points(deflect(plan).points)
             folder = tmp_path_factory.mktemp(name)
             made[name] = folder, mesh, after
         return made[name]

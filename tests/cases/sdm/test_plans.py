@@ -18,7 +18,7 @@ pytestmark = pytest.mark.mesher
 def test_a_run_is_an_end_of_its_plan(case, make_mesh):
     case = replace(case, repair="off")
     plan = plan_of(case, make_mesh(case)[0])
-    found = deflect(plan, plan.angle)
+    found = deflect(plan)
     held = HeldPlan.of(plan, known=found).judged()
     assert [one.name for one in held.controls] == [one.surface for one in case.deflections]
     np.testing.assert_allclose(held.at(held.amounts), found.points, atol=1e-12)

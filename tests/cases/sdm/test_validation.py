@@ -183,7 +183,7 @@ def test_steps_are_taken_where_one_would_invert_cells(chimera_run):
     run, _ = chimera_run
     stiff = replace(run.case, confinement=replace(run.case.confinement, slide=False), repair="off")
     plan = plan_of(stiff, run.mesh)
-    result = deflect(plan, plan.angle)
+    result = deflect(plan)
     assert len(result.boxes[0].steps) > 1
     boundary = result.plan.boxes[0].boundary
     np.testing.assert_allclose(

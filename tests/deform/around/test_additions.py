@@ -45,13 +45,13 @@ class StayingInPlane(Acting):
 def test_nodes_stay_in_a_given_plane_beside_near_walls_sliding_and_repair(mode, inboard_wing):
     w = inboard_wing
     wanted = job(FLAP, w.hinge, angle=10.0, **blended(w, repair=mode))
-    plain = BoxPlan.of(w.mesh, wanted, [10.0])
+    plain = BoxPlan.of(w.mesh, wanted, [(10.0,)])
     free, points = plain.start(w.mesh.points).free, w.mesh.points
     levels, counts = np.unique(np.round(points[free, 1], 9), return_counts=True)
     level = levels[np.argmax(np.where((levels > 0.1) & (levels < 0.5), counts, 0))]
     nodes = np.sort(free[np.abs(points[free, 1] - level) < 1e-9])
     plane = Plane(np.array([0.0, level, 0.0]), np.array([0.0, 1.0, 0.0]))
-    box = BoxPlan.of(w.mesh, wanted, [10.0], more=(StayInPlane(nodes, plane),))
+    box = BoxPlan.of(w.mesh, wanted, [(10.0,)], more=(StayInPlane(nodes, plane),))
     assert [type(one).__name__ for one in box.additions] == ["FollowWalls", "StayInPlane", "Bind"]
     found = deflect_box(box, (10.0,))
     assert bool(found.repaired) == (mode == "always")

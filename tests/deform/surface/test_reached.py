@@ -75,7 +75,7 @@ def test_a_longer_unit_of_length_changes_nothing_but_the_place(wedge):
 def test_figures_of_a_job_have_it_for_each_surface(inboard_wing):
     w = inboard_wing
     plan = Plan.of(w.mesh, [job(("flap_*",), **blended(w))])
-    found = deflection_figures(deflect(plan, 10.0))["motion"]
+    found = deflection_figures(deflect(plan, (10.0,)))["motion"]
     (name,) = found
     assert 0.0 < found[name]["full"] <= found[name]["mean"] < 1.0
     assert found[name].keys() == {"full", "mean", "off", "place"}

@@ -154,13 +154,13 @@ def test_a_plan_of_a_track_is_the_deflection_and_keeps_the_mesh_at_zero(tmp_path
     plan = Plan.of(mesh, [Job((Moving(("hole",), track, 1.0, (0.0, 1.0)),), box=Automatic(0.4))])
     held, tolerance = HeldPlan.of(plan), plan.boxes[0].sites.tolerance
     assert held.at(0.0).tolist() == mesh.points.tolist()
-    assert np.abs(held.at(1.0) - deflect(plan, 1.0).points).max() < 20.0 * tolerance
+    assert np.abs(held.at(1.0) - deflect(plan, (1.0,)).points).max() < 20.0 * tolerance
     assert held.judged().passed(0) == (0.0, 1.0)
     hole = mesh.on("hole")
     for amount in (0.2, 0.55, 0.8):
         expected = TrackLaw(track, mesh.points[hole]).displacement(amount)
         np.testing.assert_allclose((held.at(amount) - mesh.points)[hole], expected, atol=1e-12)
-        assert np.abs(held.at(amount) - deflect(plan, amount).points).max() < 20.0 * tolerance
+        assert np.abs(held.at(amount) - deflect(plan, (amount,)).points).max() < 20.0 * tolerance
     held.save(tmp_path / "plan.npz")
     again = HeldPlan.load(tmp_path / "plan.npz")
     assert isinstance(again.controls[0].functions, Places)

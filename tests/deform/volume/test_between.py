@@ -75,7 +75,7 @@ def test_a_blended_flap_bends_little_within_its_faces(inboard_wing):
 
     By how much less than the interpolant errs, on an airfoil of four faces from hinge to trailing edge.
     """
-    one = deflect(Plan.of(inboard_wing.mesh, [job(FLAP, inboard_wing.hinge, 10.0, **blended(inboard_wing))]), 10.0)
+    one = deflect(Plan.of(inboard_wing.mesh, [job(FLAP, inboard_wing.hinge, 10.0, **blended(inboard_wing))]), (10.0,))
     mesh, (law,), (surface,) = one.plan.mesh, one.plan.boxes[0].boundary.laws, one.plan.boxes[0].boundary.surfaces
     corners = _corners(polygons_of(mesh.faces_of(surface.patches)))
     moved, beside = np.zeros_like(mesh.points), np.zeros(len(mesh.points))

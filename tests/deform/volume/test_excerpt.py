@@ -15,6 +15,7 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.deform.volume import excerpt
 from sdm_deflect.deform.volume.deflection import deflect
+from sdm_deflect.deform.volume.job import pose_of
 from sdm_deflect.deform.volume.plan import Plan
 from tests.deform.blocks import block_with_body, joined, two_bodies
 from tests.deform.jobs import job
@@ -99,12 +100,12 @@ MESHES = {
 def test_points_and_cells_of_a_deflection(name, runner):
     mesh, moving = MESHES[name]
     own = job(moving, angle=4.0, fixed=far(mesh.names, *moving), box=Automatic(margin=0.6))
-    part = excerpt.excerpt(in_pieces(mesh), (own,), (4.0,), runner)
+    part = excerpt.excerpt(in_pieces(mesh), (own,), ((4.0,),), runner)
     assert len(part.points) < len(mesh.points)
     numbers = part.numbers(np.arange(len(part.points)))
     assert (np.diff(numbers) > 0).all()
     np.testing.assert_array_equal(part.points, mesh.points[numbers])
-    whole, found = (deflect(Plan.of(one, [own]), 4.0) for one in (mesh, part))
+    whole, found = (deflect(Plan.of(one, [own]), (4.0,)) for one in (mesh, part))
     np.testing.assert_array_equal(found.points, whole.points[numbers])
     rest = np.setdiff1d(np.arange(len(mesh.points)), numbers)
     np.testing.assert_array_equal(whole.points[rest], mesh.points[rest])
@@ -120,9 +121,9 @@ def test_an_excerpt_holds_what_lies_in_any_of_several_boxes():
         job((name,), [[x, 0, 0], [x, 1, 0]], 4.0, box=[[x - 0.9, -1.4, -1.5], [x + 0.9, 1.4, 1.5]])
         for name, x in hinges.items()
     ]
-    part = excerpt.excerpt(in_pieces(mesh), jobs, (4.0,), Elsewhere())
+    part = excerpt.excerpt(in_pieces(mesh), jobs, (pose_of(jobs),), Elsewhere())
     numbers = part.numbers(np.arange(len(part.points)))
-    (whole, _), (found, _) = (next(run(Plan.of(one, jobs, (4.0,)), (4.0,))) for one in (mesh, part))
+    (whole, _), (found, _) = (next(run(Plan.of(one, jobs))) for one in (mesh, part))
     np.testing.assert_array_equal(found.points, whole.points[numbers])
     assert found.plan.touched.count == whole.plan.touched.count
     assert found.quality == whole.quality
@@ -133,7 +134,7 @@ def test_cells_of_the_other_hand_are_judged_as_such(runner):
     mesh = block_with_body()
     turned = Mesh(mesh.points, (Cells("hexahedron", mesh.cells[0].nodes[:, [0, 3, 2, 1, 4, 7, 6, 5]]),), mesh.patches)
     own = job(("body",), angle=4.0, fixed=far(mesh.names, "body"))
-    part = excerpt.excerpt(in_pieces(turned), (own,), (4.0,), runner)
+    part = excerpt.excerpt(in_pieces(turned), (own,), ((4.0,),), runner)
     assert (part.whole.orientation, part.whole.inverted) == ((-1.0,), (0,))
     assert Plan.of(turned, [own]).touched.orientation == (-1.0,)
 
@@ -148,14 +149,14 @@ def test_a_job_that_does_not_suit_is_refused_before_cells_are_read():
     one = MeshInPieces("block", NoCells(mesh), mesh.patches, mesh.zones)
     for own, said in ((job(("bod",)), "'bod' is no patch"), (job(("body",), fixed=("bogus",)), "'bogus' is no patch")):
         with pytest.raises(InputError, match=said):
-            excerpt.excerpt(one, (own,), (4.0,), Threads())
+            excerpt.excerpt(one, (own,), ((4.0,),), Threads())
 
 
 def test_a_mesh_without_cells_and_a_patch_beyond_the_points():
     mesh = block_with_body()
     own = job(("body",), angle=4.0, fixed=far(mesh.names, "body"))
     with pytest.raises(InputError, match="there are no volume cells"):
-        excerpt.excerpt(in_pieces(Mesh(mesh.points, (), mesh.patches)), (own,), (4.0,), Threads())
+        excerpt.excerpt(in_pieces(Mesh(mesh.points, (), mesh.patches)), (own,), ((4.0,),), Threads())
     short = Held(Mesh(mesh.points[:700], (), ()))
     with pytest.raises(InputError, match="patches name points that are not among the 700"):
-        excerpt.excerpt(MeshInPieces("block", short, mesh.patches, ()), (own,), (4.0,), Threads())
+        excerpt.excerpt(MeshInPieces("block", short, mesh.patches, ()), (own,), ((4.0,),), Threads())

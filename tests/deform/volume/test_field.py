@@ -27,7 +27,7 @@ def two_steps(plan):
     return Deflection(plan, (stepped(plan.boxes[0], (12.0,), 2, silent),))
 
 
-@pytest.mark.parametrize("how", [lambda plan: carried_out(plan, 12.0), two_steps])
+@pytest.mark.parametrize("how", [lambda plan: carried_out(plan, (12.0,)), two_steps])
 def test_it_is_the_deflection_to_the_bit(plan, how, tmp_path):
     one = how(plan)
     found, points = Field.of(one.boxes), plan.mesh.points
@@ -59,7 +59,7 @@ def test_two_surfaces_and_no_near_wall():
 
 
 def test_what_is_no_points_is_one_sentence(plan):
-    found = Field.of(carried_out(plan, 12.0).boxes)
+    found = Field.of(carried_out(plan, (12.0,)).boxes)
     with pytest.raises(InputError, match="not finite"):
         found.apply(np.full((1, 3), np.nan))
     with pytest.raises(InputError, match=r"must be \(N, 3\)"):

@@ -19,7 +19,7 @@ from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.field import Field
 from sdm_deflect.deform.volume.plan import Plan
 from tests.deform.blocks import block_with_body
-from tests.deform.jobs import job, placed
+from tests.deform.jobs import job, placed, sensitivity
 from tests.deform.paired import about_x, airfoil, bound, sector, wedge
 from tests.deform.plates import plate
 
@@ -62,7 +62,7 @@ def turned():
     def turn(name):
         if name not in known:
             mesh, wanted = made(name)
-            known[name] = deflect(Plan.of(mesh, [wanted]), 10.0)
+            known[name] = deflect(Plan.of(mesh, [wanted]), (10.0,))
         return known[name]
 
     return turn
@@ -139,8 +139,8 @@ def test_a_case_one_cell_thick_is_as_plane_as_it_was(turned):
 @pytest.mark.parametrize("name", KINDS)
 def test_sensitivities_are_central_differences(name, turned):
     result, h = turned(name), 1e-3
-    ends = [deflect(result.plan, 10.0 + d, earlier=result).points for d in (-h, h)]
-    rate = result.sensitivity()
+    ends = [deflect(result.plan, (10.0 + d,), earlier=result).points for d in (-h, h)]
+    rate = sensitivity(result)
     np.testing.assert_allclose(rate, (ends[1] - ends[0]) / (2.0 * h), atol=2e-8)
     for pair in result.plan.mesh.periodic:
         np.testing.assert_allclose(rate[pair.nodes[:, 1]], rate[pair.nodes[:, 0]] @ pair.rotation.T, atol=1e-15)
@@ -160,8 +160,8 @@ def test_a_field_has_the_nodes_of_pairs_to_the_bit(name, turned):
 def test_a_repair_moves_images_alike(name, angle, monkeypatch):
     monkeypatch.setattr(goal, "LOST", 1.0)
     mesh, wanted = made(name)
-    wanted = replace(wanted.at(angle), repair=replace(wanted.repair, mode="auto", share=0.98))
-    result = deflect(Plan.of(mesh, [wanted]), angle)
+    wanted = replace(wanted.at((angle,)), repair=replace(wanted.repair, mode="auto", share=0.98))
+    result = deflect(Plan.of(mesh, [wanted]), (angle,))
     moved = np.isin(mesh.periodic[0].nodes, result.boxes[0].repaired.moved)
     assert moved.all(axis=1).any()
     assert np.array_equal(moved[:, 0], moved[:, 1])
@@ -171,14 +171,14 @@ def test_a_repair_moves_images_alike(name, angle, monkeypatch):
 def test_images_of_nodes_that_stay_or_are_beyond_the_box_stay():
     mesh = bound(block_with_body(), "y-", "y+", shift=[0.0, 4.0, 0.0])
     low, high = [-1.8, -2.1, -1.8], [1.8, 1.8, 1.8]  # the nodes of y+ are outside
-    result = deflect(Plan.of(mesh, [job(["body"], box=[low, high])]), 10.0)
+    result = deflect(Plan.of(mesh, [job(["body"], box=[low, high])]), (10.0,))
     side = mesh.patch("y-").nodes
     assert np.isin(side, result.plan.boxes[0].region.inside).any()
     assert np.array_equal(result.points[side], mesh.points[side])
     assert all(check.passed for check in checks_of(result))
     wide = job(["body"], box=[[-1.8, -2.1, -1.8], [1.8, 2.1, 1.8]])
-    assert (deflect(Plan.of(mesh, [wide]), 10.0).points[side] != mesh.points[side]).any()
-    held = deflect(Plan.of(mesh, [replace(wide, fixed=("y+",))]), 10.0)
+    assert (deflect(Plan.of(mesh, [wide]), (10.0,)).points[side] != mesh.points[side]).any()
+    held = deflect(Plan.of(mesh, [replace(wide, fixed=("y+",))]), (10.0,))
     assert np.array_equal(held.points[side], mesh.points[side])
 
 
@@ -227,14 +227,14 @@ def test_planes_of_symmetry_slide_without_being_asked():
     ))  # fmt: skip
     plan = Plan.of(mesh, [wanted])
     asked = Plan.of(mesh, [replace(wanted, slides=job(["flap"], slide={"side*": "plane"}).slides)])
-    assert np.array_equal(deflect(plan, 10.0).points, deflect(asked, 10.0).points)
+    assert np.array_equal(deflect(plan, (10.0,)).points, deflect(asked, (10.0,)).points)
 
 
 @pytest.mark.parametrize(("name", "sides"), [("sector", ["left"]), ("empty", ["side0", "side1"])])
 def test_a_pair_may_be_kept_plane(name, sides, turned):
     mesh, wanted = made(name)
     slides = job(["flap"], slide=dict.fromkeys(sides, "plane")).slides
-    result = deflect(Plan.of(mesh, [replace(wanted, slides=slides)]), 10.0)
+    result = deflect(Plan.of(mesh, [replace(wanted, slides=slides)]), (10.0,))
     if name == "empty":
         assert np.array_equal(result.points, turned(name).points)
     for patch, degrees in (("left", -15.0), ("right", 15.0)) if name == "sector" else ():
@@ -252,7 +252,7 @@ def test_a_plane_mesh_has_pairs():
     mesh = bound(replace(mesh, patches=(*mesh.patches[:2], *parts)), "left", "right", shift=[2.0, 0.0, 0.0])
     box = Outline.at(np.array([[-1.1, -0.9], [1.1, 0.9]]))
     wanted = job(["hole"], hinge=[[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]], box=box)
-    result = deflect(Plan.of(mesh, [wanted]), 8.0)
+    result = deflect(Plan.of(mesh, [wanted]), (8.0,))
     left, right = mesh.periodic[0].nodes.T
     assert np.array_equal(result.points[left, 1], result.points[right, 1])
     assert np.abs(result.points[left] - mesh.points[left]).max() > 1e-3

@@ -9,7 +9,7 @@ from sdm_deflect.deform.loop import run
 from sdm_deflect.deform.surface.motions import Moving, Rotation
 from sdm_deflect.deform.surface.surface import Surface
 from sdm_deflect.deform.volume.deflection import deflect
-from sdm_deflect.deform.volume.job import Job
+from sdm_deflect.deform.volume.job import Job, in_proportion
 from sdm_deflect.deform.volume.plan import Plan
 from tests.deform.blocks import two_bodies
 
@@ -28,8 +28,8 @@ def pair():
 
 @pytest.fixture(scope="module")
 def both(pair):
-    plan = Plan.of(pair, [pair_job(12.0, -6.0)], (12.0, -4.0))
-    return {one.angle: one for one, _ in run(plan, (12.0, -4.0))}
+    job = pair_job(12.0, -6.0)
+    return {one.angle: one for one, _ in run(Plan.of(pair, [job], in_proportion([job], (12.0, -4.0))))}
 
 
 @pytest.mark.parametrize("angle", [12.0, -4.0])
@@ -44,8 +44,10 @@ def test_each_surface_turns_about_its_hinge_in_proportion(both, pair, angle):
 
 def test_sensitivities_of_several_surfaces(both):
     result, h = both[12.0], 1e-3
-    ends = [deflect(result.plan, 12.0 + d, earlier=result).points for d in (-h, h)]
-    np.testing.assert_allclose(result.sensitivity(), (ends[1] - ends[0]) / (2.0 * h), atol=1e-8)
+    for name, speeds in (("left", (h, 0.0)), ("right", (0.0, h))):
+        poses = [tuple(np.add(result.amounts, np.multiply(sign, speeds)).tolist()) for sign in (-1.0, 1.0)]
+        ends = [deflect(result.plan, pose, earlier=result).points for pose in poses]
+        np.testing.assert_allclose(result.sensitivity()[name], (ends[1] - ends[0]) / (2.0 * h), atol=1e-8)
 
 
 def test_the_box_holds_all_surfaces(both, pair):
@@ -56,39 +58,38 @@ def test_the_box_holds_all_surfaces(both, pair):
 
 def test_a_first_surface_that_stays_does_not_keep_the_others_from_moving(pair):
     """The others' amounts are no multiples of zero: they are what was asked."""
-    result = deflect(Plan.of(pair, [pair_job(0.0, 15.0)]), 0.0)
+    result = deflect(Plan.of(pair, [pair_job(0.0, 15.0)]))
     left, right = pair.on("left"), pair.on("right")
     assert np.array_equal(result.points[left], pair.points[left])
     np.testing.assert_allclose(result.points[right], RIGHT.axis.rotated(pair.points[right], 15.0), atol=1e-14)
     assert all(check.passed for check in checks_of(result))
 
 
-def test_a_sweep_of_a_first_surface_that_stays_is_refused(pair):
+def test_a_sweep_of_a_first_surface_that_stays_is_refused():
     job = pair_job(0.0, 15.0)
-    assert job.amounts_at(0.0) == (0.0, 15.0)
-    with pytest.raises(InputError, match="angle = 0 of left, the first surface: the others cannot be in proportion"):
-        job.amounts_at(5.0)
-    with pytest.raises(InputError, match="put right first"):
-        Plan.of(pair, [job], (0.0, 5.0))
+    assert in_proportion([job], (0.0,)) == ((0.0, 15.0),)
+    with pytest.raises(InputError, match=r"angle = 0 of left, the first surface: the others .* put right first"):
+        in_proportion([job], (0.0, 5.0))
 
 
-def test_nothing_has_a_sensitivity_to_the_angle_of_a_first_surface_that_stays(pair):
-    result = deflect(Plan.of(pair, [pair_job(0.0, 15.0)]), 0.0)
-    with pytest.raises(InputError, match="put right first"):
-        result.sensitivity()
-    still = deflect(Plan.of(pair, [pair_job(0.0, 0.0)]), 0.0)
+def test_surfaces_at_rest_have_a_sensitivity(pair):
+    still = deflect(Plan.of(pair, [pair_job(0.0, 0.0)]))
     points = Surface.of(pair, ("right",)).points
     expected = np.radians(1.0) * np.cross(RIGHT.axis.direction, points - RIGHT.axis.point)
-    np.testing.assert_allclose(still.sensitivity()[pair.on("right")], expected, atol=1e-12)
+    np.testing.assert_allclose(still.sensitivity()["right"][pair.on("right")], expected, atol=1e-12)
 
 
 def test_amounts_keep_their_proportion():
     job = pair_job(12.0, -6.0)
-    assert job.amounts_at(12.0) == job.amounts == (12.0, -6.0)
-    assert job.amounts_at(-4.0) == (-4.0, 2.0)
-    assert job.amounts_at(0.0) == (0.0, 0.0)
-    assert job.at(3.0).amounts == (3.0, -1.5)
-    assert pair_job(0.0, 0.0).amounts_at(7.0) == (7.0, 7.0)
+    assert in_proportion([job], (12.0, -4.0, 0.0)) == ((12.0, -6.0), (-4.0, 2.0), (0.0, 0.0))
+    assert in_proportion([pair_job(0.0, 0.0)], (7.0,)) == ((7.0, 7.0),)
+    assert job.at((3.0, 8.0)).amounts == (3.0, 8.0)
+
+
+def test_the_poses_of_a_box_are_those_at_which_a_surface_ends():
+    rows = ((1.0, 0.0), (-2.0, 5.0), (3.0, 1.0), (0.0, -4.0))
+    assert pair_job(3.0, 5.0).ends(rows) == ((-2.0, 5.0), (3.0, 1.0), (0.0, -4.0))
+    assert pair_job(3.0, 0.0).ends(((3.0, 0.0),)) == ((3.0, 0.0),)
 
 
 def test_a_job_moves_something():

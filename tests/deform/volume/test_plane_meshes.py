@@ -104,7 +104,7 @@ def test_lines_around_slide_on_lines_circles_and_any_curve():
     )
     for shape in ("plane", "surface"):
         plan = Plan.of(mesh, [replace(job, slides=(Sliding("bottom", shape),))])
-        one = carried_out(plan, 8.0)
+        one = carried_out(plan, (8.0,))
         assert all(check.passed for check in checks_of(one))
         nodes = np.setdiff1d(mesh.patch("bottom").nodes, mesh.patch("rest").nodes)
         assert np.abs(one.points[nodes, 1] + 1.0).max() <= (0.0 if shape == "plane" else 1e-14)

@@ -187,7 +187,7 @@ def test_nodes_of_a_section_slide_in_its_plane_and_no_other_boundary_node_moves(
     inside = plan.boxes[0].region.hexahedron.contains(block.points)
     assert section.patch == "z-"
     assert np.array_equal(nodes, np.flatnonzero(inside & (block.points[:, 2] == -2.0)))
-    result = deflect(plan, plan.angle)
+    result = deflect(plan)
     assert np.array_equal(result.points[nodes, 2], block.points[nodes, 2])
     assert (result.points[nodes, :2] != block.points[nodes, :2]).any()
     others = np.setdiff1d(block.on("x-", "x+", "y-", "y+", "z-", "z+"), nodes)
@@ -201,7 +201,7 @@ def test_nodes_on_a_section_and_a_sliding_patch_stay_on_both():
     plan = Plan.of(mesh, [job(("body",), angle=10.0, box=box, sections=(section,), slide={"y-": "plane"})])
     ((_, nodes),) = plan.boxes[0].region.sections
     both = np.intersect1d(nodes, mesh.on("y-"))
-    moved = deflect(plan, 10.0).points - mesh.points
+    moved = deflect(plan, (10.0,)).points - mesh.points
     assert len(both) == 7
     assert np.all(moved[both][:, [1, 2]] == 0.0)
     assert np.any(moved[both, 0])
@@ -225,7 +225,7 @@ def test_a_section_that_does_not_slide_keeps_the_bits_of_its_nodes(block):
     own = np.intersect1d(block.on("z-"), plan.boxes[0].region.inside)
     assert len(own)
     assert np.isin(own, plan.boxes[0].region.fixed).all()
-    result = deflect(plan, plan.angle)
+    result = deflect(plan)
     assert np.array_equal(result.points[own], block.points[own])
     assert np.any(result.points != block.points)
 
@@ -242,7 +242,7 @@ def test_without_near_wall_following_boundary_nodes_in_a_face_of_the_box_keep_th
     assert len(held)
     assert np.array_equal(plan.boxes[0].region.fixed, held)
     assert len(plan.boxes[0].sites.sampled) == 0
-    result = deflect(plan, plan.angle)
+    result = deflect(plan)
     assert np.array_equal(result.points[held], block.points[held])
     checks = {check.name: check for check in checks_of(result)}
     assert checks["fixed_surfaces_moved"].over == len(held)
@@ -250,7 +250,7 @@ def test_without_near_wall_following_boundary_nodes_in_a_face_of_the_box_keep_th
 
 def test_without_near_wall_following_the_free_nodes_go_where_the_interpolant_says(block):
     plan = Plan.of(block, [job(("body",), box=[[-1.5, -1.5, -1.5], [1.5, 1.5, 1.5]], near_wall=False)])
-    step = deflect(plan, plan.angle).boxes[0].steps[-1]
+    step = deflect(plan).boxes[0].steps[-1]
     free = step.start.free
     expected = block.points[free] + step.fits.interpolant(block.points[free])
     assert np.array_equal(step.points[free], expected)

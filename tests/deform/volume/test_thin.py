@@ -68,7 +68,7 @@ def sliding(span):
 
 
 def turned(mesh, wanted=WANTED, angle=10.0):
-    return deflect(Plan.of(mesh, [wanted]), angle)
+    return deflect(Plan.of(mesh, [wanted]), (angle,))
 
 
 def figures(result):
@@ -113,7 +113,7 @@ def test_a_plane_across_another_axis_is_as_good():
 def test_a_mesh_in_pieces_gives_the_same_bits(kind, monkeypatch):
     limited(monkeypatch, points=90, cells=70, held=0)
     mesh = kind(100.0)
-    part = excerpt(replace(in_pieces(mesh), periodic=mesh.periodic), [WANTED], (10.0,), HERE)
+    part = excerpt(replace(in_pieces(mesh), periodic=mesh.periodic), [WANTED], ((10.0,),), HERE)
     whole, own = turned(mesh), turned(part)
     assert own.points.tobytes() == whole.points[part.whole.nodes].tobytes()
     assert figures(own) == figures(whole)

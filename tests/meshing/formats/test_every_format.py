@@ -191,7 +191,7 @@ def test_a_deflection_is_that_of_the_same_mesh_in_memory(name, tmp_path):
 @pytest.mark.parametrize(("name", "suffix"), [("fluent", ".msh.h5"), ("plot3d", ".p3d")])
 def test_a_format_that_is_only_rewritten_says_so_before_anything_is_computed(name, suffix, tmp_path):
     with pytest.raises(MeshFileError, match=rf"b\{suffix}: only a mesh of this format can be written in it"):
-        Targets.of(tmp_path / "a.su2", tmp_path / f"b{suffix}", (3.0,))
+        Targets.of(tmp_path / "a.su2", tmp_path / f"b{suffix}", ((3.0,),))
     with pytest.raises(MeshFileError, match="only a mesh of this format"):
         FORMATS[name].write(hybrid(), tmp_path / f"b{suffix}")
     path = made(name, tmp_path)

@@ -47,7 +47,7 @@ import sys
 from pathlib import Path
 from sdm_deflect.cases.run.mesh_files import Targets
 
-Targets.of(Path("a.cgns"), None, (1.0,)).check()
+Targets.of(Path("a.cgns"), None, ((1.0,),)).check()
 print(*sys.modules)
 """
     loaded = subprocess.run([sys.executable, "-c", ask], capture_output=True, text=True, check=True).stdout.split()

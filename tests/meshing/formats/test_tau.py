@@ -109,8 +109,8 @@ def test_the_netcdf_library_reads_what_is_written_and_rewritten(tmp_path):
 def test_quality_and_names_of_other_endings(tmp_path):
     written(hybrid(), tmp_path / "wing.grid.def.1")
     assert format_of(tmp_path / "wing.grid.def.1") is FORMATS["tau"]
-    assert Targets.of(tmp_path / "wing.grid.def.1", None, (5.0,)).out == tmp_path / "wing.grid.def-deflected.grid"
-    assert Targets.of(tmp_path / "wing.taumesh", None, (5.0,)).out == tmp_path / "wing-deflected.taumesh"
+    assert Targets.of(tmp_path / "wing.grid.def.1", None, ((5.0,),)).out == tmp_path / "wing.grid.def-deflected.grid"
+    assert Targets.of(tmp_path / "wing.taumesh", None, ((5.0,),)).out == tmp_path / "wing-deflected.taumesh"
     written(hybrid(), tmp_path / "wing", "hdf5")
     for name in ("wing", "wing.grid.def.1"):
         assert inspected(tmp_path / name)["patches"]["roof"] == 5
