@@ -45,6 +45,7 @@ from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
 from sdm_deflect.deform.surface.slots import SlotSetting
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, Surface, TrailingEdge, name_of
+from sdm_deflect.deform.surface.tail_root import Root
 from sdm_deflect.deform.surface.tracks import CPACS, Track
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.job import Amounts, Sliding
@@ -248,6 +249,9 @@ def _numbers(plan: BoxPlan) -> dict[str, Any]:
 def _surface(number: int, moving: Moving, surface: Surface, amount: float, folder: Path) -> dict[str, Any]:
     motion, table = moving.motion, folder / f"table_{number}.npz"
     out: dict[str, Any] = {"patches": list(surface.patches)} | ({"range": list(moving.range)} if moving.range else {})
+    if isinstance(motion, Root):
+        own = {"motion": "root", "on": list(motion.on), "shape": motion.shape, "depth": motion.depth, "angle": amount}
+        return out | own | {"patches": [motion.tail], "hinge": _ends(motion.hinge, surface.points)}
     if not isinstance(motion, Blended):
         return out | _base(motion, surface, amount, table)
     out |= {"held": _nodes(motion.held, surface), "driven": _nodes(motion.driven, surface)}

@@ -42,7 +42,7 @@ class Only:
     motions: tuple[str, ...]
 
 
-BLENDED, IN_WORDS = Only(("blended",)), Only(("rigid", "blended"))
+BLENDED, IN_WORDS, ROOT = Only(("blended",)), Only(("rigid", "blended")), Only(("root",))
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +60,9 @@ class SurfaceSettings:
     range: Annotated[tuple[float, float] | None, Option(metavar="A:B"), Spelling(read=range_of), Doc(
         "What moves", "Amounts that the box, and a plan, must hold, such as -25:25 (default: 0 to the angle).",
         "In a file or in Python two numbers.")] = None
-    motion: Annotated[Literal["rigid", "blended"] | Motion, Doc(
-        "What moves", "rigid: the surface turns as a whole; blended: its border stays and its trailing edge turns.",
+    motion: Annotated[Literal["rigid", "blended", "root"] | Motion, Doc(
+        "What moves", "rigid: the surface turns as a whole; blended: its border stays and its trailing edge turns; "
+        "root: a tail turns, and its root slides on a body.",
         "In Python also a motion such as `Rotation`, `Blended` or `Table`, which has its own hinge.")] = "rigid"
     held: Annotated[tuple[str | int, ...] | NodeSet, Spelling(file=".txt"), BLENDED, Doc(
         "What moves", "blended: nodes that stay: patches, or a .txt of node indices (default: on `fixed` patches).",
@@ -73,6 +74,14 @@ class SurfaceSettings:
         "What moves", "blended: width of the strip beside a closed rib, as a share of the span; auto: by the angle.",
         "0 is auto: the strip is as narrow as lets the largest angle shear cells at its trailing edge by 35 degrees.",
         )] = 0.2
+    on: Annotated[tuple[str, ...], Option(metavar="NAME"), ROOT, Doc(
+        "What moves", "root: patches of the body on which the tail turns.",
+        "A panel around the root is cut from them; the rest stays.")] = ()
+    shape: Annotated[Literal["skin", "cylinder"], ROOT, Doc(
+        "What moves", "root: shape of the body: any skin, or a circular cylinder as in the paper.")] = "skin"
+    depth: Annotated[float, Range(0.0), ROOT, Doc(
+        "What moves", "root: length of the part of the tail that is lengthened (default: half the root's chord).",
+        )] = 0.0
     table: Annotated[str | None, Spelling(file=""), IN_WORDS, Doc(
         "What moves", "Displacements in place of a hinge: a .csv of x,y,z,dx,dy,dz, or an .npz.")] = None
     shift: Annotated[tuple[Corner, ...] | None, Option(metavar="x,y,z"), Spelling(read=shift_of), IN_WORDS, Doc(

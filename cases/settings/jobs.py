@@ -25,6 +25,7 @@ from sdm_deflect.deform.options import JobOptions
 from sdm_deflect.deform.surface.blended import Blended, Rib
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, TrailingEdge
+from sdm_deflect.deform.surface.tail_root import Root
 from sdm_deflect.deform.volume.job import Amounts, Job, Section, Sliding, in_proportion
 
 from .conversion import read_toml, structured
@@ -193,7 +194,8 @@ def job_of(settings: JobSettings, *, by_range: bool = False) -> Job:
         repair_slides=tuple(Sliding(patch, shape) for patch, shape in settings.repair_slide.items()),
         selections=tuple(selection(name, text) for name, text in settings.select.items()),
         periodic=tuple(_pair(pair) for pair in settings.periodic),
-        **{option.name: getattr(settings, option.name) for option in fields(JobOptions)},
+        **{option.name: getattr(settings, option.name) for option in fields(JobOptions) if option.name != "fixed"},
+        fixed=(*settings.fixed, *(name for surface in settings.surface for name in surface.on)),
     )
 
 
@@ -210,7 +212,8 @@ def _moving(surface: SurfaceSettings, fixed: tuple[str, ...], by_range: bool) ->
     amount = surface.angle if motion.unit == "deg" else surface.amount
     if amount is None and not (by_range and surface.range):
         raise InputError(f"the angle of {', '.join(surface.patches)} is missing: give it in degrees")
-    return Moving(surface.patches, motion, amount or 0.0, surface.range)
+    panels = (motion.panels,) if isinstance(motion, Root) else ()
+    return Moving((*surface.patches, *panels), motion, amount or 0.0, surface.range)
 
 
 def _motion(surface: SurfaceSettings, fixed: tuple[str, ...]) -> Motion:
@@ -219,6 +222,8 @@ def _motion(surface: SurfaceSettings, fixed: tuple[str, ...]) -> Motion:
             raise InputError(f"hinge = {surface.hinge}: the motion has another one; leave hinge out")
         return surface.motion
     hinge = _rotation(surface.hinge) if surface.hinge else None
+    if surface.motion == "root":
+        return _root(surface, hinge)
     base: Motion | None = hinge
     if surface.table:
         base = Table.read(Path(surface.table), hinge.axis if hinge else None)
@@ -229,6 +234,12 @@ def _motion(surface: SurfaceSettings, fixed: tuple[str, ...]) -> Motion:
         return base
     held = _nodes(surface.held, "held") if surface.held != () else OnPatches(fixed)
     return Blended(base, held, _nodes(surface.driven, "driven"), _rib(surface, base))
+
+
+def _root(surface: SurfaceSettings, hinge: Rotation | None) -> Root:
+    if not surface.on or not hinge or len(surface.patches) > 1:
+        raise InputError("motion = root: give one patch of the tail, the hinge, and in `on` the patches of the body")
+    return Root(hinge.axis, surface.patches[0], surface.on, surface.shape, surface.depth)
 
 
 def _rib(surface: SurfaceSettings, base: Motion) -> Rib:

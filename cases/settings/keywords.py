@@ -19,10 +19,13 @@ class Options(TypedDict, total=False):
     """What `deflect`, `sweep` and `plan` take beside the mesh, the surfaces, the hinge and the angle."""
 
     range: ArrayLike
-    motion: Literal["rigid", "blended"] | Motion
+    motion: Literal["rigid", "blended", "root"] | Motion
     held: ArrayLike | NodeSet
     driven: ArrayLike | NodeSet
     strip: float
+    on: str | Sequence[str]
+    shape: Literal["skin", "cylinder"]
+    depth: float
     table: str | PathLike[str]
     shift: ArrayLike
     track: str | PathLike[str]

@@ -18,6 +18,8 @@ from .pieces import Whole
 
 MARK = "#"
 """Separates the name of a patch from the number of its component."""
+REGION = "~"
+"""Separates the name of a selection from the number of its region, and that of a panel from its tail's."""
 ABSENT = "patch {} is absent: "
 """Beginning of a note on a patch of the file that cannot be read."""
 

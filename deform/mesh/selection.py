@@ -5,7 +5,7 @@ begins with the faces of a patch, and each condition keeps some of them. In a pl
 nodes instead of edges.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -16,10 +16,8 @@ from sdm_deflect.deform.base.errors import InputError, short_list
 
 from .cells import Cells, Faces, Patch, Polygons, taken
 from .edges import Joints, polygons_of
-from .mesh import MARK, Mesh, meant
+from .mesh import MARK, REGION, Mesh, meant
 
-REGION = "~"
-"""Separates the name of a selection from the number of its region."""
 LISTED = 6
 """Largest number of parts listed in a message."""
 MOST_PARTS = 1000
@@ -286,9 +284,14 @@ def selected(mesh: Mesh, selections: Sequence[Selection], names: Iterable[str] =
         if MARK in text and not known:
             for patch, parts in _numbered(mesh, found, text):
                 _add(mesh, found, patch, parts)
+    return with_parts(mesh, found)
+
+
+def with_parts(mesh: Mesh, found: Mapping[str, Sequence[Part]]) -> Mesh:
+    """Return a mesh with parts of patches, by the patches' names, as patches; the rest of a patch keeps its name."""
     if not found:
         return mesh
-    patches = [piece for patch in mesh.patches for piece in _divided(patch, found.get(patch.name, []))]
+    patches = [piece for patch in mesh.patches for piece in _divided(patch, found.get(patch.name, ()))]
     return replace(mesh, patches=tuple(patches))
 
 

@@ -9,7 +9,7 @@ from sdm_deflect.deform.mesh.axis import Axis
 
 from .blended import BlendedLaw
 from .motions import MotionLaw
-from .tail_root import RootLaw
+from .tail_root import RootLaw, SkinLaw
 
 FULL = 0.99
 """Share of the angle that counts as the full angle."""
@@ -77,7 +77,7 @@ class Reached:
 
 def _turning(law: MotionLaw) -> BoolArray:
     """Return which nodes (K,) a rigid turn should move: not those in strips, panels and extended roots."""
-    return law.beyond_root if isinstance(law, RootLaw) else law.exact
+    return law.beyond_root if isinstance(law, RootLaw | SkinLaw) else law.exact
 
 
 def _edge(law: MotionLaw, station: FloatArray, reach: FloatArray) -> BoolArray:

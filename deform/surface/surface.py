@@ -15,7 +15,7 @@ from sdm_deflect.deform.base.unpacking import damaged
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.cells import whole
 from sdm_deflect.deform.mesh.edges import polygons_of, sharp_edges
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.mesh import REGION, Mesh
 
 FAR = 0.5  # of the largest distance from the hinge: sharp edges beyond are on the trailing edge
 ALONG = 0.5  # cosine between an edge and the hinge, above which the edge runs along it
@@ -52,8 +52,9 @@ class Surface:
 
     @property
     def label(self) -> str:
-        """Names of the patches, for messages."""
-        return ", ".join(self.patches)
+        """Names of the patches without panels such as ``body~tail``, for messages."""
+        panels = {name for name in self.patches if any(name.endswith(f"{REGION}{own}") for own in self.patches)}
+        return ", ".join(name for name in self.patches if name not in panels)
 
     def on(self, names: Sequence[str]) -> BoolArray:
         """Return which of the nodes (K,) are also on the named patches."""

@@ -1,22 +1,216 @@
-"""An all-moving tail whose root stays on a cylindrical body; a panel of the body follows (appendix A)."""
+"""An all-moving tail whose root stays on a body: a cylinder as in appendix A, or a skin of any shape.
 
+A panel of the body follows the root.
+"""
+
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, distinct, farthest
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.box.hexahedron import Hexahedron, box
 from sdm_deflect.deform.mesh.axis import Axis, Cylinder
-from sdm_deflect.deform.rbf.kernels import Multiquadric
+from sdm_deflect.deform.mesh.edges import area_vectors, polygons_of
+from sdm_deflect.deform.mesh.mesh import REGION, Mesh
+from sdm_deflect.deform.mesh.sliding import CylinderWall
+from sdm_deflect.deform.rbf.data_sites import DataSites, joined, pinned
+from sdm_deflect.deform.rbf.interpolant import Interpolant, fit
+from sdm_deflect.deform.rbf.kernels import Multiquadric, ThinPlateSpline
 
 from .appendix_a import elongate, slide_panel
 from .motions import Functions, Powers
 from .surface import Surface
 
+if TYPE_CHECKING:
+    from sdm_deflect.deform.mesh.selection import Part
+
+CHORDS = 0.5
+"""Reach of the panel beyond the root, and depth of the lengthened part of a tail, in chords of the root."""
+ACROSS = 0.7
+"""Cosine between a normal and the hinge, above which a face is the tail's tip."""
+SKIN, PANEL = 0.5, 0.7
+"""Least cosine between the hinge and the normals of faces that give the skin's height, and of the panel's faces."""
+MOST_SITES = 3000
+"""Largest number of nodes of a skin in its spline; larger sets are thinned."""
 POWERS = 6  # powers of the angle for displacements up to 15 degrees; they miss by 0.014 of the usual tolerance
 SCALE = 15.0  # degrees at which these powers are 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Root:
+    """Rotation of a tail whose root slides on the skin of a body.
+
+    The panel, all faces of the skin within half a chord of the root, becomes a patch of its own and follows the root.
+
+    Attributes
+    ----------
+    hinge : the axis of rotation.
+    tail : name or wildcard of the tail's patch.
+    on : names or wildcards of the body's patches.
+    shape : ``"skin"`` for a body of any shape, ``"cylinder"`` for a circular one as in appendix A.
+    depth : length of the part of the tail that is lengthened; 0 for half a chord of the root.
+    """
+
+    hinge: Axis
+    tail: str
+    on: tuple[str, ...]
+    shape: str = "skin"
+    depth: float = 0.0
+
+    @property
+    def unit(self) -> str:
+        """Unit of the amount."""
+        return "deg"
+
+    @property
+    def axis(self) -> Axis:
+        """The hinge."""
+        return self.hinge
+
+    @property
+    def panels(self) -> str:
+        """Wildcard of the panels' names."""
+        return f"*{REGION}{self.tail}"
+
+    def follows(self, patch: str) -> bool:
+        """Whether a patch is a panel."""
+        return patch.endswith(self.panels[1:])
+
+    def cut(self, mesh: Mesh) -> Mesh:
+        """Return the mesh with the panel of each of the body's patches as a patch ``BODY~TAIL``.
+
+        Raises InputError if tail and body share no node, or if the panel is a whole patch.
+        """
+        from sdm_deflect.deform.mesh.selection import with_parts
+
+        names = mesh.named(self.on, "on")
+        root = np.intersect1d(mesh.on(*mesh.named([self.tail], "the surface")), mesh.on(*names))
+        if not len(root):
+            raise InputError(f"{mesh.name}: {self.tail} shares no node with {', '.join(names)}, on which it turns")
+        panels = dict(zip(names, self._around(mesh, names, root, CHORDS, PANEL), strict=True))
+        if whole := [name for name, panel in panels.items() if len(panel) == len(mesh.patch(name))]:
+            raise InputError(f"{mesh.name}: all of {whole[0]} is near {self.tail}: join it with the patches around it")
+        return with_parts(mesh, {name: [panel] for name, panel in panels.items() if len(panel)})
+
+    def _around(
+        self, mesh: Mesh, names: Sequence[str], root: IntArray, chords: float, cosine: float
+    ) -> "Iterator[Part]":
+        """Yield the faces of patches within some chords of the root, turned little from the mean normal at it."""
+        from sdm_deflect.deform.mesh.selection import Part
+
+        ends, faces = mesh.points[root], polygons_of(mesh.faces_of(names))
+        low, high, reach = ends.min(axis=0), ends.max(axis=0), chords * np.ptp(ends, axis=0).max()
+        at_root = np.logical_or.reduceat(np.isin(faces.nodes, root), faces.offsets[:-1])
+        normal = area_vectors(mesh.points, faces)[at_root].sum(axis=0)
+        for name in names:
+            part = Part.of(mesh, mesh.patch(name))
+            vectors, near = area_vectors(mesh.points, part.faces), np.abs(part.centres - 0.5 * (low + high))
+            turned = vectors @ normal > cosine * np.linalg.norm(vectors, axis=1) * np.linalg.norm(normal)
+            inside = (near <= 0.5 * (high - low) + reach).all(axis=1)
+            yield part.some(np.flatnonzero(inside & turned), f"{name}{self.panels[1:]}")
+
+    def law(self, surface: Surface) -> "RootLaw | SkinLaw":
+        """Find the shape of the body, and the nodes of tail, root line, panel and the panel's border."""
+        mesh, panels = surface.mesh, tuple(name for name in surface.patches if self.follows(name))
+        tail, panel, border = _parts(surface, panels)
+        root, body = surface.nodes[tail & panel], (*panels, *mesh.named(self.on, "on"))
+        skin = [part.faces.nodes for part in self._around(mesh, body, root, 2.0 * CHORDS, SKIN)]
+        sites, depth = (
+            mesh.points[distinct(np.concatenate(skin))],
+            self.depth or CHORDS * float(np.ptp(mesh.points[root], axis=0).max()),
+        )
+        if self.shape == "cylinder":
+            room = box(surface.points.min(axis=0) - depth, surface.points.max(axis=0) + depth)
+            cylinder, apex = CylinderWall.fitted(sites).cylinder, self._apex(surface, panels)
+            return RootOnCylinder(self.hinge, cylinder, apex, panels, room, depth).law(surface)
+        sites = sites[farthest(sites, MOST_SITES)] if len(sites) > MOST_SITES else sites
+        stations = (sites - self.hinge.point) @ self.hinge.direction
+        height = fit(ThinPlateSpline(), sites - np.outer(stations, self.hinge.direction), stations[:, None])
+        return SkinLaw(self.hinge, depth, surface.points, tail, panel, panel & ~tail & border, height)
+
+    def _apex(self, surface: Surface, panels: Sequence[str]) -> FloatArray:
+        """Return the point (3,) nearest to the planes of the tail's faces, without those across the hinge."""
+        faces = polygons_of(surface.mesh.faces_of([name for name in surface.patches if name not in panels]))
+        vectors = area_vectors(surface.mesh.points, faces)
+        normals = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+        side = np.abs(normals @ self.hinge.direction) < ACROSS
+        heights = np.sum(normals * surface.mesh.points[faces.nodes[faces.offsets[:-1]]], axis=1)
+        return np.asarray(np.linalg.lstsq(normals[side], heights[side])[0])
+
+
+def _parts(surface: Surface, panels: Sequence[str]) -> tuple[BoolArray, BoolArray, BoolArray]:
+    """Return which nodes (K,) are on the tail, on its panels, and on patches other than panels."""
+    tail = surface.on([name for name in surface.patches if name not in panels])
+    return tail, surface.on(panels), surface.on([name for name in surface.mesh.names if name not in panels])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SkinLaw:
+    """The motion of points (K, 3) on a skin: masks (K,) of the tail, its panel, and the panel's nodes that stay.
+
+    The skin is a height along the hinge over the plane across it, a thin plate spline through the body's nodes. A
+    node of the tail turns, and moves along the hinge by the change of height below it. That fades over `depth`. A node
+    of the panel moves in the plane by a spline between the root line and the border, and then back to the skin.
+    """
+
+    hinge: Axis
+    depth: float
+    points: FloatArray = field(repr=False)
+    tail: BoolArray = field(repr=False)
+    panel: BoolArray = field(repr=False)
+    stays: BoolArray = field(repr=False)
+    skin: Interpolant = field(repr=False)
+
+    @property
+    def exact(self) -> BoolArray:
+        """Nodes (K,) of the tail."""
+        return self.tail
+
+    @property
+    def beyond_root(self) -> BoolArray:
+        """Nodes (K,) of the tail beyond the part that is lengthened."""
+        return self.tail & (np.abs(self._above(self.points)) >= self.depth)
+
+    @property
+    def functions(self) -> Functions:
+        """Powers of the angle, as for `RootLaw`."""
+        return Powers(POWERS, SCALE)
+
+    def frozen_at(self, amount: float) -> "SkinLaw":
+        """Return the law: it makes no choices."""
+        del amount
+        return self
+
+    def displacement(self, amount: float) -> FloatArray:
+        """Return the displacement (K, 3)."""
+        out, turn = np.zeros_like(self.points), self.hinge.displacement(self.points, amount)
+        fade = np.clip(1.0 - np.abs(self._above(self.points[self.tail])) / self.depth, 0.0, 1.0)[:, None]
+        out[self.tail] = turn[self.tail] + fade**2 * (3.0 - 2.0 * fade) * self._onto(
+            self.points[self.tail], turn[self.tail]
+        )
+        root, follow = self.tail & self.panel, self.panel & ~self.tail & ~self.stays
+        sites = joined(
+            [DataSites(self._flat(self.points[root]), turn[root]), pinned(self._flat(self.points[self.stays]))]
+        )
+        flat = fit(ThinPlateSpline(), sites.points, sites.values)(self._flat(self.points[follow]))
+        out[follow] = flat + self._onto(self.points[follow], flat)
+        return out
+
+    def _flat(self, points: FloatArray) -> FloatArray:
+        """Return the feet of points (N, 3) in the plane through the hinge's point across it."""
+        return np.asarray(points - np.outer((points - self.hinge.point) @ self.hinge.direction, self.hinge.direction))
+
+    def _above(self, points: FloatArray) -> FloatArray:
+        """Return the distance (N,) of points (N, 3) from the skin along the hinge."""
+        return np.asarray((points - self.hinge.point) @ self.hinge.direction - self.skin(self._flat(points))[:, 0])
+
+    def _onto(self, points: FloatArray, flat: FloatArray) -> FloatArray:
+        """Return the change (N, 3) of the skin's height below points (N, 3) that move across the hinge by `flat`."""
+        feet = self._flat(points)
+        return np.asarray((self.skin(feet + flat) - self.skin(feet)) * self.hinge.direction)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,12 +252,13 @@ class RootOnCylinder:
         """The hinge."""
         return self.hinge
 
+    def follows(self, patch: str) -> bool:
+        """Whether a patch is a panel."""
+        return patch in self.panel
+
     def law(self, surface: Surface) -> "RootLaw":
         """Find the nodes of tail, root line, panel and the panel's border."""
-        mesh = surface.mesh
-        tail = surface.on([name for name in surface.patches if name not in self.panel])
-        panel = surface.on(self.panel)
-        border = surface.on([name for name in mesh.names if name not in self.panel])
+        tail, panel, border = _parts(surface, self.panel)
         stays = panel & ~tail & (border | ~self.within.contains(surface.points))
         if not (tail & panel).any():
             raise InputError(f"{surface.label}: the surface and its panel share no node")

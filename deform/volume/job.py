@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import reduce
 from itertools import islice
 from operator import is_
 from typing import TYPE_CHECKING
@@ -17,6 +18,7 @@ from sdm_deflect.deform.options import JobOptions
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import TRACK_UNIT, Motion, Moving
 from sdm_deflect.deform.surface.surface import OnPatches
+from sdm_deflect.deform.surface.tail_root import Root
 
 if TYPE_CHECKING:
     from sdm_deflect.deform.mesh.selection import Selection
@@ -184,12 +186,18 @@ def prepared(mesh: Mesh, jobs: Sequence[Job]) -> Mesh:
 
         mesh = selected(mesh, jobs[0].selections, names)
     mesh = paired(mesh, jobs[0].periodic) if jobs[0].periodic or mesh.periodic else mesh
+    mesh = _with_panels(mesh, jobs)
     planes = set.intersection(*(_planes(mesh, job) for job in jobs))
     if len(planes) > 1:
         from sdm_deflect.deform.mesh.thin import with_sides
 
         mesh = with_sides(mesh, planes)
     return mesh if mesh.whole else _of_one_hand(mesh)
+
+
+def _with_panels(mesh: Mesh, jobs: Sequence[Job]) -> Mesh:
+    roots = (one.motion for job in jobs for one in job.surfaces if isinstance(one.motion, Root))
+    return reduce(lambda cut, root: root.cut(cut), roots, mesh)
 
 
 def _of_one_hand(mesh: Mesh) -> Mesh:

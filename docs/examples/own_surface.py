@@ -74,7 +74,7 @@ class BendLaw:
 def deflected(mesh: Mesh, tip: float = 0.010) -> Mesh:
     """Return the mesh with the fin bent by `tip` metres; nodes outside the region keep their bits."""
     job = Job(surfaces=(Moving(("fin", "rudder"), Bend(), tip),), fixed=("*",), box=Given(REGION))
-    return mesh.with_points(deflect(Plan.of(mesh, [job]), tip).points)
+    return mesh.with_points(deflect(Plan.of(mesh, [job])).points)
 
 
 def main(file: Path) -> Mesh:

@@ -15,7 +15,7 @@ def finished(tmp_path_factory, aileron_mesh):
     """The aileron at -12 degrees, and a folder with those files of a run that the examples read."""
     case, (mesh, _), folder = case_named("aileron"), aileron_mesh, tmp_path_factory.mktemp("aileron")
     plan = plan_of(case, mesh)
-    result = deflect(plan, plan.angle)
+    result = deflect(plan)
     write_interpolants(folder / "interpolant.npz", result.boxes)
     displacement = {"displacement": result.points - mesh.points}
     write_vtu(folder / "deflected.vtu", mesh.with_points(result.points), point_data=displacement)

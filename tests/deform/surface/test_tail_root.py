@@ -9,12 +9,12 @@ from numpy.polynomial import chebyshev
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.box.hexahedron import box
 from sdm_deflect.deform.mesh.axis import Axis, Cylinder
-from sdm_deflect.deform.mesh.cells import Patch
+from sdm_deflect.deform.mesh.cells import Cells, Patch
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.surface.surface import Surface
-from sdm_deflect.deform.surface.tail_root import RootOnCylinder
+from sdm_deflect.deform.surface.tail_root import Root, RootOnCylinder
 
 RADIUS, DEPTH, AMOUNT = 0.067, 0.03, 9.0
 FUSELAGE = Cylinder(Axis(np.zeros(3), np.array([1.0, 0.0, 0.0])), RADIUS)
@@ -177,3 +177,95 @@ def test_a_tail_and_its_panel_share_nodes(surface):
     mesh = Mesh(surface.mesh.points, (), tuple(Patch(name, (), rows) for name, rows in patches.items()))
     with pytest.raises(InputError, match="tail, panel: the surface and its panel share no node"):
         MOTION.law(Surface.of(mesh, ("tail", "panel")))
+
+
+ROUND = Axis(np.array([0.3, 0.0, 0.05]), np.array([0.0, 1.0, 0.0]))
+TAIL_DEPTH, UP = 0.1, np.array([0.0, 0.5, 0.0])
+
+
+def height(x, z):
+    """Height of a skin that is curved both ways."""
+    return 0.2 - 0.4 * (x - 0.2) ** 2 - 0.9 * z**2 + 0.3 * x * z
+
+
+def rings(points, n):
+    """Quadrilaterals (F, 4) between rings of n points, in order."""
+    at = np.arange(points - n).reshape(-1, n)
+    return np.stack([at, np.roll(at, -1, 1), np.roll(at, -1, 1) + n, at + n], axis=-1).reshape(-1, 4)
+
+
+@pytest.fixture(scope="module")
+def body():
+    """A tail of elliptic section, 0.4 long, on a curved body: rings around the root on it, and upwards from it."""
+    n, polar = 48, np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+    grow = np.linspace(0.0, 1.0, 15)
+    oval = np.column_stack([0.2 * np.cos(polar), 0.03 * np.sin(polar)])
+    round_ = np.column_stack([0.6 * np.cos(polar), 0.45 * np.sin(polar)])
+    flat = np.vstack([np.array([0.3, 0.05]) + (1.0 - s) * oval + s * round_ for s in grow])
+    skin = np.column_stack([flat[:, 0], height(*flat.T), flat[:, 1]])
+    tail = np.vstack([skin[:n] + s * UP for s in np.linspace(0.0, 1.0, 11)[1:]])
+    whole = np.vstack([skin, tail])
+    upwards = rings(len(tail) + n, n)
+    up = np.where(upwards < n, upwards, upwards - n + len(skin))
+    faces = {"tail": up, "body": rings(len(skin), n)}
+    patches = tuple(Patch(name, (Cells("quad", nodes),)) for name, nodes in faces.items())
+    return Mesh(whole, (), patches, name="body")
+
+
+def on_body(mesh, **more):
+    """The law of the tail, and its surface."""
+    motion = Root(ROUND, "tail", ("body",), **more)
+    surface = Surface.of(motion.cut(mesh), ("tail", motion.panels))
+    return motion.law(surface), surface
+
+
+def test_a_root_stays_on_a_skin_of_any_shape(body):
+    law, surface = on_body(body, depth=TAIL_DEPTH)
+    assert surface.label == "tail"
+    assert surface.patches == ("tail", "body~tail")
+    for amount in (-15.0, 15.0):
+        move = law.displacement(amount)
+        x, y, z = (law.points + move).T
+        root, follow = law.tail & law.panel, law.panel & ~law.stays
+        rigid = ROUND.displacement(law.points, amount)
+        assert np.abs(height(*(law.points + rigid)[root][:, [0, 2]].T) - law.points[root][:, 1]).max() > 2e-3
+        np.testing.assert_allclose(y[root], height(x, z)[root], atol=2e-5)
+        np.testing.assert_allclose(y[follow], height(x, z)[follow], atol=1e-3)
+        np.testing.assert_allclose(move[law.tail][:, [0, 2]], rigid[law.tail][:, [0, 2]], atol=1e-15)
+        np.testing.assert_allclose(move[law.beyond_root], rigid[law.beyond_root], atol=1e-15)
+        assert not move[law.stays].any()
+    assert law.beyond_root.sum() > 300
+    assert law.stays.sum() >= 48
+    assert not law.displacement(0.0).any()
+
+
+def test_a_tail_without_a_body_and_a_body_that_is_all_panel_are_refused(body):
+    apart = replace(
+        body, patches=(body.patches[0], Patch("body", (Cells("quad", body.patches[1].faces[0].nodes[48:]),)))
+    )
+    with pytest.raises(InputError, match="tail shares no node with body, on which it turns"):
+        on_body(apart)
+    small = replace(
+        body, patches=(body.patches[0], Patch("body", (Cells("quad", body.patches[1].faces[0].nodes[:96]),)))
+    )
+    with pytest.raises(InputError, match="all of body is near tail: join it with the patches around it"):
+        on_body(small)
+
+
+def test_a_cylinder_and_its_apex_are_found():
+    """Rings of a tapered tail on a cylinder: the paper's motion, without its numbers."""
+    line, rows = root(), 13
+    n = len(line)
+    x, polar = np.meshgrid(np.linspace(-0.1, 0.26, 31), np.radians(np.linspace(-80, 80, 41)))
+    skin = np.column_stack([x.ravel(), RADIUS * np.cos(polar.ravel()), RADIUS * np.sin(polar.ravel())])
+    at = np.arange(len(skin)).reshape(41, 31) + rows * n
+    quads = np.stack([at[:-1, :-1], at[1:, :-1], at[1:, 1:], at[:-1, 1:]], axis=-1).reshape(-1, 4)
+    points = np.vstack([*(line + s * (APEX - line) for s in np.linspace(0.0, 0.6, rows)), skin])
+    joint = np.column_stack([np.arange(n), np.roll(np.arange(n), -1), np.full(n, at[20, 15])])
+    blocks = (Cells("quad", quads), Cells("triangle", joint))
+    mesh = Mesh(points, (), (Patch("tail", (Cells("quad", rings(rows * n, n)),)), Patch("body", blocks)), name="round")
+    motion = Root(PIVOT, "tail", ("body",), shape="cylinder", depth=DEPTH)
+    law = motion.law(Surface.of(motion.cut(mesh), ("tail", motion.panels)))
+    np.testing.assert_allclose(law.motion.apex, APEX, atol=1e-4)
+    moved = law.points + law.displacement(AMOUNT)
+    np.testing.assert_allclose(FUSELAGE.distance(moved[law.panel]), 0.0, atol=1e-9)
