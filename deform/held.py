@@ -35,6 +35,7 @@ from .checks import Check, checks_of
 FILE = "plan of sdm-deflect, 1"
 MEASURED = 9
 """Number of amounts of each surface at which the mesh is checked."""
+NO_MIRROR = "a plan holds no mirrored surface: leave mirror out, and give each surface its own hinge"
 KINDS: dict[str, Any] = {"turn": Turn, "powers": Powers, "fixed": Fixed, "places": Places}
 """Functions of the amount by their names in a file."""
 Wanted = float | Mapping[str, float] | Sequence[float]
@@ -114,6 +115,8 @@ class HeldPlan:
         more than a tenth of the tolerance, as on a triangulated slide.
         """
         plan = plan.keeping(EVERY_BIT)
+        if any(box.mirror for box in plan.boxes):
+            raise InputError(NO_MIRROR)
         readings, places = [], []
         for b, box in enumerate(plan.boxes):
             for row, (moving, surface) in enumerate(box.moving):
@@ -132,6 +135,8 @@ class HeldPlan:
     def of_one_amount(cls, found: Deflection, failed: Sequence[str]) -> "HeldPlan":
         """Hold an unrounded deflection and the names of its failed checks; it serves these amounts alone."""
         plan, controls, placed = found.plan, [], []
+        if any(box.mirror for box in plan.boxes):
+            raise InputError(NO_MIRROR)
         first = next((i for i, amount in enumerate(found.amounts) if amount), 0)
         for i, ((moving, surface), amount) in enumerate(zip(plan.moving, found.amounts, strict=True)):
             ends = min(0.0, amount), max(0.0, amount)

@@ -164,10 +164,10 @@ BUDGETS = {
     "cases": (928, 7),
     "cases/aircraft": (2126, 13),
     "cases/cli": (1411, 7),
-    "cases/report": (2227, 11),
-    "cases/run": (2264, 10),
-    "cases/settings": (1188, 6),
-    "deform": (1047, 6),
+    "cases/report": (2237, 11),
+    "cases/run": (2266, 10),
+    "cases/settings": (1229, 6),
+    "deform": (1052, 6),
     "deform/around": (621, 6),
     "deform/box": (498, 4),
     "deform/base": (898, 9),
@@ -175,14 +175,14 @@ BUDGETS = {
     "deform/rbf": (1616, 9),
     "deform/repair": (1575, 6),
     "deform/surface": (1878, 10),
-    "deform/volume": (3075, 11),
+    "deform/volume": (3167, 12),
     "geometry": (2120, 13),
     "meshing": (573, 5),
     "meshing/formats": (9025, 37),
     "meshing/generate": (1566, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 8_948, 450
+MOST_COMPLEXITY, LONGEST = 8_995, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

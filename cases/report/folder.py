@@ -218,6 +218,7 @@ def settings_of(deflection: Deflection, home: Path, folder: Path) -> dict[str, A
         tables.append(_surface(number, moving, surface, amount, folder))
     for table, box in zip(tables, plan.boxes, strict=True) if len(plan.boxes) > 1 else ():
         table["corners"] = box.region.hexahedron.corners.tolist()
+    _join_mirrored(tables, deflection)
     boxes = {"box_each": True} if len(plan.boxes) > 1 else _numbers(plan.boxes[0])
 
     def shapes(slides: Sequence[Sliding], setting: str) -> dict[str, str]:
@@ -233,6 +234,15 @@ def settings_of(deflection: Deflection, home: Path, folder: Path) -> dict[str, A
         "repair_slide": shapes(job.repair_slides, "repair_slide"),
         "surface": tables,
     }
+
+
+def _join_mirrored(tables: list[dict[str, Any]], deflection: Deflection) -> None:
+    """Put each reflection into the table of the surface that it reflects, if one sign says both amounts."""
+    for i in reversed([i for i, box in enumerate(deflection.plan.boxes) if box.mirror]):
+        of = deflection.plan.boxes[i].job.image_of
+        one, other = deflection.amounts[of], deflection.amounts[i]
+        if abs(one) == abs(other):
+            tables[of].update(mirror=tables.pop(i)["patches"], sign=1 if one == other else -1)
 
 
 def _numbers(plan: BoxPlan) -> dict[str, Any]:

@@ -195,6 +195,8 @@ def notes_of(plan: Plan) -> tuple[str, ...]:
         notes.append(f"{coincident} moving nodes coincide with others; they move as one")
     if min(plan.touched.orientation, default=1.0) < 0.0:
         notes.append("the file counts the nodes of cells left-handed; judged accordingly")
+    alone = [box.surface for box in plan.boxes if box.job.image_of >= 0 and not box.mirror]
+    notes += [f"{name} is fitted by itself: the mesh is not its own mirror image to the bit" for name in alone]
     inverted = sum(plan.touched.inverted)
     if inverted:
         notes.append(f"{inverted} cells were inverted in the file already")

@@ -99,6 +99,11 @@ class SurfaceSettings:
     overlap: Annotated[float | None, IN_WORDS, Doc(
         "What moves", "With `slot`: overlap at the amount 1, a length (default: the mesh's).",
         "The foremost point of the skin behind lies so far ahead of the trailing edge, along x.")] = None
+    mirror: Annotated[tuple[str, ...], Option(metavar="NAME"), IN_WORDS, Doc(
+        "What moves", "Patches that are this surface's reflection in y = 0: they move as its reflection.",
+        "Each surface then has a box of its own. A mesh that is symmetric to the bit stays so.")] = ()
+    sign: Annotated[int, Range(-1, 1), IN_WORDS, Doc(
+        "What moves", "With `mirror`: 1 for equal angles, -1 for opposite ones.")] = 1
     amount: Annotated[float, ONLY_SET, Doc(
         "What moves", "Share of the table, or parameter of the track; in Python this is the `angle`.")] = 1.0
     corners: Annotated[tuple[Corner, ...] | None, ONLY_SET, Doc(

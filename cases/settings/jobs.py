@@ -120,6 +120,8 @@ def jobs_of(settings: JobSettings, *, by_range: bool = False) -> tuple[Job, ...]
 
     `by_range` says that a surface with a range needs no angle.
     """
+    count, sources = len(settings.surface), [i for i, one in enumerate(settings.surface) if one.mirror]
+    settings = _with_reflections(settings, sources) if sources else settings
     given, job = [surface.corners for surface in settings.surface], job_of(settings, by_range=by_range)
     if not settings.box_each:
         if any(given):
@@ -130,7 +132,36 @@ def jobs_of(settings: JobSettings, *, by_range: bool = False) -> tuple[Job, ...]
     if not isinstance(job.box, Automatic):
         raise InputError("box_each = true: each surface has a box of its own; leave box out, and give corners of each")
     boxes = [_at(corners) if corners else job.box for corners in given]
-    return tuple(replace(job, surfaces=(moving,), box=box) for moving, box in zip(job.surfaces, boxes, strict=True))
+    images = [*[-1] * count, *sources]
+    own = zip(job.surfaces, boxes, images, strict=True)
+    return tuple(replace(job, surfaces=(moving,), box=box, image_of=image) for moving, box, image in own)
+
+
+def _with_reflections(settings: JobSettings, sources: Sequence[int]) -> JobSettings:
+    """Return settings with the reflections of some surfaces after the surfaces, each in a box of its own."""
+    own = settings.surface
+    return replace(settings, surface=(*own, *(_reflection(own[i]) for i in sources)), box_each=True)
+
+
+def _reflection(surface: SurfaceSettings) -> SurfaceSettings:
+    """Return the reflection of a surface in y = 0, with its hinge points exchanged: an angle keeps its meaning."""
+    ends, others = surface.hinge or (), (surface.table, surface.track, surface.shift, surface.held)
+    if [len(end) for end in ends] != [3, 3] or any(others):
+        raise InputError(
+            "mirror: the surface needs two hinge points in space, and no table, track, shift or held nodes"
+        )
+    if not surface.sign:
+        raise InputError("sign = 0: must be 1 for equal angles, or -1 for opposite ones")
+    ordered = sorted(surface.sign * end for end in surface.range or ())
+    return replace(
+        surface,
+        patches=surface.mirror,
+        hinge=tuple((x, -y, z) for x, y, z in reversed(ends)),
+        angle=surface.angle and surface.sign * surface.angle,
+        range=(ordered[0], ordered[-1]) if ordered else None,
+        mirror=(),
+        corners=None,
+    )
 
 
 def swept(settings: JobSettings, angles: Any, *, by_range: bool = False) -> tuple[tuple[Job, ...], tuple[Amounts, ...]]:
@@ -153,7 +184,10 @@ def swept(settings: JobSettings, angles: Any, *, by_range: bool = False) -> tupl
         rows = tuple((angle,) for angle in wanted)
     largest = (max(own, key=abs) for own in zip(*rows, strict=True))
     moved = (replace(one, angle=most, amount=most) for one, most in zip(surfaces, largest, strict=True))
-    return jobs_of(replace(settings, surface=tuple(moved)), by_range=by_range), rows
+    settings = replace(settings, surface=tuple(moved))
+    mirrored = [(i, one.sign) for i, one in enumerate(settings.surface) if one.mirror]
+    poses = tuple((*row, *(sign * row[i] for i, sign in mirrored)) for row in rows)
+    return jobs_of(settings, by_range=by_range), poses
 
 
 def _rows(angles: Any, settings: JobSettings) -> tuple[Amounts, ...]:

@@ -32,6 +32,8 @@ class Options(TypedDict, total=False):
     slot: str
     gap: float
     overlap: float
+    mirror: str | Sequence[str]
+    sign: int
     corners: ArrayLike
     fixed: str | Sequence[str]
     zones: str | Sequence[str]

@@ -103,6 +103,7 @@ class BoxDeflection:
     repaired : the repair; None without.
     fitted_at : amounts for which the steps were fitted; None for `amounts`.
     residual : largest error at a data site; None to take it from the steps.
+    image_of : the deflection in another box whose reflection this is; None without.
     """
 
     plan: BoxPlan = field(repr=False)
@@ -113,6 +114,7 @@ class BoxDeflection:
     repaired: RepairResult | None = field(default=None, repr=False)
     fitted_at: Amounts | None = None
     residual: float | None = None
+    image_of: "BoxDeflection | None" = field(default=None, repr=False)
 
     @classmethod
     def at(
@@ -160,6 +162,8 @@ class BoxDeflection:
     @cached_property
     def error_between(self) -> ErrorBetween | None:
         """Error of the interpolants between the data sites of the moving surfaces; None for surfaces without faces."""
+        if self.image_of:
+            return self.image_of.error_between
         amounts = self.fitted_at or self.amounts
         return ErrorBetween.of(self.plan.boundary, self.steps, self.plan.boundary.displacement(amounts))
 
@@ -279,8 +283,11 @@ class Deflection:
         rates = {}
         for box in self.boxes:
             for row, (_, surface) in enumerate(box.plan.moving):
-                own, changed = np.zeros_like(self.points), box.plan.changed
-                own[changed] = _rate(box, row)[changed]
+                own, changed, mirror = np.zeros_like(self.points), box.plan.changed, box.plan.mirror
+                if mirror and box.image_of:
+                    own = mirror.reflected(_rate(box.image_of, row), own)
+                else:
+                    own[changed] = _rate(box, row)[changed]
                 rates[surface.label] = own
         return rates
 
@@ -305,9 +312,20 @@ def deflect(
     plan: Plan, pose: Amounts = (), progress: Progress = silent, earlier: Deflection | None = None
 ) -> Deflection:
     """Deflect every box to a pose, by default the plan's; start from the centres of an earlier deflection."""
-    known = earlier.boxes if earlier else [None] * len(plan.boxes)
-    pairs = zip(plan.parted(pose or plan.pose), known, strict=True)
-    return Deflection(plan, tuple(deflect_box(box, own, progress, reused) for (box, own), reused in pairs))
+    known, done = earlier.boxes if earlier else [None] * len(plan.boxes), list[BoxDeflection]()
+    for (box, own), reused in zip(plan.parted(pose or plan.pose), known, strict=True):
+        done.append(_reflected(box, own, done, progress) if box.mirror else deflect_box(box, own, progress, reused))
+    return Deflection(plan, tuple(done))
+
+
+def _reflected(plan: BoxPlan, amounts: Amounts, done: Sequence[BoxDeflection], progress: Progress) -> BoxDeflection:
+    """Return the reflection of the deflection of another box, already done, to the same amounts."""
+    mirror, one = plan.mirror, done[plan.job.image_of]
+    assert mirror
+    one = one if one.amounts == amounts else deflect_box(one.plan, amounts, progress)
+    repair = mirror.reflected(one.exact - one.interpolated, np.zeros_like(one.exact)) if one.repaired else None
+    found = BoxDeflection.at(plan, amounts, mirror.reflected(one.exact, plan.mesh.points), repair)
+    return replace(found, steps=one.steps, residual=one.site_error, image_of=one)
 
 
 def deflect_box(

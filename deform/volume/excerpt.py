@@ -295,9 +295,14 @@ def _numbered(mesh: MeshInPieces, points: FloatArray, cells: tuple[Volume, ...],
 def _task(mesh: MeshInPieces, border: Mesh, own: Mesh, jobs: Sequence[Job], poses: Sequence[Amounts]) -> ScanTask:
     """Return the task for jobs at some poses of all surfaces; `own` is the border `prepared` for them."""
     assert border.whole is not None
-    boxes, moving, halfway = [], [np.empty(0, dtype=np.intp)], None
+    boxes: list[tuple[Hexahedron, IntArray]] = []
+    moving, halfway = [np.empty(0, dtype=np.intp)], None
     parts = zip(*(by_job(jobs, pose) for pose in poses or [pose_of(jobs)]), strict=True)
     for job, amounts in zip(jobs, parts, strict=True):
+        if job.image_of >= 0:
+            from .mirror import with_box_of
+
+            job = with_box_of(job, boxes[job.image_of][0])
         boundary = PrescribedNodes.of(own, job)
         zones, box = confining_box(boundary, job.ends(amounts))
         names = {zone.name for zone in zones}

@@ -78,6 +78,7 @@ class Job(JobOptions):
         face of the patch.
     selections : parts of patches that become patches first of all.
     periodic : pairs of patches that are images of each other, where the file does not say so.
+    image_of : index of the job whose reflection in y = 0 this one is; -1 for none.
     """
 
     surfaces: tuple[Moving, ...]
@@ -87,6 +88,7 @@ class Job(JobOptions):
     repair_slides: tuple[Sliding, ...] = ()
     selections: "tuple[Selection, ...]" = ()
     periodic: tuple[PeriodicPatches, ...] = ()
+    image_of: int = -1
 
     def __post_init__(self) -> None:
         if not self.surfaces:

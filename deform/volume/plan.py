@@ -35,6 +35,8 @@ from .step import Start
 if TYPE_CHECKING:
     from sdm_deflect.deform.mesh.orthogonality import TouchedFaces
 
+    from .mirror import Mirror
+
 
 @dataclass(frozen=True, eq=False)
 class BoxPlan:
@@ -48,6 +50,7 @@ class BoxPlan:
     runner : evaluates the interpolant.
     precision : how the file to be written rounds coordinates.
     margin : factor by which fits are more accurate than the tolerance.
+    mirror : nodes whose places are reflected from the box of another job; None without.
     """
 
     boundary: PrescribedNodes
@@ -58,6 +61,7 @@ class BoxPlan:
     runner: Runner = HERE
     precision: Precision = EVERY_BIT
     margin: float = 1.0
+    mirror: "Mirror | None" = None
 
     @classmethod
     def of(
@@ -233,10 +237,20 @@ class Plan:
         boxes overlap.
         """
         mesh, wanted = prepared(mesh, jobs), tuple(poses) or (pose_of(jobs),)
-        parts = zip(*(by_job(jobs, pose) for pose in wanted), strict=True)
-        boxes = tuple(BoxPlan.of(mesh, job, own, progress) for job, own in zip(jobs, parts, strict=True))
+        parts = list(zip(*(by_job(jobs, pose) for pose in wanted), strict=True))
+        boxes: list[BoxPlan] = []
+        for i, job in enumerate(jobs):
+            own = [pose for other, poses in zip(jobs, parts, strict=True) if i == other.image_of for pose in poses]
+            if job.image_of < 0:
+                boxes.append(BoxPlan.of(mesh, job, (*parts[i], *own), progress))
+                continue
+            from .mirror import Mirror, with_box_of
+
+            first = boxes[job.image_of]
+            box = BoxPlan.of(mesh, with_box_of(job, first.region.hexahedron), parts[i], progress)
+            boxes.append(replace(box, mirror=Mirror.of(mesh, box.changed, first.changed)))
         check_disjoint([(box.surface, box.region.hexahedron) for box in boxes], jobs[0].box.settings)
-        return cls(boxes, wanted)
+        return cls(tuple(boxes), wanted)
 
     @property
     def mesh(self) -> Mesh:

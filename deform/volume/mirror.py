@@ -1,0 +1,53 @@
+"""Mirrored surfaces: the mesh in one box as the reflection, in the plane y = 0, of the mesh in another."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.box.automatic import Given
+from sdm_deflect.deform.box.hexahedron import Hexahedron
+from sdm_deflect.deform.mesh.mesh import Mesh
+
+from .job import Job
+
+FLIP = np.array([1.0, -1.0, 1.0])
+"""Reflects a point, or a displacement, in the plane y = 0."""
+SWAPPED = [2, 3, 0, 1, 6, 7, 4, 5]
+"""Corners of a reflected hexahedron in the order of `Hexahedron`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mirror:
+    """Nodes that are mirror images to the bit.
+
+    Attributes
+    ----------
+    nodes, images : (M,) nodes of a mirrored box, and their images in the other box.
+    """
+
+    nodes: IntArray = field(repr=False)
+    images: IntArray = field(repr=False)
+
+    @classmethod
+    def of(cls, mesh: Mesh, nodes: IntArray, others: IntArray) -> "Mirror | None":
+        """Pair the nodes (M,) that may move in two boxes; None if they are not images to the bit."""
+        distance, row = cKDTree(mesh.points[others]).query(mesh.points[nodes] * FLIP)
+        paired = len(nodes) == len(others) == len(np.unique(row)) and not distance.any()
+        return cls(nodes, others[row]) if paired else None
+
+    def reflected(self, values: FloatArray, start: FloatArray) -> FloatArray:
+        """Return `start` (N, 3) with the values (N, 3) at the images reflected to the nodes."""
+        out = start.copy()
+        out[self.nodes] = values[self.images] * FLIP
+        return out
+
+
+def with_box_of(job: Job, box: Hexahedron) -> Job:
+    """Return a mirrored job with the reflection of the other job's box; InputError if that crosses y = 0."""
+    y = box.corners[:, 1]
+    if y.min() < 0.0 < y.max():
+        raise InputError("mirror: the box crosses the plane y = 0, so it holds both surfaces; give a smaller margin")
+    return replace(job, box=Given(Hexahedron((box.corners * FLIP)[SWAPPED])))
