@@ -46,7 +46,6 @@ moved = partial(click.option, cls=options.Grouped, group="What moves")
 )
 @options.gone("--history")
 @options.gone("--cpacs")
-@options.gone("--device")
 @options.gone("--to-solver")
 @options.output_option(
     "--out", type=options.FILE, help="File to write (default: MESH-deflected); its suffix is the format."

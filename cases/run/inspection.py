@@ -16,6 +16,7 @@ from sdm_deflect.deform.mesh.mesh import MARK, Mesh
 from sdm_deflect.deform.mesh.quality import by_shape, check_most, oriented
 from sdm_deflect.deform.mesh.selection import Part, selected
 from sdm_deflect.deform.mesh.standard import POLYHEDRON
+from sdm_deflect.deform.surface.hinges import candidates, ends_text
 from sdm_deflect.meshing.formats.registry import read
 
 Json = dict[str, Any]
@@ -49,6 +50,11 @@ def inspect(path: Path, select: Mapping[str, str] = NOTHING, slot: tuple[str, ..
         *figures["notes"],
         *_patch_lines(figures),
         *([_slot_line(figures["slot"])] if figures["slot"] else ()),
+        *(
+            f"hinge of {name}, if it moves: {ends_text(one)}"
+            for name, ends in figures["hinges"].items()
+            for one in ends
+        ),
     ]
     return "\n".join(map(printable, lines))
 
@@ -103,7 +109,8 @@ def inspected(path: Path, select: Mapping[str, str] = NOTHING, slot: tuple[str, 
         ``face_quality``, the figures of checkMesh for the faces of polyhedra, None without any;
         ``left_handed``, whether the file counts the nodes of cells the other way round; ``notes``, sentences on what
         may not be expected; ``slot``, its ``gap`` and ``overlap`` as lengths, and ``chord``, the extent of both
-        elements along x; None if it is not asked for.
+        elements along x; None if it is not asked for; ``hinges``, for patches whose skin goes on in others along
+        straight lines, these lines: two points each, in a plane mesh the same.
 
     Raises InputError or MeshFileError if the file is missing, damaged, of an unknown format, holds no cells with a
     volume, or more inverted cells than others, and InputError if a selection does not suit it.
@@ -134,7 +141,14 @@ def inspected(path: Path, select: Mapping[str, str] = NOTHING, slot: tuple[str, 
         "left_handed": min(signs) < 0.0,
         "notes": list(mesh.notes),
         "slot": _slot(mesh, slot),
+        "hinges": _hinges(mesh),
     }
+
+
+def _hinges(mesh: Mesh) -> dict[str, list[Json]]:
+    """Return candidates for hinges by patch, of those that have any."""
+    found = {name: [ends.tolist() for ends in candidates(mesh, [name])] for name in mesh.names}
+    return {name: ends for name, ends in found.items() if ends}
 
 
 def _slot(mesh: Mesh, names: tuple[str, ...]) -> Json | None:

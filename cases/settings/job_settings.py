@@ -11,7 +11,7 @@ from sdm_deflect.deform.base.schema import ONLY_SET, Doc, Option, Range, Spellin
 from sdm_deflect.deform.options import LARGEST_ANGLE, JobOptions
 
 from .conversion import Nested, assigned, read_toml, spelled, structured
-from .spellings import pairs_of, points_of, range_of, selections_of, shapes_of, shift_of, strip_of
+from .spellings import device_of, pairs_of, points_of, range_of, selections_of, shapes_of, shift_of, strip_of
 
 if TYPE_CHECKING:
     from sdm_deflect.deform.box.automatic import BoxRule
@@ -54,6 +54,10 @@ class SurfaceSettings:
         "What moves", "Patches that move; repeat, or use commas. wall#2 is a part.")]
     hinge: Annotated[tuple[Corner, ...] | None, Option(metavar="x0,y0,z0 x1,y1,z1"), Spelling(read=points_of), Doc(
         "What moves", "Two points of the hinge line; one, x,y, in a plane mesh.")] = None
+    device: Annotated[
+        tuple[str | float, ...] | None, Option(metavar="WING,ETA1,ETA2,XSI"), Spelling(read=device_of), IN_WORDS, Doc(
+        "What moves", "In place of a hinge: cut the surface from a clean wing, between two shares of its span.",
+        "Behind a share of the chord. The flow is along x; the surface's name is new.")] = None
     angle: Annotated[float | None, Doc(
         "What moves", "Degrees, right-handed from the first hinge point to the second.",
         "Counter-clockwise about one point: trailing edge up. At most 90 either way.")] = None
@@ -217,7 +221,7 @@ GONE = {
     "port": "nothing is served any more; the page is a file, which any browser opens",
     "page": "there is no page any more; the tables are printed, and --json has their numbers",
     "to_solver": "in a clone, `python -m studies case MESH OUT` writes the deflected mesh as a case for a flow solver",
-    **dict.fromkeys(("cpacs", "device"), "`python docs/examples/cpacs_hinge.py FILE UID` prints the hinge line"),
+    "cpacs": "`python docs/examples/cpacs_hinge.py FILE UID` prints the hinge line",
 }
 """Settings that are no more, and the ways out."""
 OF_SURFACE, OF_JOB = settings_in(SurfaceSettings), settings_in(JobSettings)

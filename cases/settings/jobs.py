@@ -23,7 +23,7 @@ from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.images import PeriodicPatches
 from sdm_deflect.deform.options import JobOptions
 from sdm_deflect.deform.surface.blended import Blended, Rib
-from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
+from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, SoughtHinge, Table
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, TrailingEdge
 from sdm_deflect.deform.surface.tail_root import Root
 from sdm_deflect.deform.volume.job import Amounts, Job, Section, Sliding, in_proportion
@@ -258,16 +258,23 @@ def _motion(surface: SurfaceSettings, fixed: tuple[str, ...]) -> Motion:
     hinge = _rotation(surface.hinge) if surface.hinge else None
     if surface.motion == "root":
         return _root(surface, hinge)
-    base: Motion | None = hinge
+    base: Motion = hinge or _sought(surface)
     if surface.table:
         base = Table.read(Path(surface.table), hinge.axis if hinge else None)
     base = _track(surface, hinge) or base
-    if base is None:
-        raise InputError("the hinge is missing: give two points of it, such as 0.7,0,0 and 0.7,1,0; in a plane one")
     if surface.motion == "rigid":
         return base
     held = _nodes(surface.held, "held") if surface.held != () else OnPatches(fixed)
     return Blended(base, held, _nodes(surface.driven, "driven"), _rib(surface, base))
+
+
+def _sought(surface: SurfaceSettings) -> SoughtHinge:
+    if not surface.device:
+        return SoughtHinge()
+    if len(surface.device) != 4 or len(surface.patches) > 1:
+        raise InputError(f"device = {surface.device}: must be WING,ETA1,ETA2,XSI, with one new name of the surface")
+    wing, first, second, share = surface.device
+    return SoughtHinge((str(wing), float(first), float(second), float(share)))
 
 
 def _root(surface: SurfaceSettings, hinge: Rotation | None) -> Root:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 class Options(TypedDict, total=False):
     """What `deflect`, `sweep` and `plan` take beside the mesh, the surfaces, the hinge and the angle."""
 
+    device: ArrayLike
     range: ArrayLike
     motion: Literal["rigid", "blended", "root"] | Motion
     held: ArrayLike | NodeSet

@@ -39,6 +39,15 @@ def shift_of(value: Any) -> Any:
     return [_point(value)] if isinstance(value, str) else points_of(value)
 
 
+def device_of(value: Any) -> Any:
+    """Return ``WING,ETA1,ETA2,XSI`` as a name and three numbers; anything else as it is."""
+    try:
+        wing, *shares = value.split(",") if isinstance(value, str) else value
+        return [wing, *(float(share) for share in shares)]
+    except (TypeError, ValueError):
+        raise InputError(f"{shortened(value)}: must be a patch, two shares of its span and one of its chord") from None
+
+
 def strip_of(value: Any) -> Any:
     """Return 0 for ``auto``, a number for other text; anything else as it is."""
     if not isinstance(value, str):

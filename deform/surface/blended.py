@@ -11,7 +11,7 @@ from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.rbf.kernels import Multiquadric
 
 from .appendix_a import blend, blend_strip
-from .motions import Functions, Motion, MotionLaw
+from .motions import Functions, Motion, MotionLaw, SoughtHinge
 from .surface import NodeSet, OnPatches, Surface, TrailingEdge
 
 MOST = 800  # largest number of nodes of either kind for a direct solve
@@ -112,6 +112,8 @@ class Blended:
         Raises InputError if no node is held or none driven, or if the strips cover the whole surface.
         """
         hinge, points = self.base.axis, surface.points
+        if isinstance(self.base, SoughtHinge):
+            self.base.law(surface)
         if hinge is None:
             raise InputError(f"{surface.label}: a blended motion needs a hinge")
         held = self.held.of(surface, hinge)

@@ -230,6 +230,38 @@ class Rotation:
         return RotationLaw(self.axis, surface.points)
 
 
+@dataclass(frozen=True, slots=True)
+class SoughtHinge:
+    """Stands for a rotation until the mesh is known.
+
+    Attributes
+    ----------
+    device : wing, two stations and a share of the chord, at which the hinge of a device is; None for a missing hinge.
+    """
+
+    device: tuple[str, float, float, float] | None = None
+
+    @property
+    def unit(self) -> str:
+        """Unit of the amount."""
+        return "deg"
+
+    @property
+    def axis(self) -> Axis | None:
+        """None."""
+        return None
+
+    def law(self, surface: Surface) -> "RotationLaw":
+        """Raise InputError: the hinge is missing; name candidates."""
+        from .hinges import candidates, ends_text
+
+        lines = map(ends_text, candidates(surface.mesh, surface.patches))
+        raise InputError(
+            "the hinge is missing: give two points of it, in a plane mesh one; from the mesh it may be "
+            f"{' or '.join(lines) or 'none: no other patch goes on smoothly from ' + surface.label}"
+        )
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class RotationLaw:
     """Rigid rotation of points (K, 3)."""

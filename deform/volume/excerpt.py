@@ -245,7 +245,7 @@ def excerpt(
     """
     pieces = mesh.pieces
     border = _border(mesh)
-    task = _task(mesh, border, prepared(border, jobs), jobs, poses)
+    task = _task(mesh, border, *prepared(border, jobs), poses)
     task = _in_memory(task) if runner.shares_memory else task
     inside, places = _nodes_inside(task, runner, progress)
     scanned, task = _cells(mesh, task, runner, progress)

@@ -16,7 +16,7 @@ from sdm_deflect.deform.mesh.quality import one_hand
 from sdm_deflect.deform.mesh.sliding import NAMES, SHAPES
 from sdm_deflect.deform.options import JobOptions
 from sdm_deflect.deform.surface.blended import Blended
-from sdm_deflect.deform.surface.motions import TRACK_UNIT, Motion, Moving
+from sdm_deflect.deform.surface.motions import TRACK_UNIT, Motion, Moving, Rotation, SoughtHinge
 from sdm_deflect.deform.surface.surface import OnPatches
 from sdm_deflect.deform.surface.tail_root import Root
 
@@ -173,8 +173,10 @@ def _ratios(jobs: Sequence[Job]) -> Amounts:
     )
 
 
-def prepared(mesh: Mesh, jobs: Sequence[Job]) -> Mesh:
+def prepared(mesh: Mesh, jobs: Sequence[Job]) -> tuple[Mesh, tuple[Job, ...]]:
     """Return the mesh with the jobs' selections as patches and their periodic patches paired; all jobs have the same.
+
+    Devices get their hinge, and the selection that cuts them out.
 
     A patch that slides in its plane but is not plane is cut into plane parts, if it has such parts. Both sides of a
     mesh one cell thick become a pair if they slide in their planes. Cells numbered in the opposite sense to most of
@@ -182,6 +184,7 @@ def prepared(mesh: Mesh, jobs: Sequence[Job]) -> Mesh:
 
     Raises InputError if a selection or a pair does not suit the mesh.
     """
+    jobs = _with_devices(mesh, jobs)
     names = tuple(dict.fromkeys(name for job in jobs for name in (*job.names, *_in_planes(mesh, job))))
     if jobs[0].selections or any(MARK in name for name in names):
         from sdm_deflect.deform.mesh.selection import selected
@@ -194,7 +197,28 @@ def prepared(mesh: Mesh, jobs: Sequence[Job]) -> Mesh:
         from sdm_deflect.deform.mesh.thin import with_sides
 
         mesh = with_sides(mesh, planes)
-    return mesh if mesh.whole else _of_one_hand(mesh)
+    return mesh if mesh.whole else _of_one_hand(mesh), jobs
+
+
+def _with_devices(mesh: Mesh, jobs: Sequence[Job]) -> tuple[Job, ...]:
+    """Return the jobs with the hinges of their devices, and all with the selections that cut these from a wing."""
+    cuts, found = [*jobs[0].selections], []
+    for job in jobs:
+        surfaces = []
+        for one in job.surfaces:
+            motion = one.motion
+            base = motion.base if isinstance(motion, Blended) else motion
+            if isinstance(base, SoughtHinge) and base.device:
+                from sdm_deflect.deform.surface.hinges import device
+
+                wall, first, second, share = base.device
+                hinge, cut = device(mesh, one.patches[0], wall, (first, second), share)
+                cuts.append(cut)
+                turn = Rotation.about(*hinge)
+                one = replace(one, motion=replace(motion, base=turn) if isinstance(motion, Blended) else turn)
+            surfaces.append(one)
+        found.append(replace(job, surfaces=tuple(surfaces)))
+    return tuple(replace(job, selections=tuple(cuts)) for job in found)
 
 
 def _with_panels(mesh: Mesh, jobs: Sequence[Job]) -> Mesh:

@@ -236,7 +236,8 @@ class Plan:
         The plan's mesh has the jobs' selections as patches. Raises InputError if a job does not suit the mesh, or two
         boxes overlap.
         """
-        mesh, wanted = prepared(mesh, jobs), tuple(poses) or (pose_of(jobs),)
+        wanted = tuple(poses) or (pose_of(jobs),)
+        mesh, jobs = prepared(mesh, jobs)
         parts = list(zip(*(by_job(jobs, pose) for pose in wanted), strict=True))
         boxes: list[BoxPlan] = []
         for i, job in enumerate(jobs):

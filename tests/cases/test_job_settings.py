@@ -133,7 +133,6 @@ def test_python_takes_the_words_of_the_command():
         (("a", HINGE, "15"), {}, "angle = '15' is not a number"),
         (("a", HINGE, None), {}, "the angle of a is missing"),
         (("a", HINGE, float("nan")), {}, "angle = nan is not a finite number"),
-        (("a", None, 5), {}, "the hinge is missing"),
         (("a", [[0, 0, 0]], 5), {}, "hinge = ((0.0, 0.0, 0.0),): must be two points"),
         ((5, HINGE, 5), {}, "surfaces = 5 is no list of names"),
         (([], HINGE, 5), {}, "no surface to move"),

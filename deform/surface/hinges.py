@@ -1,0 +1,123 @@
+"""Hinges that follow from the mesh: candidates for a sealed flap, and a device that is cut from a clean wing."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray, distinct
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.mesh.axis import Axis
+from sdm_deflect.deform.mesh.cells import Polygons
+from sdm_deflect.deform.mesh.edges import Joints, are_lines, area_vectors, edges_of, polygons_of, unit
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.selection import Before, Selection
+
+SMOOTH = 40.0
+"""Degrees: two skins that meet at a smaller angle go on across a hinge; a root or a gap turns by more."""
+ALONG = 0.9
+"""Least cosine between an edge on a hinge and the flap's longest axis."""
+ROUNDING = 1e-9
+"""Coordinates that are smaller, as shares of the largest, are shown as 0."""
+ONE_SKIN = 0.7
+"""Length of the mean unit normal beside a line, above which there is one skin: a flap has two, which face apart."""
+COVERED, STRAIGHT = 0.5, 0.15
+"""Least length of a hinge, in spans of the flap; largest distance of its edges from the line, in chords."""
+
+
+def candidates(mesh: Mesh, names: Sequence[str]) -> Iterator[FloatArray]:
+    """Yield hinges (2, 3) of patches where their skins go on in other patches along a straight line.
+
+    In a plane mesh it is the middle of the two points where they meet, twice. Slotted flaps, and tails on a fuselage,
+    have none.
+    """
+    own = polygons_of(mesh.faces_of(names))
+    edges, face = _smooth_border(mesh, own, polygons_of(mesh.faces_of([n for n in mesh.names if n not in names])))
+    if are_lines(own):
+        if len(at := distinct(edges.ravel())) == 2:
+            yield np.tile(mesh.points[at].mean(axis=0), (2, 1))
+        return
+    if not len(edges):
+        return
+    points = mesh.points[distinct(own.nodes)]
+    centred = points - points.mean(axis=0)
+    chord, span = np.linalg.eigh(centred.T @ centred)[1].T[1:]
+    way, places = mesh.points[edges[:, 1]] - mesh.points[edges[:, 0]], mesh.points[edges].mean(axis=1)
+    length, normals = np.linalg.norm(way, axis=1), unit(area_vectors(mesh.points, own))[face]
+    station, along = (places - points.mean(axis=0)) @ chord, np.abs(way @ span) > ALONG * length
+    for side in (-1.0, 1.0):
+        rows = np.flatnonzero(along & (side * station > 0.0))
+        if len(rows) < 2 or np.linalg.norm(normals[rows].mean(axis=0)) > ONE_SKIN:
+            continue
+        found, middle = places[rows], np.average(places[rows], axis=0, weights=length[rows])
+        axis = Axis(middle, np.linalg.svd(found - middle)[2][0])
+        covers = np.ptp(found @ span) > COVERED * np.ptp(points @ span)
+        if covers and np.abs(axis.radial(found) @ chord).max() < STRAIGHT * np.ptp(points @ chord):
+            ends = (points - middle) @ axis.direction
+            pair = middle + np.outer([ends.min(), ends.max()], axis.direction)
+            yield pair[np.argsort(np.abs(pair @ span))]
+
+
+def _smooth_border(mesh: Mesh, own: Polygons, rest: Polygons) -> tuple[IntArray, IntArray]:
+    """Return the edges (E, 2) where faces meet others smoothly, and the own face (E,) at each."""
+    faces = Polygons(np.append(own.nodes, rest.nodes), np.append(own.offsets, own.offsets[-1] + rest.offsets[1:]))
+    joints = Joints.of(faces)
+    within = joints.first < len(own)
+    kept = within != (joints.second < len(own))
+    kept &= joints.cosines(mesh.points, faces) > np.cos(np.radians(SMOOTH))
+    return joints.edges[kept], np.where(within, joints.first, joints.second)[kept]
+
+
+def ends_text(hinge: ArrayLike) -> str:
+    """Return the two points of a hinge as the command line takes them."""
+    ends = np.asarray(hinge, dtype=np.float64)
+    clean = np.where(np.abs(ends) > ROUNDING * np.abs(ends).max(), ends, 0.0)
+    return " ".join(",".join(f"{x:.6g}" for x in end) for end in clean)
+
+
+def device(
+    mesh: Mesh, name: str, wall: str, stations: tuple[float, float], share: float
+) -> tuple[FloatArray, Selection]:
+    """Return the hinge (2, 3) of a device on a wing, and the selection that cuts it out, named `name`.
+
+    The flow is along x. The span is the longer one of the other axes, and stations are shares of it, from the end
+    nearer to 0. The hinge is at a share of the local chord, half-way between the skins; the device lies behind it.
+
+    Raises InputError if stations or share are not ascending between 0 and 1, or if there is no section at a station.
+    """
+    (patch,) = mesh.named([wall], "device")
+    if not 0.0 <= stations[0] < stations[1] <= 1.0 or not 0.0 < share < 1.0:
+        raise InputError(f"device: stations {stations} must ascend from 0 to 1, and the share {share:g} be between")
+    edges = np.unique(np.sort(edges_of(polygons_of(mesh.faces_of([patch])))[0], axis=1), axis=0)
+    a, b = mesh.points[edges[:, 0]], mesh.points[edges[:, 1]]
+    size = np.ptp(np.vstack([a, b]), axis=0)
+    span, up = (1, 2) if size[1] >= size[2] else (2, 1)
+    low, high = sorted((a[:, span].min(), a[:, span].max()), key=abs)
+    hinge = []
+    for station in stations:
+        at = low + station * (high - low)
+        cut = np.flatnonzero((a[:, span] - at) * (b[:, span] - at) < 0.0)
+        if len(cut) < 4:
+            raise InputError(f"device: {patch} has no section at the station {station:g} of its span")
+        along = (at - a[cut, span]) / (b[cut, span] - a[cut, span])
+        hinge.append(_middle(a[cut] + along[:, None] * (b[cut] - a[cut]), share, up))
+    first, second = hinge
+    across = np.zeros(3)
+    across[span] = 1.0 if second[span] > first[span] else -1.0
+    aft = np.cross(second - first, np.eye(3)[up])
+    aft *= np.sign(aft[0]) or 1.0
+    planes = ((first, across), (second, -across), (first, aft))
+    before = tuple(Before(tuple(point.tolist()), tuple(normal.tolist())) for point, normal in planes)
+    sides = (",".join(map(repr, (*one.point, *one.normal))) for one in before)
+    return np.array(hinge), Selection(name, patch, before, text=" ".join([patch, *(f"side:{side}" for side in sides)]))
+
+
+def _middle(section: FloatArray, share: float, up: int) -> FloatArray:
+    """Return the point half-way between the skins of a section (K, 3), at a share of its chord."""
+    section = section[np.argsort(section[:, 0], kind="stable")]
+    nose, tail = section[[0, -1]]
+    out = nose + share * (tail - nose)
+    height = section[:, up] - np.interp(section[:, 0], [nose[0], tail[0]], [nose[up], tail[up]])
+    skins = [section[side] for side in (height >= 0.0, height <= 0.0)]
+    out[up] = np.mean([np.interp(out[0], skin[:, 0], skin[:, up]) for skin in skins])
+    return np.asarray(out)
