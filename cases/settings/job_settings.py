@@ -43,6 +43,7 @@ class Only:
 
 
 BLENDED, IN_WORDS, ROOT = Only(("blended",)), Only(("rigid", "blended")), Only(("root",))
+IN_ANGLE = Only((*IN_WORDS.motions, *ROOT.motions))
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,11 +57,19 @@ class SurfaceSettings:
         "What moves", "Two points of the hinge line; one, x,y, in a plane mesh.")] = None
     device: Annotated[
         tuple[str | float, ...] | None, Option(metavar="WING,ETA1,ETA2,XSI"), Spelling(read=device_of), IN_WORDS, Doc(
-        "What moves", "In place of a hinge: cut the surface from a clean wing, between two shares of its span.",
-        "Behind a share of the chord. The flow is along x; the surface's name is new.")] = None
+        "What moves", "Cut the surface from a clean wing.",
+        "It has its own hinge, and lies between two shares of the span, behind a share of the chord. The flow is "
+        "along x; the surface's name is new.")] = None
     angle: Annotated[float | None, Doc(
         "What moves", "Degrees, right-handed from the first hinge point to the second.",
         "Counter-clockwise about one point: trailing edge up. At most 90 either way.")] = None
+    down: Annotated[float | None, IN_ANGLE, Doc(
+        "What moves", "Degrees that turn the trailing edge down.",
+        "In place of the angle; the trailing edge lies aft along x.")] = None
+    up: Annotated[float | None, IN_ANGLE, Doc(
+        "What moves", "Degrees that turn the trailing edge up.")] = None
+    vertical: Annotated[Literal["y", "z"], IN_ANGLE, Doc(
+        "What moves", "The axis that is up.")] = "z"
     range: Annotated[tuple[float, float] | None, Option(metavar="A:B"), Spelling(read=range_of), Doc(
         "What moves", "Amounts that the box, and a plan, must hold, such as -25:25 (default: 0 to the angle).",
         "In a file or in Python two numbers.")] = None
@@ -79,10 +88,10 @@ class SurfaceSettings:
         "0 is auto: the strip is as narrow as lets the largest angle shear cells at its trailing edge by 35 degrees.",
         )] = 0.2
     on: Annotated[tuple[str, ...], Option(metavar="NAME"), ROOT, Doc(
-        "What moves", "root: patches of the body on which the tail turns.",
+        "What moves", "root: patches of the body.",
         "A panel around the root is cut from them; the rest stays.")] = ()
     shape: Annotated[Literal["skin", "cylinder"], ROOT, Doc(
-        "What moves", "root: shape of the body: any skin, or a circular cylinder as in the paper.")] = "skin"
+        "What moves", "root: the body's shape.")] = "skin"
     depth: Annotated[float, Range(0.0), ROOT, Doc(
         "What moves", "root: length of the part of the tail that is lengthened (default: half the root's chord).",
         )] = 0.0
@@ -295,7 +304,7 @@ def _check_use(surfaces: Sequence[Nested], rest: Nested) -> None:
         motion = surface.get("motion", "rigid")
         word = motion if isinstance(motion, str) else ""
         why = f"a {word} motion has no use for it" if word else "the motion has its own"
-        for name, only in IDLE.items() if word in ("", *IN_WORDS.motions) else ():
+        for name, only in IDLE.items() if word in ("", *IN_ANGLE.motions) else ():
             if word not in only.motions and surface.get(name) is not None:
                 raise InputError(f"{name} = {shortened(surface[name])}: {why}")
     box = rest.get("box", "auto")

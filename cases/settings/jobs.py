@@ -107,6 +107,7 @@ def _numbers(text: str) -> list[float]:
     return [] if any(map(isnan, numbers)) else numbers
 
 
+LEVER = 0.2  # least vertical speed of a point aft of the hinge, per unit of distance, by which down and up are told
 SAME = 1e-6  # two hinges nearer to one another, over a length of one, are one
 
 
@@ -120,6 +121,7 @@ def jobs_of(settings: JobSettings, *, by_range: bool = False) -> tuple[Job, ...]
 
     `by_range` says that a surface with a range needs no angle.
     """
+    settings = replace(settings, surface=tuple(map(_with_angle, settings.surface)))
     count, sources = len(settings.surface), [i for i, one in enumerate(settings.surface) if one.mirror]
     settings = _with_reflections(settings, sources) if sources else settings
     given, job = [surface.corners for surface in settings.surface], job_of(settings, by_range=by_range)
@@ -137,6 +139,28 @@ def jobs_of(settings: JobSettings, *, by_range: bool = False) -> tuple[Job, ...]
     return tuple(replace(job, surfaces=(moving,), box=box, image_of=image) for moving, box, image in own)
 
 
+def _with_angle(surface: SurfaceSettings) -> SurfaceSettings:
+    """Return a surface with the angle at which its trailing edge, aft along x, is down or up.
+
+    Raises InputError for a hinge along the vertical or the flow, which says nothing of down and up.
+    """
+    given = [surface.angle, surface.down, surface.up]
+    if surface.down is None and surface.up is None:
+        return surface
+    if sum(one is not None for one in given) > 1 or not surface.hinge:
+        raise InputError("down and up need a hinge, and take the place of the angle: give one of the three")
+    row, direction = "xyz".index(surface.vertical), _rotation(surface.hinge).axis.direction
+    rate = float(np.cross(direction, [1.0, 0.0, 0.0])[row])
+    if abs(rate) < LEVER:
+        other = "y" if surface.vertical == "z" else "z"
+        raise InputError(
+            f"down and up: the hinge lies along {surface.vertical}, or along the flow, x: set vertical = {other}, or "
+            "give the angle"
+        )
+    angle = np.sign(rate) * (surface.up if surface.down is None else -surface.down)
+    return replace(surface, angle=float(angle), down=None, up=None)
+
+
 def _with_reflections(settings: JobSettings, sources: Sequence[int]) -> JobSettings:
     """Return settings with the reflections of some surfaces after the surfaces, each in a box of its own."""
     own = settings.surface
@@ -150,8 +174,10 @@ def _reflection(surface: SurfaceSettings) -> SurfaceSettings:
         raise InputError(
             "mirror: the surface needs two hinge points in space, and no table, track, shift or held nodes"
         )
-    if not surface.sign:
-        raise InputError("sign = 0: must be 1 for equal angles, or -1 for opposite ones")
+    if not surface.sign or {*surface.mirror} & {*surface.patches}:
+        raise InputError(
+            "mirror: name other patches than the surface's own; sign is 1 for equal angles, -1 for opposite"
+        )
     ordered = sorted(surface.sign * end for end in surface.range or ())
     return replace(
         surface,
@@ -258,7 +284,7 @@ def _motion(surface: SurfaceSettings, fixed: tuple[str, ...]) -> Motion:
     hinge = _rotation(surface.hinge) if surface.hinge else None
     if surface.motion == "root":
         return _root(surface, hinge)
-    base: Motion = hinge or _sought(surface)
+    base = _turn(surface, hinge)
     if surface.table:
         base = Table.read(Path(surface.table), hinge.axis if hinge else None)
     base = _track(surface, hinge) or base
@@ -268,18 +294,22 @@ def _motion(surface: SurfaceSettings, fixed: tuple[str, ...]) -> Motion:
     return Blended(base, held, _nodes(surface.driven, "driven"), _rib(surface, base))
 
 
-def _sought(surface: SurfaceSettings) -> SoughtHinge:
+def _turn(surface: SurfaceSettings, hinge: Rotation | None) -> Motion:
+    """Return the rotation about a hinge, or one whose hinge is sought in the mesh."""
     if not surface.device:
-        return SoughtHinge()
-    if len(surface.device) != 4 or len(surface.patches) > 1:
-        raise InputError(f"device = {surface.device}: must be WING,ETA1,ETA2,XSI, with one new name of the surface")
+        return hinge or SoughtHinge()
+    if len(surface.device) != 4 or len(surface.patches) > 1 or surface.hinge:
+        raise InputError(
+            f"device = {shortened(surface.device)}: must be WING,ETA1,ETA2,XSI, with one new name of the surface, and "
+            "no hinge"
+        )
     wing, first, second, share = surface.device
     return SoughtHinge((str(wing), float(first), float(second), float(share)))
 
 
 def _root(surface: SurfaceSettings, hinge: Rotation | None) -> Root:
-    if not surface.on or not hinge or len(surface.patches) > 1:
-        raise InputError("motion = root: give one patch of the tail, the hinge, and in `on` the patches of the body")
+    if not surface.on or not hinge or len(surface.patches) > 1 or surface.patches[0] in surface.on:
+        raise InputError("motion = root: give one patch of the tail, the hinge, and in `on` other patches, of the body")
     return Root(hinge.axis, surface.patches[0], surface.on, surface.shape, surface.depth)
 
 
@@ -293,7 +323,7 @@ def _rib(surface: SurfaceSettings, base: Motion) -> Rib:
 
 def _track(surface: SurfaceSettings, hinge: Rotation | None) -> Motion | None:
     """Return the track of a surface: one shift, the rows of a file, or the way to a setting of a slot; None without."""
-    given = [name for name in ("table", "track", "shift", "slot") if getattr(surface, name)]
+    given = [name for name in ("table", "track", "shift", "slot") if getattr(surface, name) is not None]
     if not surface.slot and {surface.gap, surface.overlap} != {None}:
         raise InputError("gap and overlap need slot: the patch on the other side of the slot")
     if given in ([], ["table"]):

@@ -19,6 +19,9 @@ class Options(TypedDict, total=False):
     """What `deflect`, `sweep` and `plan` take beside the mesh, the surfaces, the hinge and the angle."""
 
     device: ArrayLike
+    down: float
+    up: float
+    vertical: Literal["y", "z"]
     range: ArrayLike
     motion: Literal["rigid", "blended", "root"] | Motion
     held: ArrayLike | NodeSet

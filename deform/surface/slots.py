@@ -128,6 +128,8 @@ class SlotSetting:
 
     def law(self, surface: Surface) -> TrackLaw:
         """Return the straight track to the setting; InputError if no place of the element has it."""
+        if {*surface.mesh.named([self.beside], "slot")} & {*surface.patches}:
+            raise InputError(f"slot = {self.beside}: this is the surface itself; name the element beyond the slot")
         slots = [Slot.of(surface.mesh, name, self.beside) for name in surface.patches]
         slot = min(slots, key=lambda one: one.setting.gap)
         is_ahead = bool((np.abs(surface.points[:, :2] - slot.edge).max(axis=1) == 0.0).any())

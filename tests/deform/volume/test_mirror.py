@@ -91,7 +91,7 @@ def test_a_report_repeats_a_mirrored_surface(mesh, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("more", "complaint"),
     [
-        ({"sign": 0}, "sign = 0: must be 1"),
+        ({"sign": 0}, "sign is 1 for equal angles"),
         ({"shift": [0.0, 0.1, 0.0]}, "no table, track, shift or held nodes"),
         ({"margin": 1.0}, "the box crosses the plane y = 0"),
         ({"mirror": "nothing"}, "'nothing' is no patch"),
