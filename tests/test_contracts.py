@@ -163,10 +163,10 @@ def test_no_class_has_the_name_of_another():
 BUDGETS = {
     "cases": (928, 7),
     "cases/aircraft": (2126, 13),
-    "cases/cli": (1410, 7),
+    "cases/cli": (1420, 7),
     "cases/report": (2237, 11),
     "cases/run": (2280, 10),
-    "cases/settings": (1290, 6),
+    "cases/settings": (1292, 6),
     "deform": (1052, 6),
     "deform/around": (621, 6),
     "deform/box": (498, 4),
@@ -174,7 +174,7 @@ BUDGETS = {
     "deform/mesh": (4701, 20),
     "deform/rbf": (1616, 9),
     "deform/repair": (1575, 6),
-    "deform/surface": (2037, 11),
+    "deform/surface": (2042, 11),
     "deform/volume": (3192, 12),
     "geometry": (2120, 13),
     "meshing": (573, 5),
@@ -182,7 +182,7 @@ BUDGETS = {
     "meshing/generate": (1566, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 9_062, 450
+MOST_COMPLEXITY, LONGEST = 9_067, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

@@ -110,7 +110,17 @@ def result_table(done: "Outcome", whole: bool) -> Group:
         texts.append(f"wrote {short_list(map(str, (*done.files, *done.reports)))}{unfit}")
     warned = warnings_of(done.plan)
     last = outcome([check for summary in done.poses for check in summary.checks], warned)
+    last += "" if done.passed else _made_at(done.plan)
     return Group(*warning_texts(warned, last), *tables, *_texts([*texts, last]))
+
+
+def _made_at(plan: Plan) -> str:
+    """Say at which setting of a slot the mesh was made; nothing without a slot."""
+    from sdm_deflect.deform.surface.slots import SlotSetting
+
+    slots = (moving.motion.slot(own) for moving, own in plan.moving if isinstance(moving.motion, SlotSetting))
+    made = (f"gap {one.setting.gap:.4g}, overlap {one.setting.overlap:.4g}" for one in slots)
+    return "".join(f"; the mesh was made at {text}" for text in made)
 
 
 def _of_one_pose(done: "Outcome", summary: "PoseSummary", whole: bool) -> tuple[list[Table], list[str]]:

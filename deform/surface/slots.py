@@ -126,12 +126,17 @@ class SlotSetting:
         """The hinge of the undeflected mesh."""
         return self.hinge
 
+    def slot(self, surface: Surface) -> Slot:
+        """Return the slot of the undeflected mesh."""
+        return min(
+            (Slot.of(surface.mesh, name, self.beside) for name in surface.patches), key=lambda one: one.setting.gap
+        )
+
     def law(self, surface: Surface) -> TrackLaw:
         """Return the straight track to the setting; InputError if no place of the element has it."""
         if {*surface.mesh.named([self.beside], "slot")} & {*surface.patches}:
             raise InputError(f"slot = {self.beside}: this is the surface itself; name the element beyond the slot")
-        slots = [Slot.of(surface.mesh, name, self.beside) for name in surface.patches]
-        slot = min(slots, key=lambda one: one.setting.gap)
+        slot = self.slot(surface)
         is_ahead = bool((np.abs(surface.points[:, :2] - slot.edge).max(axis=1) == 0.0).any())
         now = slot.setting
         gap, overlap = (old if new is None else new for old, new in zip(now[:2], (self.gap, self.overlap), strict=True))

@@ -8,6 +8,7 @@ import blending
 import greedy_centres
 import greedy_rules
 import mean_ratio
+import motions
 import point_cloud
 import tail_root
 from matplotlib.figure import Figure
@@ -19,6 +20,7 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     "blending": blending.draw,
     "tail_root": tail_root.draw,
     "mean_ratio": mean_ratio.draw,
+    **{f"motion_{name}": draw for name, draw in motions.PICTURES.items()},
 }
 
 

@@ -108,3 +108,15 @@ def test_tracks_that_cannot_be_are_one_sentence(given, said, tmp_path, monkeypat
     (tmp_path / "words.csv").write_text("parameter,angle,dx,dy\n0,0,0,0\n1,a,b,c\n")
     with pytest.raises(InputError, match=said):
         deflect(plate(), "hole", **{"hinge": HINGE, "angle": -6.0, "margin": 0.4, **given})
+
+
+def test_where_a_slot_fails_the_last_line_says_how_the_mesh_was_made(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    FORMATS["su2"].write(plate(), tmp_path / "plate.su2")
+    words = ["deflect", "plate.su2", "--surface", "hole", "--hinge", "0,-0.7", "--margin", "0.4", "--angle", "0"]
+    for gap, overlap, code in (("0.7", "1.3", 0), ("0.02", "1.98", 1)):
+        setting = ["--slot", "rest", "--gap", gap, "--overlap", overlap]
+        said = cli([*words, *setting, "--no-report", "-q"], standalone_mode=False)
+        last = capsys.readouterr().out.strip().splitlines()[-1]
+        assert said == code
+        assert ("the mesh was made at gap 0.75, overlap 1.25" in last) is bool(code)
