@@ -114,8 +114,8 @@ def test_where_a_slot_fails_the_last_line_says_how_the_mesh_was_made(tmp_path, m
     monkeypatch.chdir(tmp_path)
     FORMATS["su2"].write(plate(), tmp_path / "plate.su2")
     words = ["deflect", "plate.su2", "--surface", "hole", "--hinge", "0,-0.7", "--margin", "0.4", "--angle", "0"]
-    for gap, overlap, code in (("0.7", "1.3", 0), ("0.02", "1.98", 1)):
-        setting = ["--slot", "rest", "--gap", gap, "--overlap", overlap]
+    for gap, overlap, code in (("0.7", "1.3", 0), ("0.001", "1.999", 1)):
+        setting = ["--fixed", "rest", "--slot", "rest", "--gap", gap, "--overlap", overlap]
         said = cli([*words, *setting, "--no-report", "-q"], standalone_mode=False)
         last = capsys.readouterr().out.strip().splitlines()[-1]
         assert said == code
