@@ -2,8 +2,8 @@
 
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, replace
-from typing import TYPE_CHECKING, Any, cast
+from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 
@@ -18,9 +18,6 @@ from sdm_deflect.deform.surface.reached import Reached
 from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection
 from sdm_deflect.deform.volume.job import Amounts
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
-
-if TYPE_CHECKING:
-    from sdm_deflect.deform.surface.tracks import TrackLaw
 
 Json = dict[str, Any]
 REACHED = 0.9
@@ -221,9 +218,8 @@ def _hinge(moving: Moving, law: MotionLaw, amount: float) -> list[list[float]] |
     if axis is None:
         return None
     ends = np.array([axis.point, axis.point + (axis.length or 1.0) * axis.direction])
-    if moving.motion.unit == TRACK_UNIT:
-        ends = ends + replace(cast("TrackLaw", law), points=ends).displacement(amount)
-    first, second = ends.tolist()
+    carried = law.functions.carried(ends, amount) if moving.motion.unit == TRACK_UNIT else ends
+    first, second = carried.tolist()
     return [first, second]
 
 

@@ -54,6 +54,16 @@ class Functions:
         """Return the derivatives (k,) per unit of the amount."""
         raise NotImplementedError
 
+    @property
+    def stops(self) -> tuple[float, ...]:
+        """Amounts that the box must contain besides evenly spaced ones."""
+        return ()
+
+    def carried(self, points: FloatArray, amount: float) -> FloatArray:
+        """Return where an amount brings points (N, 3) of the hinge."""
+        del amount
+        return points
+
     def within(self, low: float, high: float) -> "Functions":
         """Return the functions for a range of amounts."""
         del low, high

@@ -202,6 +202,15 @@ class Places(Functions):
         """See `Functions`."""
         return len(self.basis[0])
 
+    @property
+    def stops(self) -> tuple[float, ...]:
+        """The parameters of the track's rows."""
+        return tuple(row[0] for row in self.rows)
+
+    def carried(self, points: FloatArray, amount: float) -> FloatArray:
+        """Return points (N, 3) after the rigid motion."""
+        return points + TrackLaw(self.track, points).displacement(amount)
+
     def values(self, amount: float) -> FloatArray:
         """See `Functions`."""
         return np.asarray(self.track.entries(amount) @ np.array(self.basis))

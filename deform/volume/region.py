@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from time import perf_counter
-from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -19,9 +18,6 @@ from sdm_deflect.deform.surface.motions import TRACK_UNIT
 
 from .boundary import ZERO_LENGTH, PrescribedNodes
 from .job import Amounts, Section
-
-if TYPE_CHECKING:
-    from sdm_deflect.deform.surface.tracks import TrackLaw
 
 POSES = 4  # positions between rest and the full angle that the box must contain
 ON_FACE = 1e-6  # of the moving surfaces' size: nodes this near to a face of the box are on it
@@ -147,8 +143,7 @@ def _shares(boundary: PrescribedNodes, amounts: Amounts) -> list[float]:
     shares = {k / POSES for k in range(1, POSES + 1)}
     for surface, law, amount in zip(boundary.job.surfaces, boundary.laws, amounts, strict=True):
         if surface.motion.unit == TRACK_UNIT and amount:
-            rows = cast("TrackLaw", law).track.rows
-            shares |= {share for share in rows[:, 0] / amount if 0.0 < share < 1.0}
+            shares |= {stop / amount for stop in law.functions.stops if 0.0 < stop / amount < 1.0}
     return sorted(map(float, shares))
 
 
