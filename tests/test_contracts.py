@@ -163,7 +163,7 @@ def test_no_class_has_the_name_of_another():
 BUDGETS = {
     "cases": (928, 7),
     "cases/aircraft": (2126, 13),
-    "cases/cli": (1420, 7),
+    "cases/cli": (1419, 7),
     "cases/report": (2237, 11),
     "cases/run": (2276, 10),
     "cases/settings": (1292, 6),
@@ -174,15 +174,15 @@ BUDGETS = {
     "deform/mesh": (4701, 20),
     "deform/rbf": (1616, 9),
     "deform/repair": (1575, 6),
-    "deform/surface": (2061, 11),
-    "deform/volume": (3187, 12),
+    "deform/surface": (2073, 11),
+    "deform/volume": (3191, 12),
     "geometry": (2120, 13),
     "meshing": (573, 5),
     "meshing/formats": (9025, 37),
     "meshing/generate": (1566, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 9_070, 450
+MOST_COMPLEXITY, LONGEST = 9_073, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

@@ -86,7 +86,7 @@ def deflect(
     angles, helpers = given.pop("angles"), [given.pop(name) for name in HELPERS]
     settings, inputs = _settings(given)
     from sdm_deflect.cases.settings.jobs import jobs_of, swept
-    from sdm_deflect.deform.volume.job import by_job, pose_of
+    from sdm_deflect.deform.volume.job import pose_of, poses_of
 
     if angles:
         jobs, poses = swept(settings, angles, by_range=not meshes)
@@ -94,8 +94,7 @@ def deflect(
         jobs = jobs_of(settings, by_range=not meshes)
         poses = (pose_of(jobs),)
     if angles and plan:
-        parts = zip(*(by_job(jobs, pose) for pose in poses), strict=True)
-        jobs = tuple(job.over(own) for job, own in zip(jobs, parts, strict=True))
+        jobs = tuple(job.over(own) for job, own in zip(jobs, poses_of(jobs, poses), strict=True))
     poses = tuple(dict.fromkeys(poses))
     wanted = replace(Targets.of(mesh, out, poses, sensitivity, report), plan=plan, meshes=meshes)
     wanted.check(inputs)

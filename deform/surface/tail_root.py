@@ -13,7 +13,7 @@ from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, dist
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.box.hexahedron import Hexahedron, box
 from sdm_deflect.deform.mesh.axis import Axis, Cylinder
-from sdm_deflect.deform.mesh.edges import area_vectors, polygons_of
+from sdm_deflect.deform.mesh.edges import area_vectors, polygons_of, unit
 from sdm_deflect.deform.mesh.mesh import REGION, Mesh
 from sdm_deflect.deform.mesh.sliding import CylinderWall
 from sdm_deflect.deform.rbf.data_sites import DataSites, joined, pinned
@@ -29,10 +29,12 @@ if TYPE_CHECKING:
 
 CHORDS = 0.5
 """Reach of the panel beyond the root, and depth of the lengthened part of a tail, in chords of the root."""
+PARALLEL = 1e-4
+"""Share of the largest singular value of a tail's normals, below which its planes have one direction in common."""
 ACROSS = 0.7
 """Cosine between a normal and the hinge, above which a face is the tail's tip."""
 SKIN, PANEL = 0.5, 0.7
-"""Least cosine between the hinge and the normals of faces that give the skin's height, and of the panel's faces."""
+"""Least cosine between the mean normal at the root and that of a face: for the skin's spline, and for the panel."""
 MOST_SITES = 3000
 """Largest number of nodes of a skin in its spline; larger sets are thinned."""
 POWERS = 6  # powers of the angle for displacements up to 15 degrees; they miss by 0.014 of the usual tolerance
@@ -118,10 +120,8 @@ class Root:
         tail, panel, border = _parts(surface, panels)
         root, body = surface.nodes[tail & panel], (*panels, *mesh.named(self.on, "on"))
         skin = [part.faces.nodes for part in self._around(mesh, body, root, 2.0 * CHORDS, SKIN)]
-        sites, depth = (
-            mesh.points[distinct(np.concatenate(skin))],
-            self.depth or CHORDS * float(np.ptp(mesh.points[root], axis=0).max()),
-        )
+        sites = mesh.points[distinct(np.concatenate(skin))]
+        depth = self.depth or CHORDS * float(np.ptp(mesh.points[root], axis=0).max())
         if self.shape == "cylinder":
             room = box(surface.points.min(axis=0) - depth, surface.points.max(axis=0) + depth)
             cylinder, apex = CylinderWall.fitted(sites).cylinder, self._apex(surface, panels)
@@ -132,13 +132,19 @@ class Root:
         return SkinLaw(self.hinge, depth, surface.points, tail, panel, panel & ~tail & border, height)
 
     def _apex(self, surface: Surface, panels: Sequence[str]) -> FloatArray:
-        """Return the point (3,) nearest to the planes of the tail's faces, without those across the hinge."""
+        """Return the point (3,) nearest to the planes of the tail's faces, without those across the hinge.
+
+        Planes that are all parallel to one line meet far away on it.
+        """
         faces = polygons_of(surface.mesh.faces_of([name for name in surface.patches if name not in panels]))
-        vectors = area_vectors(surface.mesh.points, faces)
-        normals = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+        normals = unit(area_vectors(surface.mesh.points, faces))
         side = np.abs(normals @ self.hinge.direction) < ACROSS
-        heights = np.sum(normals * surface.mesh.points[faces.nodes[faces.offsets[:-1]]], axis=1)
-        return np.asarray(np.linalg.lstsq(normals[side], heights[side])[0])
+        middle = surface.points.mean(axis=0)
+        heights = np.sum(normals * (surface.mesh.points[faces.nodes[faces.offsets[:-1]]] - middle), axis=1)
+        _, strength, directions = np.linalg.svd(normals[side], full_matrices=False)
+        if strength[-1] < PARALLEL * strength[0]:
+            return np.asarray(middle + directions[-1] * np.ptp(surface.points, axis=0).max() / PARALLEL)
+        return np.asarray(middle + np.linalg.lstsq(normals[side], heights[side])[0])
 
 
 def _parts(surface: Surface, panels: Sequence[str]) -> tuple[BoolArray, BoolArray, BoolArray]:
@@ -187,14 +193,12 @@ class SkinLaw:
     def displacement(self, amount: float) -> FloatArray:
         """Return the displacement (K, 3)."""
         out, turn = np.zeros_like(self.points), self.hinge.displacement(self.points, amount)
-        fade = np.clip(1.0 - np.abs(self._above(self.points[self.tail])) / self.depth, 0.0, 1.0)[:, None]
-        out[self.tail] = turn[self.tail] + fade**2 * (3.0 - 2.0 * fade) * self._onto(
-            self.points[self.tail], turn[self.tail]
-        )
+        tail, turned = self.points[self.tail], turn[self.tail]
+        share = np.clip(1.0 - np.abs(self._above(tail)) / self.depth, 0.0, 1.0)[:, None]
+        out[self.tail] = turned + share**2 * (3.0 - 2.0 * share) * self._onto(tail, turned)
         root, follow = self.tail & self.panel, self.panel & ~self.tail & ~self.stays
-        sites = joined(
-            [DataSites(self._flat(self.points[root]), turn[root]), pinned(self._flat(self.points[self.stays]))]
-        )
+        moved = DataSites(self._flat(self.points[root]), turn[root])
+        sites = joined([moved, pinned(self._flat(self.points[self.stays]))])
         flat = fit(ThinPlateSpline(), sites.points, sites.values)(self._flat(self.points[follow]))
         out[follow] = flat + self._onto(self.points[follow], flat)
         return out
@@ -311,7 +315,8 @@ class RootLaw:
 
     def _region(self, amount: float) -> "RootRegion":
         rotated = self.motion.hinge.rotated(self.points[self.tail], amount)
-        return RootRegion.of(rotated, rotated[self.panel[self.tail]], self.motion.depth)
+        across = int(np.argmax(np.abs(self.motion.hinge.direction)))
+        return RootRegion.of(rotated, rotated[self.panel[self.tail]], self.motion.depth, across)
 
     def _staying(self, amount: float, region: "RootRegion") -> BoolArray:
         """Return the panel's nodes (K,) that stay, including those that would leave the hexahedron."""
@@ -345,10 +350,14 @@ class RootRegion(NamedTuple):
     still: FloatArray
 
     @classmethod
-    def of(cls, rotated: FloatArray, root: FloatArray, depth: float) -> "RootRegion":
-        """Take the nodes (T, 3) of a rotated tail within `depth` of its root nodes (R, 3)."""
+    def of(cls, rotated: FloatArray, root: FloatArray, depth: float, across: int = 1) -> "RootRegion":
+        """Take the nodes (T, 3) of a rotated tail within `depth` of its root nodes (R, 3).
+
+        `across` is the axis, 0 to 2, along which its tip lies.
+        """
         low, high = _ends(root, depth)
-        region, tip = box(low, high), "y-" if root[:, 1].mean() < 0.0 else "y+"
+        outwards = rotated[:, across].mean() > root[:, across].mean()
+        region, tip = box(low, high), f"{'xyz'[across]}{'+' if outwards else '-'}"
         return cls(region.contains(rotated), (region.sites_on(tip, 0.25 * depth) - low) / (high - low))
 
 

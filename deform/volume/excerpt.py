@@ -24,7 +24,7 @@ from sdm_deflect.deform.mesh.standard import POLYHEDRON
 from sdm_deflect.deform.mesh.touched import touching
 
 from .boundary import PrescribedNodes
-from .job import Amounts, Job, by_job, pose_of, prepared
+from .job import Amounts, Job, pose_of, poses_of, prepared
 from .region import confining_box
 
 if TYPE_CHECKING:
@@ -297,8 +297,7 @@ def _task(mesh: MeshInPieces, border: Mesh, own: Mesh, jobs: Sequence[Job], pose
     assert border.whole is not None
     boxes: list[tuple[Hexahedron, IntArray]] = []
     moving, halfway = [np.empty(0, dtype=np.intp)], None
-    parts = zip(*(by_job(jobs, pose) for pose in poses or [pose_of(jobs)]), strict=True)
-    for job, amounts in zip(jobs, parts, strict=True):
+    for job, amounts in zip(jobs, poses_of(jobs, poses or [pose_of(jobs)]), strict=True):
         if job.image_of >= 0:
             from .mirror import with_box_of
 

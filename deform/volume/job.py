@@ -153,6 +153,13 @@ def by_job(jobs: Sequence[Job], pose: Amounts) -> tuple[Amounts, ...]:
     return tuple(tuple(islice(rest, len(job.surfaces))) for job in jobs)
 
 
+def poses_of(jobs: Sequence[Job], poses: Sequence[Amounts]) -> list[tuple[Amounts, ...]]:
+    """Return the poses that the box of each job must hold: its own, and those of its reflection."""
+    parts = list(zip(*(by_job(jobs, pose) for pose in poses), strict=True))
+    images = [(job.image_of, own) for job, own in zip(jobs, parts, strict=True)]
+    return [(*own, *(pose for of, other in images if of == i for pose in other)) for i, own in enumerate(parts)]
+
+
 def in_proportion(jobs: Sequence[Job], angles: Sequence[float]) -> tuple[Amounts, ...]:
     """Return a pose for each angle of the first surface; the others keep their proportion to it.
 

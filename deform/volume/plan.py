@@ -27,7 +27,7 @@ from sdm_deflect.deform.surface.motions import Moving
 from sdm_deflect.deform.surface.surface import Surface
 
 from .boundary import PrescribedNodes
-from .job import Amounts, Job, by_job, pose_of, prepared
+from .job import Amounts, Job, by_job, pose_of, poses_of, prepared
 from .region import ON_FACE, BoxNodes, check_disjoint
 from .sites import Sites
 from .step import Start
@@ -238,17 +238,15 @@ class Plan:
         """
         wanted = tuple(poses) or (pose_of(jobs),)
         mesh, jobs = prepared(mesh, jobs)
-        parts = list(zip(*(by_job(jobs, pose) for pose in wanted), strict=True))
         boxes: list[BoxPlan] = []
-        for i, job in enumerate(jobs):
-            own = [pose for other, poses in zip(jobs, parts, strict=True) if i == other.image_of for pose in poses]
+        for job, own in zip(jobs, poses_of(jobs, wanted), strict=True):
             if job.image_of < 0:
-                boxes.append(BoxPlan.of(mesh, job, (*parts[i], *own), progress))
+                boxes.append(BoxPlan.of(mesh, job, own, progress))
                 continue
             from .mirror import Mirror, with_box_of
 
             first = boxes[job.image_of]
-            box = BoxPlan.of(mesh, with_box_of(job, first.region.hexahedron), parts[i], progress)
+            box = BoxPlan.of(mesh, with_box_of(job, first.region.hexahedron), own, progress)
             boxes.append(replace(box, mirror=Mirror.of(mesh, box.changed, first.changed)))
         check_disjoint([(box.surface, box.region.hexahedron) for box in boxes], jobs[0].box.settings)
         return cls(tuple(boxes), wanted)

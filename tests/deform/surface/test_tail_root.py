@@ -252,20 +252,52 @@ def test_a_tail_without_a_body_and_a_body_that_is_all_panel_are_refused(body):
         on_body(small)
 
 
-def test_a_cylinder_and_its_apex_are_found():
-    """Rings of a tapered tail on a cylinder: the paper's motion, without its numbers."""
+def on_round_body(apex):
+    """The law, and the mesh, of a tail of rings on a cylinder; its planes meet in an apex, or run along y without."""
     line, rows = root(), 13
     n = len(line)
     x, polar = np.meshgrid(np.linspace(-0.1, 0.26, 31), np.radians(np.linspace(-80, 80, 41)))
     skin = np.column_stack([x.ravel(), RADIUS * np.cos(polar.ravel()), RADIUS * np.sin(polar.ravel())])
     at = np.arange(len(skin)).reshape(41, 31) + rows * n
     quads = np.stack([at[:-1, :-1], at[1:, :-1], at[1:, 1:], at[:-1, 1:]], axis=-1).reshape(-1, 4)
-    points = np.vstack([*(line + s * (APEX - line) for s in np.linspace(0.0, 0.6, rows)), skin])
+    ways = np.array([0.0, 0.2, 0.0]) if apex is None else apex - line
+    points = np.vstack([*(line + s * ways for s in np.linspace(0.0, 0.6, rows)), skin])
     joint = np.column_stack([np.arange(n), np.roll(np.arange(n), -1), np.full(n, at[20, 15])])
     blocks = (Cells("quad", quads), Cells("triangle", joint))
-    mesh = Mesh(points, (), (Patch("tail", (Cells("quad", rings(rows * n, n)),)), Patch("body", blocks)), name="round")
+    tail = Patch("tail", (Cells("quad", rings(rows * n, n)),))
+    mesh = Mesh(points, (), (tail, Patch("body", blocks)), name="round")
     motion = Root(PIVOT, "tail", ("body",), shape="cylinder", depth=DEPTH)
-    law = motion.law(Surface.of(motion.cut(mesh), ("tail", motion.panels)))
+    return motion.law(Surface.of(motion.cut(mesh), ("tail", motion.panels)))
+
+
+def test_a_cylinder_and_its_apex_are_found():
+    law = on_round_body(APEX)
     np.testing.assert_allclose(law.motion.apex, APEX, atol=1e-4)
     moved = law.points + law.displacement(AMOUNT)
     np.testing.assert_allclose(FUSELAGE.distance(moved[law.panel]), 0.0, atol=1e-9)
+
+
+def test_the_planes_of_a_tail_without_taper_meet_far_away():
+    law = on_round_body(None)
+    way = law.motion.apex - law.points.mean(axis=0)
+    np.testing.assert_allclose(np.abs(way / np.linalg.norm(way)), [0.0, 1.0, 0.0], atol=1e-3)
+    assert np.linalg.norm(way) > 100.0
+    moved, rigid = law.points + law.displacement(AMOUNT), PIVOT.rotated(law.points, AMOUNT)
+    np.testing.assert_allclose(FUSELAGE.distance(moved[law.panel]), 0.0, atol=1e-9)
+    np.testing.assert_allclose((moved - rigid)[law.tail][:, [0, 2]], 0.0, atol=1e-5)
+
+
+def turned_upright(points):
+    """Turn y to z and z to -y, as from a tail to a fin."""
+    return np.column_stack([points[:, 0], -points[:, 2], points[:, 1]])
+
+
+def test_a_fin_is_lengthened_as_a_tail_is(surface):
+    mesh = surface.mesh.with_points(turned_upright(surface.mesh.points))
+    (apex,), (way,) = turned_upright(APEX[None]), turned_upright(PIVOT.direction[None])
+    cylinder = Cylinder(Axis(np.zeros(3), np.array([1.0, 0.0, 0.0])), RADIUS)
+    room = box(np.array([-0.01, -0.1, 0.0]), np.array([0.17, 0.1, 0.3]))
+    fin = RootOnCylinder(Axis(PIVOT.point, way), cylinder, apex, ("panel",), room, DEPTH)
+    law, tail = fin.law(Surface.of(mesh, ("tail", "panel"))), MOTION.law(surface)
+    expected = turned_upright(tail.displacement(AMOUNT))
+    np.testing.assert_allclose(law.displacement(AMOUNT), expected, atol=1e-6)
