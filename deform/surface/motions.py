@@ -7,7 +7,7 @@ a law, which holds all that does not depend on the amount.
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
-from typing import ClassVar, Protocol
+from typing import ClassVar, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -193,6 +193,30 @@ class Motion(Protocol):
         ...
 
 
+class Hinged:
+    """A motion with a `hinge`; its amount is an angle unless it says otherwise."""
+
+    __slots__ = ()
+    hinge: Axis
+    unit: ClassVar[str] = "deg"
+
+    @property
+    def axis(self) -> Axis:
+        """The hinge of the undeflected mesh."""
+        return self.hinge
+
+
+class Smooth:
+    """A law that makes no choices."""
+
+    __slots__ = ()
+
+    def frozen_at(self, amount: float) -> Self:
+        """Return the law itself."""
+        del amount
+        return self
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Rotation:
     """Rigid rotation about a hinge, right-handed from the first hinge point to the second.
@@ -206,6 +230,7 @@ class Rotation:
     """
 
     axis: Axis
+    unit: ClassVar[str] = "deg"
 
     def __post_init__(self) -> None:
         if not isinstance(self.axis, Axis):
@@ -230,11 +255,6 @@ class Rotation:
             raise InputError(f"the hinge has no length: both its points are at {', '.join(f'{x:g}' for x in a)}")
         return cls(Axis.through(a, b))
 
-    @property
-    def unit(self) -> str:
-        """Unit of the amount."""
-        return "deg"
-
     def law(self, surface: Surface) -> "RotationLaw":
         """Return the rotation of the nodes of a surface."""
         return RotationLaw(self.axis, surface.points)
@@ -250,16 +270,8 @@ class SoughtHinge:
     """
 
     device: tuple[str, float, float, float] | None = None
-
-    @property
-    def unit(self) -> str:
-        """Unit of the amount."""
-        return "deg"
-
-    @property
-    def axis(self) -> Axis | None:
-        """None."""
-        return None
+    unit: ClassVar[str] = "deg"
+    axis: ClassVar[None] = None
 
     def law(self, surface: Surface) -> "RotationLaw":
         """Raise InputError: the hinge is missing; name candidates."""
@@ -273,7 +285,7 @@ class SoughtHinge:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RotationLaw:
+class RotationLaw(Smooth):
     """Rigid rotation of points (K, 3)."""
 
     axis: Axis
@@ -293,11 +305,6 @@ class RotationLaw:
         """Sine of the angle, and 1 less its cosine."""
         return Turn()
 
-    def frozen_at(self, amount: float) -> "RotationLaw":
-        """Return the law: it makes no choices."""
-        del amount
-        return self
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Table:
@@ -316,6 +323,7 @@ class Table:
     points: FloatArray = field(repr=False)
     vectors: FloatArray = field(repr=False)
     hinge: Axis | None = None
+    unit: ClassVar[str] = "of the table"
 
     def __post_init__(self) -> None:
         for name in ("points", "vectors"):
@@ -349,11 +357,6 @@ class Table:
             return cls(rows[:, :3], rows[:, 3:], hinge)
 
     @property
-    def unit(self) -> str:
-        """Unit of the amount; 1 is the whole table."""
-        return "of the table"
-
-    @property
     def axis(self) -> Axis | None:
         """The axis along the surface, if given."""
         return self.hinge
@@ -373,7 +376,7 @@ class Table:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TableLaw:
+class TableLaw(Smooth):
     """A share of fixed vectors (K, 3)."""
 
     vectors: FloatArray = field(repr=False)
@@ -391,11 +394,6 @@ class TableLaw:
     def functions(self) -> Functions:
         """The amount itself."""
         return Powers(1)
-
-    def frozen_at(self, amount: float) -> "TableLaw":
-        """Return the law: it makes no choices."""
-        del amount
-        return self
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ corners; the one nearer to the skin counts.
 """
 
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.edges import polygons_of, sharp_edges
 from sdm_deflect.deform.mesh.mesh import Mesh
 
-from .motions import TRACK_UNIT
+from .motions import TRACK_UNIT, Hinged
 from .surface import Surface
 from .tracks import Track, TrackLaw
 
@@ -93,7 +93,7 @@ class Slot:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SlotSetting:
+class SlotSetting(Hinged):
     """The motion to a setting of a slot: an angle about the hinge, and a shift that gives gap and overlap.
 
     Attributes
@@ -109,22 +109,13 @@ class SlotSetting:
     angle: float = 0.0
     gap: float | None = None
     overlap: float | None = None
+    unit: ClassVar[str] = TRACK_UNIT
 
     def __post_init__(self) -> None:
         if self.gap is not None and not 0.0 < self.gap < np.inf:
             raise InputError(f"gap = {self.gap:g} must be a positive length")
         if self.overlap is not None and not abs(self.overlap) < np.inf:
             raise InputError(f"overlap = {self.overlap:g} must be a length")
-
-    @property
-    def unit(self) -> str:
-        """Unit of the amount; 1 is the setting."""
-        return TRACK_UNIT
-
-    @property
-    def axis(self) -> Axis:
-        """The hinge of the undeflected mesh."""
-        return self.hinge
 
     def slot(self, surface: Surface) -> Slot:
         """Return the slot of the undeflected mesh."""

@@ -21,7 +21,7 @@ from sdm_deflect.deform.rbf.interpolant import Interpolant, fit
 from sdm_deflect.deform.rbf.kernels import Multiquadric, ThinPlateSpline
 
 from .appendix_a import elongate, slide_panel
-from .motions import Functions, Powers
+from .motions import Functions, Hinged, Powers, Smooth
 from .surface import Surface
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ SCALE = 15.0  # degrees at which these powers are 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Root:
+class Root(Hinged):
     """Rotation of a tail whose root slides on the skin of a body.
 
     The panel, all faces of the skin within half a chord of the root, becomes a patch of its own and follows the root.
@@ -61,16 +61,6 @@ class Root:
     on: tuple[str, ...]
     shape: str = "skin"
     depth: float = 0.0
-
-    @property
-    def unit(self) -> str:
-        """Unit of the amount."""
-        return "deg"
-
-    @property
-    def axis(self) -> Axis:
-        """The hinge."""
-        return self.hinge
 
     @property
     def panels(self) -> str:
@@ -154,7 +144,7 @@ def _parts(surface: Surface, panels: Sequence[str]) -> tuple[BoolArray, BoolArra
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SkinLaw:
+class SkinLaw(Smooth):
     """The motion of points (K, 3) on a skin: masks (K,) of the tail, its panel, and the panel's nodes that stay.
 
     The skin is a height along the hinge over the plane across it, a thin plate spline through the body's nodes. A
@@ -185,11 +175,6 @@ class SkinLaw:
         """Powers of the angle, as for `RootLaw`."""
         return Powers(POWERS, SCALE)
 
-    def frozen_at(self, amount: float) -> "SkinLaw":
-        """Return the law: it makes no choices."""
-        del amount
-        return self
-
     def displacement(self, amount: float) -> FloatArray:
         """Return the displacement (K, 3)."""
         out, turn = np.zeros_like(self.points), self.hinge.displacement(self.points, amount)
@@ -218,7 +203,7 @@ class SkinLaw:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RootOnCylinder:
+class RootOnCylinder(Hinged):
     """Rotation of a tail whose root line slides on a cylinder, with the panel around the root.
 
     All planes of the tail meet in the apex of its trapezoid. A node that slides along its ray to the rotated apex stays
@@ -245,16 +230,6 @@ class RootOnCylinder:
     within: Hexahedron = field(repr=False)
     depth: float
     epsilon: float = 1e4
-
-    @property
-    def unit(self) -> str:
-        """Unit of the amount."""
-        return "deg"
-
-    @property
-    def axis(self) -> Axis:
-        """The hinge."""
-        return self.hinge
 
     def follows(self, patch: str) -> bool:
         """Whether a patch is a panel."""

@@ -20,7 +20,7 @@ from sdm_deflect.deform.mesh.axis import Axis, cross_matrix
 from sdm_deflect.deform.mesh.cells import bounded
 from sdm_deflect.deform.options import LARGEST_ANGLE
 
-from .motions import TRACK_UNIT, Functions
+from .motions import TRACK_UNIT, Functions, Hinged, Smooth
 from .surface import Surface
 
 CPACS = "controlParameter"
@@ -34,7 +34,7 @@ INDEPENDENT = 1e-11
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Track:
+class Track(Hinged):
     """A rigid motion through rows of places.
 
     Attributes
@@ -50,6 +50,7 @@ class Track:
     hinge: Axis
     rows: FloatArray = field(repr=False)
     smooth: bool = True
+    unit: ClassVar[str] = TRACK_UNIT
 
     def __post_init__(self) -> None:
         rows = bounded(self.rows, "track")
@@ -85,16 +86,6 @@ class Track:
         if given.shape[1] < 6:
             rows[:, 5:] = rows[:, 2:5]
         return cls(hinge, rows, titles[0] != CPACS)
-
-    @property
-    def unit(self) -> str:
-        """Unit of the amount, the track's parameter."""
-        return TRACK_UNIT
-
-    @property
-    def axis(self) -> Axis:
-        """The hinge of the undeflected mesh."""
-        return self.hinge
 
     def law(self, surface: Surface) -> "TrackLaw":
         """Return the motion of the nodes of a surface."""
@@ -141,7 +132,7 @@ class _Swing:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TrackLaw:
+class TrackLaw(Smooth):
     """A track of points (K, 3)."""
 
     track: Track
@@ -166,11 +157,6 @@ class TrackLaw:
         rows = tuple(map(tuple, self.track.rows.tolist()))
         low, high = self.track.rows[[0, -1], 0]
         return Places(rows, axis, self.track.smooth, size).within(float(low), float(high))
-
-    def frozen_at(self, amount: float) -> "TrackLaw":
-        """Return the law: it makes no choices."""
-        del amount
-        return self
 
 
 @dataclass(frozen=True, slots=True)
