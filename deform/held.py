@@ -22,7 +22,7 @@ from sdm_deflect.deform.base.unpacking import damaged, read_arrays
 from sdm_deflect.deform.mesh.precision import EVERY_BIT, Precision
 from sdm_deflect.deform.surface.motions import Fixed, Moving, Powers, Turn
 from sdm_deflect.deform.surface.surface import Surface, name_of
-from sdm_deflect.deform.surface.tail_root import Root, RootOnCylinder
+from sdm_deflect.deform.surface.tail_root import RootOnCylinder
 from sdm_deflect.deform.surface.tracks import Places
 from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection
 from sdm_deflect.deform.volume.field import Field
@@ -405,8 +405,8 @@ class OnMesh:
 
 def _name(moving: Moving, surface: Surface) -> str:
     """Return a name for a surface, without the panel that moves with its root."""
-    root = moving.motion if isinstance(moving.motion, Root | RootOnCylinder) else None
-    return name_of([name for name in surface.patches if not (root and root.follows(name))])
+    following = moving.motion.panel if isinstance(moving.motion, RootOnCylinder) else ()
+    return name_of([name for name in surface.named if name not in following])
 
 
 def combined(weights: FloatArray | None, points: FloatArray, ends: Sequence[FloatArray]) -> FloatArray:

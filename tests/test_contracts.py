@@ -166,7 +166,7 @@ BUDGETS = {
     "cases/cli": (1419, 7),
     "cases/report": (2237, 11),
     "cases/run": (2276, 10),
-    "cases/settings": (1292, 6),
+    "cases/settings": (1299, 6),
     "deform": (1052, 6),
     "deform/around": (621, 6),
     "deform/box": (498, 4),
@@ -174,7 +174,7 @@ BUDGETS = {
     "deform/mesh": (4701, 20),
     "deform/rbf": (1616, 9),
     "deform/repair": (1575, 6),
-    "deform/surface": (2073, 11),
+    "deform/surface": (2019, 11),
     "deform/volume": (3191, 12),
     "geometry": (2120, 13),
     "meshing": (573, 5),
@@ -182,7 +182,7 @@ BUDGETS = {
     "meshing/generate": (1566, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 9_073, 450
+MOST_COMPLEXITY, LONGEST = 9_059, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

@@ -161,7 +161,7 @@ class Box:
     def of(cls, plan: BoxPlan, amounts: Amounts, name: str, fits: FitRows) -> "Box":
         """Return the box of a plan with its surfaces at some amounts."""
         surfaces = [
-            MovedSurface(name_of(own.patches), amount, one.motion.unit, own.patches, own.nodes, one.motion.axis)
+            MovedSurface(name_of(own.named), amount, one.motion.unit, own.patches, own.nodes, one.motion.axis)
             for (one, own), amount in zip(plan.moving, amounts, strict=True)
         ]
         return cls(

@@ -20,6 +20,7 @@ from sdm_deflect.deform.base.unpacking import read_rows
 from sdm_deflect.deform.box.automatic import Automatic, BoxRule, Given, Outline
 from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.axis import Axis
+from sdm_deflect.deform.mesh.cells import real
 from sdm_deflect.deform.mesh.images import PeriodicPatches
 from sdm_deflect.deform.options import JobOptions
 from sdm_deflect.deform.surface.blended import Blended, Rib
@@ -221,15 +222,21 @@ def _rows(angles: Any, settings: JobSettings) -> tuple[Amounts, ...]:
     names = [one.patches for one in settings.surface]
     if isinstance(angles, str | Path) and Path(angles).suffix == ".csv":
         given = _columns(Path(angles), names)
-    elif isinstance(angles, str) or not isinstance(angles, Iterable) or not any(map(np.ndim, angles)):
+    elif (
+        isinstance(angles, str) or not isinstance(angles, Iterable) or not any(isinstance(x, Iterable) for x in angles)
+    ):
         return ()
     else:
-        given = np.asarray(angles, dtype=np.float64)
+        given = real(list(angles), "angles")
     if given.ndim != 2 or given.shape[1] != len(names):
         raise InputError(f"angles {given.shape}: rows of {len(names)} amounts, one for each surface")
     if not 0 < len(given) <= MOST_ANGLES or not np.isfinite(given).all():
         raise InputError(f"angles: 1 to {MOST_ANGLES} rows of finite numbers")
     return tuple(map(tuple, given.tolist()))
+
+
+def _is_row(value: Any) -> bool:
+    return isinstance(value, Iterable) and not isinstance(value, str)
 
 
 def _columns(path: Path, names: Sequence[tuple[str, ...]]) -> FloatArray:
@@ -261,7 +268,7 @@ def job_of(settings: JobSettings, *, by_range: bool = False) -> Job:
 
 def _stays_beside(surface: SurfaceSettings, settings: JobSettings) -> tuple[str, ...]:
     """Return the patches on which nodes of a blended surface stay: fixed ones, and surfaces that move otherwise."""
-    own = attrgetter("hinge", "angle", "shift", "track", "slot", "gap", "overlap")
+    own = attrgetter("hinge", "device", "angle", "shift", "track", "slot", "gap", "overlap")
     others = (other for other in settings.surface if own(other) != own(surface))
     return (*settings.fixed, *(name for other in others for name in other.patches)) if settings.fixed else ()
 

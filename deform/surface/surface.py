@@ -51,10 +51,14 @@ class Surface:
         return self.mesh.points[self.nodes]
 
     @property
+    def named(self) -> tuple[str, ...]:
+        """Names of the patches without panels such as ``body~tail``."""
+        return tuple(name for name in self.patches if not any(name.endswith(f"{REGION}{own}") for own in self.patches))
+
+    @property
     def label(self) -> str:
-        """Names of the patches without panels such as ``body~tail``, for messages."""
-        panels = {name for name in self.patches if any(name.endswith(f"{REGION}{own}") for own in self.patches)}
-        return ", ".join(name for name in self.patches if name not in panels)
+        """Names of the patches, for messages."""
+        return ", ".join(self.named)
 
     def on(self, names: Sequence[str]) -> BoolArray:
         """Return which of the nodes (K,) are also on the named patches."""

@@ -67,10 +67,6 @@ class Root(Hinged):
         """Wildcard of the panels' names."""
         return f"*{REGION}{self.tail}"
 
-    def follows(self, patch: str) -> bool:
-        """Whether a patch is a panel."""
-        return patch.endswith(self.panels[1:])
-
     def cut(self, mesh: Mesh) -> Mesh:
         """Return the mesh with the panel of each of the body's patches as a patch ``BODY~TAIL``.
 
@@ -106,7 +102,7 @@ class Root(Hinged):
 
     def law(self, surface: Surface) -> "RootLaw | SkinLaw":
         """Find the shape of the body, and the nodes of tail, root line, panel and the panel's border."""
-        mesh, panels = surface.mesh, tuple(name for name in surface.patches if self.follows(name))
+        mesh, panels = surface.mesh, tuple(name for name in surface.patches if name.endswith(self.panels[1:]))
         tail, panel, border = _parts(surface, panels)
         root, body = surface.nodes[tail & panel], (*panels, *mesh.named(self.on, "on"))
         skin = [part.faces.nodes for part in self._around(mesh, body, root, 2.0 * CHORDS, SKIN)]
@@ -230,10 +226,6 @@ class RootOnCylinder(Hinged):
     within: Hexahedron = field(repr=False)
     depth: float
     epsilon: float = 1e4
-
-    def follows(self, patch: str) -> bool:
-        """Whether a patch is a panel."""
-        return patch in self.panel
 
     def law(self, surface: Surface) -> "RootLaw":
         """Find the nodes of tail, root line, panel and the panel's border."""

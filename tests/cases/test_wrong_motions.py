@@ -83,6 +83,8 @@ def test_wrong_settings_of_a_slot_are_one_sentence(settings, complaint):
         ([[]], "rows of 1 amounts"),
         ([[1.0, 2.0]], "rows of 1 amounts, one for each surface"),
         ([[NAN]], "1 to 1000 rows of finite numbers"),
+        ([[1.0], [2.0, 3.0]], "angles"),
+        ([["five"]], "angles"),
         (np.zeros((1001, 1)), "1 to 1000 rows of finite numbers"),
         ("none.csv", "none.csv: no table of amounts"),
     ],
