@@ -28,7 +28,7 @@ from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection
 from sdm_deflect.deform.volume.field import Field
 from sdm_deflect.deform.volume.job import Amounts
 from sdm_deflect.deform.volume.modes import Control, Modes, Readings, fields_of, residuals
-from sdm_deflect.deform.volume.plan import Plan
+from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 
 from .checks import Check, checks_of
 
@@ -115,6 +115,7 @@ class HeldPlan:
         more than a tenth of the tolerance, as on a triangulated slide.
         """
         plan = plan.keeping(EVERY_BIT)
+        plan = replace(plan, boxes=tuple(map(_finer, plan.boxes)))
         if any(box.mirror for box in plan.boxes):
             raise InputError(NO_MIRROR)
         readings, places = [], []
@@ -401,6 +402,11 @@ class OnMesh:
             steps, at = (read.steps, read.amounts) if read else ((), None)
             boxes.append(BoxDeflection(box, tuple(pose), steps, points, 0.0, None, at, float(np.abs(missed).max())))
         return Deflection(plan, tuple(boxes))
+
+
+def _finer(box: BoxPlan) -> BoxPlan:
+    """Return a box whose fits are finer by the number of its surfaces with a range: their errors add up."""
+    return replace(box, margin=float(max(1, sum(moving.ends[0] < moving.ends[1] for moving in box.job.surfaces))))
 
 
 def _name(moving: Moving, surface: Surface) -> str:

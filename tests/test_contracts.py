@@ -167,7 +167,7 @@ BUDGETS = {
     "cases/report": (2237, 11),
     "cases/run": (2276, 10),
     "cases/settings": (1299, 6),
-    "deform": (1052, 6),
+    "deform": (1058, 6),
     "deform/around": (621, 6),
     "deform/box": (498, 4),
     "deform/base": (898, 9),
@@ -182,7 +182,7 @@ BUDGETS = {
     "meshing/generate": (1566, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 9_059, 450
+MOST_COMPLEXITY, LONGEST = 9_061, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

@@ -124,7 +124,7 @@ class Readings(NamedTuple):
             inverse = np.asarray(np.linalg.inv([control.functions.values(amount) for amount in reads]))
             shares = [control.functions.values(amount) @ inverse for amount in control.samples(SAMPLES)]
             growth = min(MOST_GROWTH, float(np.abs(shares).sum(axis=1).max()))
-            own = replace(own, margin=growth)
+            own = replace(own, margin=growth * own.margin)
             found = tuple(deflect_box(own, pose, progress) for pose in poses)
             return cls(control, box, row, found, inverse, found)
         end = _deflected(own, poses[int(np.argmax(np.abs(reads)))], progress, known)
