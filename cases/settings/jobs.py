@@ -47,6 +47,10 @@ if TYPE_CHECKING:
 
 Point = tuple[float, float, float]
 SHARP = "sharp"
+LEVER = 0.2
+"""Least share of its speed with which a point aft of the hinge rises or falls; below, down and up mean nothing."""
+SAME = 1e-6
+"""Distance over a length of one, below which two hinges are the same."""
 NUMBERS = {"box": "two opposite corners, box:x,y,z,x,y,z", "side": "a point and a normal, side:x,y,z,nx,ny,nz"}
 
 
@@ -106,10 +110,6 @@ def _numbers(text: str) -> list[float]:
     except ValueError:
         return []
     return [] if any(map(isnan, numbers)) else numbers
-
-
-LEVER = 0.2  # least vertical speed of a point aft of the hinge, per unit of distance, by which down and up are told
-SAME = 1e-6  # two hinges nearer to one another, over a length of one, are one
 
 
 @dataclass(frozen=True, slots=True)
