@@ -97,6 +97,7 @@ class HeldPlan:
     measured : for each surface the checks at some amounts; empty until `judged`.
     placed : for each surface its fields as functions of place; None until needed.
     mesh : the plan at the nodes of its mesh; None for a plan from a file.
+    source : name of the file of the undeflected mesh; empty if it came from elsewhere.
     """
 
     controls: tuple[Control, ...]
@@ -104,6 +105,7 @@ class HeldPlan:
     measured: tuple[tuple[Measured, ...], ...] = field(default=(), repr=False)
     placed: tuple[PlacedFields, ...] | None = field(default=None, repr=False)
     mesh: "OnMesh | None" = field(default=None, repr=False)
+    source: str = ""
 
     @classmethod
     def of(cls, plan: Plan, progress: Progress = silent, known: Deflection | None = None) -> "HeldPlan":
@@ -130,7 +132,8 @@ class HeldPlan:
                     places.append(moving.amount)
         if not readings:
             raise InputError(f"{plan.mesh.name}: no surface has a range: give one, such as range = (-10, 25)")
-        return cls(tuple(one.control for one in readings), tuple(places), mesh=OnMesh(plan, tuple(readings)))
+        on_mesh, source = OnMesh(plan, tuple(readings)), Path(plan.mesh.source).name
+        return cls(tuple(one.control for one in readings), tuple(places), mesh=on_mesh, source=source)
 
     @classmethod
     def of_one_amount(cls, found: Deflection, failed: Sequence[str]) -> "HeldPlan":
@@ -147,7 +150,8 @@ class HeldPlan:
         error = max(box.site_error for box in found.boxes)
         one = Measured(found.amounts[first], least, found.inverted, error, tuple(failed))
         measured = tuple((one,) if i == first else () for i in range(len(controls)))
-        return cls(tuple(controls), found.amounts, measured, tuple(placed))
+        source = Path(plan.mesh.source).name
+        return cls(tuple(controls), found.amounts, measured, tuple(placed), source=source)
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> "HeldPlan":
@@ -167,7 +171,8 @@ class HeldPlan:
                 fields = (Field.stored(stored, f"_{i}_{j}") for j in range(known["readings"][i]))
                 weights = stored.get(f"weights_{i}")
                 placed.append(PlacedFields(tuple(fields), weights))
-            return cls(tuple(controls), tuple(known["amounts"]), tuple(measured), tuple(placed))
+            own = tuple(controls), tuple(known["amounts"]), tuple(measured), tuple(placed)
+            return cls(*own, source=str(known.get("source", "")))
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the plan to a file, completely or not at all; `load` restores it exactly."""
@@ -186,6 +191,7 @@ class HeldPlan:
             "amounts": self.amounts,
             "measured": [[asdict(row) for row in rows] for rows in self.measured or [()] * len(controls)],
             "readings": [len(own.fields) for own in self.by_place],
+            "source": self.source,
         }
         arrays["plan"] = np.array(json.dumps(known))
         with TemporaryDirectory(prefix=".sdm-", dir=Path(path).parent) as folder:
@@ -216,9 +222,9 @@ class HeldPlan:
             fields.append(found[:, rows[-1]])
         return Modes(self.controls, points, tuple(rows), tuple(fields))
 
-    def at_nodes(self, points: FloatArray) -> Modes:
-        """Return the modes at the nodes (N, 3) of the mesh: the plan's own, if it has them."""
-        return self.mesh.modes if self.mesh else self.on(points)
+    def at_nodes(self, points: FloatArray | None = None) -> Modes:
+        """Return the modes at the nodes (N, 3) of the mesh; a plan from a file needs the points."""
+        return self.on(points) if self.mesh is None and points is not None else self._on_mesh.modes
 
     def at(self, amounts: Wanted) -> FloatArray:
         """Return the coordinates (N, 3) of the mesh at amounts; at 0 they equal the mesh's exactly.

@@ -67,6 +67,8 @@ def __getattr__(name: str) -> Any:
         from importlib.metadata import version
 
         return version("sdm-deflect")
+    if name == "openmdao":  # an extra: its module inherits from OpenMDAO's component
+        return import_module(f"{__name__}.openmdao")
     for module, names in _MODULES.items():
         if name in names:
             return getattr(import_module(f"{__name__}.{module}"), name)

@@ -130,7 +130,7 @@ def test_all_modules_import_where_the_names_of_linux_are_missing():
     done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     modules = {path for name in FOLDERS[1:] for path in (ROOT / name).rglob("*.py") if path.name != "__main__.py"}
-    assert len(done.stdout.splitlines()) == len(modules)
+    assert len(done.stdout.splitlines()) == len(modules) + 1  # and the one for OpenMDAO
 
 
 def test_licence_readme_and_command_are_in_the_metadata(wheel):

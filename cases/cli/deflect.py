@@ -1,4 +1,4 @@
-"""Commands on any mesh file: example, quality, deflect, limit, apply."""
+"""Commands on any mesh file: example, quality, deflect, limit, apply, gradient."""
 
 import lzma
 from collections.abc import Sequence
@@ -178,7 +178,7 @@ def apply(
 
     quiet = show["quiet"] or (as_json and not show["verbose"])
     with options.watched(quiet, show["verbose"]) as watch, watch.stage("apply") as progress:
-        done = apply_plan(plan, _named_amounts(angle), meshes, out, zones, progress)
+        done = apply_plan(plan, _named_amounts("--angle", angle), meshes, out, zones, progress)
     files = [{"file": str(file), "points": points, "moved": moved} for file, points, moved in done.files]
     lines = [f"{file}: {moved} of {points} points moved" for file, points, moved in done.files]
     if done.missing:
@@ -191,7 +191,33 @@ def apply(
     return options.code_of(not done.faults)
 
 
-def _named_amounts(text: str) -> float | dict[str, float]:
+@click.command()
+@click.argument("sensitivity", type=options.FILE)
+@click.option("--plan", type=options.FILE, required=True, help="The plan.")
+@click.option("--at", required=True, metavar="A", help="Amount at the adjoint, or several such as flap=12,tab=-3.")
+@click.option("--mesh", type=options.FILE, help="Undeflected mesh (default: the plan's, beside it).")
+@click.option("--zone", "zones", metavar="NAME", multiple=True, help="Further zones that deform; '*' for all; repeat.")
+@options.json_option
+@options.progress_options
+def gradient(
+    sensitivity: Path, plan: Path, at: str, mesh: Path | None, zones: tuple[str, ...], as_json: bool, **show: bool
+) -> None:
+    """Turn an adjoint's sensitivities into derivatives by amounts.
+
+    SENSITIVITY is a .csv of SU2, an .npz, a .cgns, or a pointVectorField of OpenFOAM, by all coordinates of the mesh:
+    sdm gradient volume_sens.csv --plan wing-plan.npz --at flap=12,tab=-3
+    """
+    from sdm_deflect.cases.run.gradient import gradient
+
+    quiet = show["quiet"] or (as_json and not show["verbose"])
+    with options.watched(quiet, show["verbose"]) as watch, watch.stage("gradient") as progress:
+        held, found, count = gradient(sensitivity, plan, _named_amounts("--at", at), mesh, zones, progress)
+    units = {one.name: one.unit for one in held.controls}
+    lines = [f"d/d({name}) = {value:.10g} per {units[name]}" for name, value in found.items()]
+    options.print_either(as_json, {"gradient": found, "units": units, "nodes": count}, *lines, f"from {count} nodes")
+
+
+def _named_amounts(flag: str, text: str) -> float | dict[str, float]:
     """Return an amount, or those of ``NAME=AMOUNT`` with commas; InputError for another text."""
     try:
         if "=" not in text:
@@ -199,7 +225,7 @@ def _named_amounts(text: str) -> float | dict[str, float]:
         pairs = (part.rpartition("=") for part in text.split(","))
         return {name.strip(): float(amount) for name, _, amount in pairs}
     except ValueError:
-        raise InputError(f"--angle {text}: must be a number, or NAME=NUMBER with commas") from None
+        raise InputError(f"{flag} {text}: must be a number, or NAME=NUMBER with commas") from None
 
 
 @click.command()

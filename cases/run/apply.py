@@ -15,7 +15,6 @@ from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.held import HeldPlan
 from sdm_deflect.deform.mesh.cells import Zone
 from sdm_deflect.deform.mesh.precision import DOUBLE
-from sdm_deflect.deform.volume.field import FieldBox
 from sdm_deflect.meshing.files import permitted_as
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam_case import is_part, parts_moved
@@ -83,15 +82,14 @@ def apply_plan(
     pose = held.named(amounts)
     held.check_ranges(pose)
     states = states_of(file for mesh in meshes for file in _files(mesh))
-    boxes = [box for own in held.by_place for one in own.fields[:1] for box in one.boxes]
-    places, found = sum(len(box.places) for box in boxes), _found(boxes, path, meshes, zones, progress)
+    places, found = check_places(held, path, meshes, zones, progress)
     files = []
     with _writers(meshes, out) as writers:
         for mesh, write in zip(meshes, writers, strict=True):
             points, moved = _moved(held, pose, mesh, zones)
             progress(f"writing {mesh.name}", 0.5)
             beside, target = write(mesh, moved)
-            if not np.array_equal(_points(beside)[0], moved):
+            if not np.array_equal(points_of(beside)[0], moved):
                 raise MeshFileError(f"{target}: does not read back as it was written")
             files.append((target, len(points), int(np.count_nonzero((moved != points).any(axis=1)))))
         check_unchanged(states)
@@ -105,10 +103,10 @@ def apply_plan(
 
 def _moved(held: HeldPlan, pose: Sequence[float], mesh: Path, zones: Sequence[str]) -> tuple[FloatArray, FloatArray]:
     """Return the points (N, 3) of a mesh, and where a plan moves them."""
-    points, own = _points(mesh)
+    points, own = points_of(mesh)
     moved = points.copy()
     for placed, control, amount in zip(held.by_place, held.controls, pose, strict=True):
-        for rows in _deforming(mesh, own, placed.zones, zones) if amount and placed.fields else ():
+        for rows in deforming(mesh, own, placed.zones, zones) if amount and placed.fields else ():
             placed.move(points[rows], control.functions.values(amount), moved[rows])
     return points, moved
 
@@ -118,33 +116,39 @@ def _files(mesh: Path) -> Sequence[Path]:
     return sorted((mesh / "constant" / "polyMesh").iterdir()) if is_part(mesh) else files_of(mesh)
 
 
-def _found(
-    boxes: Sequence[FieldBox], path: Path, meshes: Sequence[Path], zones: Sequence[str], progress: Progress
-) -> int:
-    """Return how many places of a plan are points of meshes; InputError for none, and for points that were rounded."""
+def check_places(
+    held: HeldPlan, path: Path, meshes: Sequence[Path], zones: Sequence[str], progress: Progress
+) -> tuple[int, int]:
+    """Return how many places a plan has, and how many of them are points of meshes.
+
+    InputError if none is, or if points were rounded.
+    """
+    boxes = [box for own in held.by_place for one in own.fields[:1] for box in one.boxes]
     known = [np.zeros((2, len(box.places)), dtype=np.bool_) for box in boxes]
     for mesh in meshes:
         progress(f"reading {mesh.name}", 0.0)
-        points, own = _points(mesh)
+        points, own = points_of(mesh)
         for box, found in zip(boxes, known, strict=True):
-            for rows in _deforming(mesh, own, box.zones, zones):
+            for rows in deforming(mesh, own, box.zones, zones):
                 found |= box.matches(points[rows])
-    if rounded := sum(int((near & ~exact).sum()) for exact, near in known):
+    exact, near = np.concatenate(known, axis=1)
+    if rounded := int((near & ~exact).sum()):
         raise InputError(f"{path}: {rounded} of its places are nearly points of {_names(meshes)}: write all digits")
-    count, places = sum(int(exact.sum()) for exact, _ in known), sum(len(box.places) for box in boxes)
+    count, places = int(exact.sum()), len(exact)
     if not count or (count < places and not all(map(is_part, meshes))):
         raise InputError(f"{path}: is of another mesh: {count} of its {places} places are points of {_names(meshes)}")
-    return count
+    return places, count
 
 
-def _points(mesh: Path) -> tuple[FloatArray, tuple[Zone, ...]]:
+def points_of(mesh: Path) -> tuple[FloatArray, tuple[Zone, ...]]:
+    """Return the points (N, 3) of a mesh file and its zones; InputError for coordinates of 32 bits."""
     form = format_of(mesh)
     if form.real(mesh, mesh) != DOUBLE:
         raise InputError(f"{mesh}: has coordinates of 32 bits; a plan moves a mesh in double precision")
     return form.points(mesh)
 
 
-def _deforming(mesh: Path, zones: Sequence[Zone], deforming: Sequence[str], further: Sequence[str]) -> Iterator[slice]:
+def deforming(mesh: Path, zones: Sequence[Zone], deforming: Sequence[str], further: Sequence[str]) -> Iterator[slice]:
     """Yield the points of the zones that deform; InputError for several zones and none of these."""
     if len(zones) < 2:
         yield slice(None)

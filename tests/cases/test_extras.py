@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 from sdm_deflect.cases.cli.commands import SUBJECTS
@@ -37,6 +38,8 @@ AIRCRAFT = (
 )
 NEEDED = ("surface_to_cad", "rigid_cad_predicted", "planarity")
 """Checks that only the CAD can make."""
+NODES = 8167
+"""Nodes of the mesh of `sdm example`."""
 FLAP = ["--surface", "flap", "--fixed", "wing", "--hinge", "0.7,0.6,0", "0.7,1.4,0", "--motion", "blended"]
 
 
@@ -45,14 +48,16 @@ def answers(aileron_run, tmp_path_factory):
     """Code, output and complaint of each command."""
     folder = tmp_path_factory.mktemp("extras")
     shutil.copytree(aileron_run[1], folder / "aileron")
+    np.savez(folder / "s.npz", sensitivity=np.ones((NODES, 3)))
     commands = {
         "list": [], "run": ["aileron"], "geometry": ["--out", "a.step"], "validate": ["aileron"],
         "validate --json": ["aileron"], "report": ["aileron"], "export": ["aileron", "--format", "su2"],
         "example": [], "quality": ["naca.su2"], "limit": ["aileron"], "apply": ["f.npz", "--angle", "5", "naca.su2"],
-        "deflect": ["naca.su2", *FLAP, "--angle", "5", "--plan", "f.npz"], "view": ["aileron", "--no-open"],
+        "deflect": ["naca.su2", *FLAP, "--angle", "5", "--range", "0:5", "--plan", "f.npz"],
+        "gradient": ["s.npz", "--plan", "f.npz", "--at", "5"], "view": ["aileron", "--no-open"],
         "compare": ["aileron", "naca-deflected-report"], "doctor": [], "cache": [], "completion": ["bash"],
     }  # fmt: skip
-    late = ("apply", "compare")
+    late = ("apply", "compare", "gradient")
     ordered = sorted(commands, key=lambda name: (name in late, list(commands).index(name)))
     lines = [[*name.split(" "), *commands[name]] for name in ordered]
     absent = [module for extra, modules in EXTRAS.items() if extra != "report" for module in modules]
