@@ -31,6 +31,7 @@ from sdm_deflect.deform.volume.modes import Control, Modes, Readings, fields_of,
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 
 from .checks import Check, checks_of
+from .motion_fields import write_motion
 
 FILE = "plan of sdm-deflect, 1"
 MEASURED = 9
@@ -201,6 +202,14 @@ class HeldPlan:
                 copymode(path, beside)
             beside.replace(path)
 
+    def save_openfoam(self, case: str | PathLike[str], points: FloatArray | None = None) -> tuple[Path, ...]:
+        """Write the plan into a case of OpenFOAM, for the solver in `solvers/openfoam`; return the files.
+
+        `points` (N, 3) are the case's undeflected ones, in its order; those of the plan's mesh if None. Raises
+        InputError as `write_motion` does, or for a plan from a file without points.
+        """
+        return write_motion(Path(case), self.everywhere if points is None else self.on(points))
+
     @cached_property
     def by_place(self) -> tuple[PlacedFields, ...]:
         """Fields of each surface as functions of place; InputError if nodes at one place move differently."""
@@ -222,9 +231,15 @@ class HeldPlan:
             fields.append(found[:, rows[-1]])
         return Modes(self.controls, points, tuple(rows), tuple(fields))
 
-    def at_nodes(self, points: FloatArray | None = None) -> Modes:
-        """Return the modes at the nodes (N, 3) of the mesh; a plan from a file needs the points."""
-        return self.on(points) if self.mesh is None and points is not None else self._on_mesh.modes
+    def at_nodes(self, points: FloatArray) -> Modes:
+        """Return the modes at the nodes (N, 3) of the mesh: the plan's own, if it has them."""
+        return self.mesh.modes if self.mesh else self.on(points)
+
+    @property
+    def everywhere(self) -> Modes:
+        """Modes at all nodes of the mesh, even if the plan holds a part of it; InputError for a plan from a file."""
+        whole = self._on_mesh.plan.mesh.whole
+        return self.on(whole.pieces.coordinates(0, whole.pieces.points)) if whole else self._on_mesh.modes
 
     def at(self, amounts: Wanted) -> FloatArray:
         """Return the coordinates (N, 3) of the mesh at amounts; at 0 they equal the mesh's exactly.

@@ -206,18 +206,31 @@ def view(place: Path, out: Path | None, show: bool, quiet: bool, verbose: bool) 
 
 
 @click.command()
-@click.argument("folder", metavar="RUN", type=options.FILE)
+@click.argument("place", metavar="RUN|PLAN", type=options.FILE)
 @options.gone("--to-solver", is_eager=True)
 @click.option("--format", "form", type=options.FORMATS, required=True, help="Format of the flow solver.")
 @click.option("--which", default="deflected", show_default=True, type=click.Choice(("deflected", "undeflected")))
 @click.option("--out", type=options.FILE, help="File to write, for OpenFOAM a new folder (default: beside RUN).")
 @options.progress_options
-def export(folder: Path, form: str, which: str, out: Path | None, quiet: bool, verbose: bool) -> None:
-    """Write the mesh of a finished run in another format."""
+def export(place: Path, form: str, which: str, out: Path | None, quiet: bool, verbose: bool) -> None:
+    """Write the mesh of a finished run in another format, or a plan.
+
+    PLAN is a file of sdm deflect --plan; it becomes fields in an OpenFOAM case, for the motion solver in
+    solvers/openfoam: sdm export flap.npz --format openfoam --out CASE
+    """
+    if place.suffix == ".npz":
+        from sdm_deflect.cases.run.apply import plan_to_case
+
+        if form != "openfoam" or out is None:
+            raise InputError(f"{place}: a plan becomes fields of a case: give --format openfoam, and the case in --out")
+        with options.watched(quiet, verbose) as watch, watch.stage("export") as progress:
+            files = plan_to_case(place, out, progress)
+        click.echo("\n".join(map(str, files)))
+        return
     from sdm_deflect.cases.finished import export_run, finished
 
     with options.watched(quiet, verbose) as watch, watch.stage("export") as progress:
-        target, lost = export_run(finished(folder), form, which, out, progress)
+        target, lost = export_run(finished(place), form, which, out, progress)
     for sentence in lost:
         click.echo(f"{target}: {sentence}", err=True)
     click.echo(f"{target}")

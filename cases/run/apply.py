@@ -101,6 +101,13 @@ def apply_plan(
     )
 
 
+def plan_to_case(path: Path, case: Path, progress: Progress = silent) -> tuple[Path, ...]:
+    """Write the plan in the file `path` as fields into a case of OpenFOAM; return the files; errors as `apply_plan`."""
+    held = HeldPlan.load(path)
+    check_places(held, path, [case], (), progress)
+    return held.save_openfoam(case, points_of(case)[0])
+
+
 def _moved(held: HeldPlan, pose: Sequence[float], mesh: Path, zones: Sequence[str]) -> tuple[FloatArray, FloatArray]:
     """Return the points (N, 3) of a mesh, and where a plan moves them."""
     points, own = points_of(mesh)
