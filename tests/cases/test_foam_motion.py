@@ -13,6 +13,9 @@ from sdm_deflect.meshing.formats.openfoam import OpenFoam, write_files
 from sdm_deflect.meshing.formats.openfoam_files import labels, open_foam, vectors
 from tests import calls
 from tests.cases import foam
+from tests.deform.blocks import two_bodies
+from tests.deform.test_held import AROUND_BOTH, SLAT_AND_FLAP
+from tests.deform.test_motion_fields import TRACK
 from tests.docs.commands import ROOT
 
 TIMES = {"0.1": 4.0, "0.5": 20.0, "0.8": -1.0, "1": -15.0}
@@ -92,6 +95,26 @@ def test_points_are_those_of_the_plan_in_one_process_and_in_two(half_wing, tmp_p
             part = parts / f"processor{rank}"
             own = labels(open_foam(part / "constant" / "polyMesh", "pointProcAddressing"))
             assert np.abs(points(part / time) - expected[own]).max() <= ROUNDING, (time, rank)
+
+
+def test_surfaces_with_other_functions_move_together(tmp_path):
+    """One turns; the other is on a track with kinks."""
+    (tmp_path / "track.csv").write_text(TRACK)
+    right = {"hinge": SLAT_AND_FLAP["right"]["hinge"], "track": str(tmp_path / "track.csv"), "range": (-0.8, 1)}
+    held = plan(two_bodies(), {"left": SLAT_AND_FLAP["left"], "right": right}, box=AROUND_BOTH)
+    OpenFoam().write(two_bodies(), tmp_path / "case")
+    held.save_openfoam(tmp_path / "case")
+    control = {"application": "moveDynamicMesh", "end": 1, "step": 0.1, "interval": 1}
+    amounts = "left table ((0 0) (0.5 8) (1 -2)); right table ((0 0) (0.5 0.9) (1 -0.8));"
+    moved = prepared(tmp_path / "case", tmp_path / "moved", amounts, **control)
+    foam.run("moveDynamicMesh", moved)
+    for time, pose in {"0.2": (3.2, 0.36), "0.4": (6.4, 0.72), "0.5": (8.0, 0.9), "1": (-2.0, -0.8)}.items():
+        assert np.abs(points(moved / time) - held.at(pose)).max() <= ROUNDING, time
+    beyond = prepared(
+        tmp_path / "case", tmp_path / "beyond", "left table ((0 0) (1 9)); right table ((0 0));", **control
+    )
+    with pytest.raises(AssertionError, match=r"left = 8\.1 is outside its range"):
+        foam.run("moveDynamicMesh", beyond)
 
 
 STREAM = {"p": "100000", "T": "300", "U": "(200 0 20)"}
