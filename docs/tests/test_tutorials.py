@@ -80,3 +80,15 @@ def test_a_downloaded_notebook_runs_and_draws(tmp_path):
     large, small = (pixels(tmp_path / f"{name}.png") for name in ("large", "small"))
     assert inked(small) > 0.05
     assert small.shape[1] == 560 < large.shape[1]
+
+
+@pytest.mark.nightly
+def test_derivatives_of_the_optimisation_are_those_of_differences_and_lower_the_peak(tmp_path):
+    notebook = notebook_of(FOLDER / "optimise-a-flap.md")
+    NotebookClient(notebook, timeout=120, resources={"metadata": {"path": tmp_path}}).execute()
+    outputs = [out for cell in notebook.cells for out in cell.get("outputs", ())]
+    text = "".join(out.text for out in outputs if out.output_type == "stream")
+    assert float(re.search(r"largest relative difference (\S+)", text)[1]) < 1e-6
+    before = float(re.search(r"before: peak (\S+) at a lift of 3\.1", text)[1])
+    assert float(re.search(r"'peak': ([\d.]+), 'lift': 3\.2", text)[1]) < before - 0.2
+    assert "failed" not in text
