@@ -15,7 +15,7 @@ from tests.cases import foam
 REYNOLDS, INCIDENCE, ANGLE, STEP = 200, 3.0, 1.0, 0.25
 """Of the chord; degrees of the stream, of the section, and of differences."""
 AGREED = 0.03
-"""Share by which a continuous adjoint may differ from differences on a mesh of this size; found: lift .009, drag .001."""
+"""Share by which a continuous adjoint may differ from differences on this mesh; found: lift .009, drag .001."""
 STREAM, ACROSS = (
     np.array([np.cos(np.radians(INCIDENCE)), np.sin(np.radians(INCIDENCE)), 0.0]),
     np.array([-np.sin(np.radians(INCIDENCE)), np.cos(np.radians(INCIDENCE)), 0.0]),

@@ -1,6 +1,7 @@
-"""`sdm gradient`: nodal sensitivities of an adjoint times derivatives of the coordinates."""
+"""`sdm gradient` and `sdm export` of a plan: for adjoints, and for solvers that move the mesh."""
 
 import json
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -11,6 +12,7 @@ from sdm_deflect.cases.run import gradient as module
 from sdm_deflect.meshing.formats.cgns_nodes import children, create
 from sdm_deflect.meshing.formats.cgns_read import base_of
 from sdm_deflect.meshing.formats.openfoam import OpenFoam, header
+from sdm_deflect.meshing.formats.openfoam_files import open_foam, vectors
 from sdm_deflect.meshing.formats.registry import FORMATS
 from tests import calls
 from tests.deform.blocks import two_bodies
@@ -169,3 +171,26 @@ def test_what_does_not_fit_is_refused(folder, exact, sdm):
     (folder / "p.npz").rename(folder / "elsewhere" / "p.npz")
     assert "bodies.su2: No such file" in refused(sdm, table, folder / "elsewhere")
     (folder / "elsewhere" / "p.npz").rename(folder / "p.npz")
+
+
+def test_a_plan_becomes_fields_of_the_case_of_its_mesh(folder, exact, sdm):
+    case = folder / "bodies"
+    code, out, _ = sdm("export", folder / "p.npz", "--format", "openfoam", "--out", case)
+    names = ["0/X0", "0/left.S", "0/left.V", "0/right.S", "0/right.V", "constant/sdmMotion", "constant/dynamicMeshDict"]
+    assert (code, out.split()) == (0, [str(case / name) for name in names])
+    points = open_foam(case / "0", "X0")
+    begin = points.data.index(b"List<vector>") + len(b"List<vector>")
+    assert np.array_equal(vectors(replace(points, start=begin)).values, two_bodies().points)
+    for words, fault in (
+        (["--format", "su2", "--out", case], "give --format openfoam, and the case in --out"),
+        (["--format", "openfoam"], "give --format openfoam, and the case in --out"),
+        (["--format", "openfoam", "--out", folder / "none"], "none"),
+    ):
+        code, _, err = sdm("export", folder / "p.npz", *words)
+        assert (code, fault in " ".join(err.split())) == (2, True), err
+    shifted = replace(two_bodies(), points=two_bodies().points + 0.1)
+    OpenFoam().write(shifted, folder / "shifted")
+    code, _, err = sdm("export", folder / "p.npz", "--format", "openfoam", "--out", folder / "shifted")
+    assert code == 2
+    assert "is of another mesh" in " ".join(err.split())
+    assert not (folder / "shifted" / "0").exists()
