@@ -21,12 +21,7 @@ ROWS = 2000
 """Rows of a table of functions between the stops of a track: cubics between them are exact to 1e-15."""
 HEADER = """FoamFile
 {{
-    version 2.0;
-    format {};
-    arch "LSB;label=32;scalar=64";
-    class {};
-    location "{}";
-    object {};
+    version 2.0; format {}; arch "LSB;label=32;scalar=64"; class {}; location "{}"; object {};
 }}
 // Written by sdm-deflect.
 """
@@ -50,12 +45,11 @@ def write_motion(case: Path, modes: Modes) -> tuple[Path, ...]:
 
     If there is no ``constant/dynamicMeshDict``, one is written in which all amounts are 0. All files appear, or none.
 
-    Raises InputError for a plan of one amount, or names of surfaces that are one in OpenFOAM.
+    Raises InputError for a folder that is no case, a plan of one amount, or names of surfaces that are one in OpenFOAM.
     """
-    names = [re.sub(r"[^\w.]|^(?=\d)", "_", control.name) for control in modes.controls]
-    if len(set(names)) < len(names):
-        raise InputError(f"{case}: two surfaces are called {max(names, key=names.count)} in OpenFOAM; rename one")
-    motion, amounts = case / "constant" / "sdmMotion", case / "constant" / "dynamicMeshDict"
+    if not (case / "constant").is_dir():
+        raise InputError(f"{case}: is no case of OpenFOAM: it has no folder constant")
+    names = _names(modes)
     files: dict[Path, Path] = {}
     with TemporaryDirectory(prefix=".sdm-", dir=case) as folder:
 
@@ -76,14 +70,21 @@ def write_motion(case: Path, modes: Modes) -> tuple[Path, ...]:
                 whole[rows] = field
                 write(case / "0" / label, "pointVectorField", FIELD, whole)
             entries.append(f"{name}\n{{\n    fields ({' '.join(labels)});\n{_functions(control)}}}\n")
-        write(motion, "dictionary", "".join(entries))
-        if not amounts.exists():
-            still = "".join(f"    {name} table ((0 0));\n" for name in names)
-            write(amounts, "dictionary", f"{SOLVER}{still}}}\n")
+        write(case / "constant" / "sdmMotion", "dictionary", "".join(entries))
+        if not (amounts := case / "constant" / "dynamicMeshDict").exists():
+            write(amounts, "dictionary", SOLVER + "".join(f"    {name} table ((0 0));\n" for name in names) + "}\n")
         (case / "0").mkdir(exist_ok=True)
         for path, beside in files.items():
             beside.replace(path)
     return tuple(files)
+
+
+def _names(modes: Modes) -> list[str]:
+    """Return words of OpenFOAM for the surfaces; InputError if two are the same."""
+    names = [re.sub(r"[^\w.]|^(?=\d)", "_", control.name) for control in modes.controls]
+    if len(set(names)) < len(names):
+        raise InputError(f"two surfaces are called {max(names, key=names.count)} in OpenFOAM; rename one")
+    return names
 
 
 def _letters(control: Control, k: int) -> str:

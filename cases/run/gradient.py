@@ -54,6 +54,8 @@ def gradient(
     """
     held = HeldPlan.load(plan)
     pose, mesh = held.named(amounts), mesh or plan.with_name(held.source or "undeflected mesh")
+    if not mesh.exists():
+        raise InputError(f"{mesh} is not there: name the undeflected mesh of the plan in --mesh")
     check_places(held, plan, [mesh], zones, progress)
     points, own = points_of(mesh)
     near, total, count = NEAR * float(np.ptp(points, axis=0).max()), np.zeros(len(pose)), 0

@@ -169,7 +169,9 @@ def test_what_does_not_fit_is_refused(folder, exact, sdm):
     assert "No such file" in refused(sdm, folder / "none.csv", folder)
     (folder / "elsewhere").mkdir()
     (folder / "p.npz").rename(folder / "elsewhere" / "p.npz")
-    assert "bodies.su2: No such file" in refused(sdm, table, folder / "elsewhere")
+    assert "bodies.su2 is not there: name the undeflected mesh of the plan in --mesh" in refused(
+        sdm, table, folder / "elsewhere"
+    )
     (folder / "elsewhere" / "p.npz").rename(folder / "p.npz")
 
 
