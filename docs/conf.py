@@ -25,6 +25,8 @@ extensions = [
     "docstrings",
     "signatures",
     "accessible",
+    "slides",
+    "sphinx_copybutton",
 ]
 exclude_patterns = ["_build", "examples", "tutorials/*.ipynb"]
 templates_path = ["_templates"]

@@ -32,6 +32,25 @@ if TYPE_CHECKING:
     from sdm_deflect.deform.options import RepairMode
     from sdm_deflect.deform.volume.plan import Plan
 
+EXAMPLES = {
+    "naca.su2": (
+        "a half wing of 37,000 cells with a flap",
+        ("--surface flap --fixed wing --hinge 0.7,0.6,0 0.7,1.4,0 --angle 15 --motion blended",),
+    ),
+    "fighter.su2": (
+        "the SDM, a fighter, in 128,000 cells, and settings that turn all its control surfaces",
+        (
+            "--surface aileron_left --fixed wing_left --hinge 0.69181,-0.3048,0 0.6767,-0.11627,0 "
+            "--angle 12 --motion blended",
+            "--surface rudder --fixed fin --hinge 0.94642,0,0.2133 0.87672,0,0.0955 --angle 15 --motion blended",
+            "--surface tail_left --motion root --on fuselage_panel_left --fixed fuselage --fixed fuselage_rear "
+            "--hinge 0.86842,-0.2228,-0.01163 0.86842,-0.06598,-0.01163 --angle 12",
+            "--surface tail_right --motion root --on fuselage_panel_right --fixed fuselage --fixed fuselage_rear "
+            "--hinge 0.86842,0.06598,-0.01163 0.86842,0.2228,-0.01163 --angle 12",
+        ),
+    ),
+}
+"""What each mesh of `sdm example` is, and how to deflect it."""
 HELPERS = ("workers", "scheduler", "worker_memory")
 """Options of work that others do."""
 moved = partial(click.option, cls=options.Grouped, group="What moves")
@@ -230,20 +249,28 @@ def _named_amounts(flag: str, text: str) -> float | dict[str, float]:
 
 @click.command()
 @click.argument("folder", type=options.FILE, default=Path())
-def example(folder: Path) -> None:
+@click.option("--fighter", is_flag=True, help="Write the SDM fighter instead, and settings that turn all its surfaces.")
+def example(folder: Path, fighter: bool) -> None:
     """Write a half wing with a flap, to try the commands on.
 
-    The file is naca.su2, in FOLDER or here.
+    The file is naca.su2, or fighter.su2 and fighter.toml, in FOLDER or here.
     """
     from sdm_deflect.meshing.files import fresh
 
-    out = folder / "naca.su2"
-    if out.exists():
-        raise InputError(f"{out} is there already: delete it, or name another folder")
-    with fresh(out) as beside:
-        beside.write_bytes(lzma.decompress(files("sdm_deflect.cases").joinpath("naca.su2.xz").read_bytes()))
-    click.echo(f"wrote {out}, a half wing of 37,000 cells with a flap. Next:")
-    click.echo(f"sdm deflect {out} --surface flap --fixed wing --hinge 0.7,0.6,0 0.7,1.4,0 --angle 15 --motion blended")
+    names = ("fighter.su2", "fighter.toml") if fighter else ("naca.su2",)
+    for out in (folder / name for name in names):
+        if out.exists():
+            raise InputError(f"{out} is there already: delete it, or name another folder")
+    mesh, *settings = (folder / name for name in names)
+    for out in settings:
+        with fresh(out) as beside:
+            beside.write_bytes(files("sdm_deflect.cases").joinpath(out.name).read_bytes())
+    with fresh(mesh) as beside:
+        beside.write_bytes(lzma.decompress(files("sdm_deflect.cases").joinpath(f"{mesh.name}.xz").read_bytes()))
+    about, commands = EXAMPLES[mesh.name]
+    click.echo(f"wrote {', '.join(map(str, (mesh, *settings)))}: {about}. Next:")
+    for words in (*commands, *(f"--config {out}" for out in settings)):
+        click.echo(f"sdm deflect {mesh} {words}")
 
 
 @click.command(params=options.settings_options([BY_NAME["select"]]))

@@ -52,7 +52,8 @@ def answers(aileron_run, tmp_path_factory):
     commands = {
         "list": [], "run": ["aileron"], "geometry": ["--out", "a.step"], "validate": ["aileron"],
         "validate --json": ["aileron"], "report": ["aileron"], "export": ["aileron", "--format", "su2"],
-        "example": [], "quality": ["naca.su2"], "limit": ["aileron"], "apply": ["f.npz", "--angle", "5", "naca.su2"],
+        "example": [], "example --fighter": [], "quality": ["naca.su2"], "limit": ["aileron"],
+        "apply": ["f.npz", "--angle", "5", "naca.su2"],
         "deflect": ["naca.su2", *FLAP, "--angle", "5", "--range", "0:5", "--plan", "f.npz"],
         "gradient": ["s.npz", "--plan", "f.npz", "--at", "5"], "view": ["aileron", "--no-open"],
         "compare": ["aileron", "naca-deflected-report"], "doctor": [], "cache": [], "completion": ["bash"],
