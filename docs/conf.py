@@ -25,6 +25,7 @@ extensions = [
     "docstrings",
     "signatures",
     "accessible",
+    "fighter",
     "slides",
     "sphinx_copybutton",
 ]

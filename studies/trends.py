@@ -33,8 +33,9 @@ class Verdict:
 
     @property
     def line(self) -> str:
-        """A row of a Markdown table."""
-        return f"| {self.sentence} | {'holds' if self.holds else '**does not hold**'} | {self.here} |"
+        """A row of a Markdown table; numbers of iterations and centres stand in the table above it."""
+        measured = "see above" if self.here.startswith(("iterations:", "centres:")) else self.here
+        return f"| {self.sentence} | {'holds' if self.holds else '**does not hold**'} | {measured} |"
 
 
 @dataclass(frozen=True, slots=True)
