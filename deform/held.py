@@ -208,7 +208,7 @@ class HeldPlan:
         `points` (N, 3) are the case's undeflected ones, in its order; those of the plan's mesh if None. Raises
         InputError as `write_motion` does, or for a plan from a file without points.
         """
-        return write_motion(Path(case), self.everywhere if points is None else self.on(points))
+        return write_motion(Path(case), self.modes if points is None else self.on(points))
 
     @cached_property
     def by_place(self) -> tuple[PlacedFields, ...]:
@@ -236,7 +236,7 @@ class HeldPlan:
         return self.mesh.modes if self.mesh else self.on(points)
 
     @property
-    def everywhere(self) -> Modes:
+    def modes(self) -> Modes:
         """Modes at all nodes of the mesh, even if the plan holds a part of it; InputError for a plan from a file."""
         whole = self._on_mesh.plan.mesh.whole
         return self.on(whole.pieces.coordinates(0, whole.pieces.points)) if whole else self._on_mesh.modes

@@ -44,7 +44,7 @@ class Warp(om.ExplicitComponent):
         """Add an input for each surface, and the output."""
         plan, points, self._output = self.options["plan"], self.options["points"], self.options["output"]
         own = None if points is None else np.asarray(points, dtype=np.float64).reshape(-1, 3)
-        self._modes = plan.everywhere if own is None else plan.on(own)
+        self._modes = plan.modes if own is None else plan.on(own)
         self._names = [UNFIT.sub("_", control.name) for control in plan.controls]
         for name, control in zip(self._names, plan.controls, strict=True):
             self.add_input(name, 0.0, units="deg" if control.unit == "deg" else None, desc=control.name)

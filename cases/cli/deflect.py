@@ -226,11 +226,12 @@ def gradient(
     SENSITIVITY is a .csv of SU2, an .npz, a .cgns, or a pointVectorField of OpenFOAM, by all coordinates of the mesh:
     sdm gradient volume_sens.csv --plan wing-plan.npz --at flap=12,tab=-3
     """
-    from sdm_deflect.cases.run.gradient import gradient
+    from sdm_deflect.cases.run.gradient import amount_derivatives
 
     quiet = show["quiet"] or (as_json and not show["verbose"])
     with options.watched(quiet, show["verbose"]) as watch, watch.stage("gradient") as progress:
-        held, found, count = gradient(sensitivity, plan, _named_amounts("--at", at), mesh, zones, progress)
+        amounts = _named_amounts("--at", at)
+        held, found, count = amount_derivatives(sensitivity, plan, amounts, mesh, zones, progress)
     units = {one.name: one.unit for one in held.controls}
     lines = [f"d/d({name}) = {value:.10g} per {units[name]}" for name, value in found.items()]
     options.print_either(as_json, {"gradient": found, "units": units, "nodes": count}, *lines, f"from {count} nodes")

@@ -155,12 +155,12 @@ def points_of(mesh: Path) -> tuple[FloatArray, tuple[Zone, ...]]:
     return form.points(mesh)
 
 
-def deforming(mesh: Path, zones: Sequence[Zone], deforming: Sequence[str], further: Sequence[str]) -> Iterator[slice]:
+def deforming(mesh: Path, zones: Sequence[Zone], names: Sequence[str], further: Sequence[str]) -> Iterator[slice]:
     """Yield the points of the zones that deform; InputError for several zones and none of these."""
     if len(zones) < 2:
         yield slice(None)
         return
-    wanted = {*deforming, *further}
+    wanted = {*names, *further}
     own = [zone for zone in zones if "*" in wanted or wanted & {zone.name, *zone.blocks}]
     if not own:
         names = short_list(zone.name for zone in zones)

@@ -20,15 +20,15 @@ from sdm_deflect.meshing.formats.format import about
 
 from .apply import check_places, deforming, points_of
 
-NEAR = 1e-5
-"""Share of the mesh's size by which places in a table, written with six digits or more, may differ from the plan's."""
+NEAR = 1e-6
+"""Share of the mesh's size by which places in a table, of seven digits or more, may differ from the plan's."""
 COLUMN = re.compile(r"sensitivity[ _:-]?([xyz012])", re.IGNORECASE)
 """Titles of components: `Sensitivity_x` of SU2, `Sensitivity:0` of ParaView."""
 Piece = tuple[IntArray, FloatArray]
 """Nodes (M,), and rows of (M, 3) sensitivities, or of (M, 4 to 6) with the nodes' deflected places behind."""
 
 
-def gradient(
+def amount_derivatives(
     path: Path,
     plan: Path,
     amounts: Mapping[str, float] | float,
@@ -58,21 +58,23 @@ def gradient(
         raise InputError(f"{mesh} is not there: name the undeflected mesh of the plan in --mesh")
     check_places(held, plan, [mesh], zones, progress)
     points, own = points_of(mesh)
-    near, total, count = NEAR * float(np.ptp(points, axis=0).max()), np.zeros(len(pose)), 0
+    near, total, seen = NEAR * float(np.ptp(points, axis=0).max()), np.zeros(len(pose)), np.zeros(len(points), np.int32)
     deforms = np.zeros((len(pose), len(points)), dtype=np.bool_)
     for mask, placed in zip(deforms, held.by_place, strict=True):
         for some in deforming(mesh, own, placed.zones, zones):
             mask[some] = True
     for nodes, rows in pieces(path, len(points)):
+        np.add.at(seen, nodes, 1)
+        if seen.max() > 1:
+            raise InputError(f"{path}: node {np.argmax(seen)} has two rows; give each node once")
         modes = _among(held.on(points[nodes]), deforms[:, nodes])
         total += modes.vjp(pose, rows[:, :3])
         off = np.abs(rows[:, 3:] - modes.at(pose)[:, : rows.shape[1] - 3]).max(axis=1, initial=0.0)
         if (worst := off.max(initial=0.0)) > near:
             where = f"node {nodes[np.argmax(off)]} is {worst:g} from where the plan brings it"
             raise InputError(f"{path}: {where}: amounts, or the order of nodes, differ")
-        count += len(nodes)
-        progress(f"reading {path.name}", count / len(points))
-    return held, dict(zip((one.name for one in held.controls), total.tolist(), strict=True)), count
+        progress(f"reading {path.name}", seen.sum() / len(points))
+    return held, dict(zip((one.name for one in held.controls), total.tolist(), strict=True)), int(seen.sum())
 
 
 def _among(modes: Modes, deforms: BoolArray) -> Modes:
@@ -84,15 +86,13 @@ def _among(modes: Modes, deforms: BoolArray) -> Modes:
 
 def pieces(path: Path, count: int) -> Iterator[Piece]:
     """Yield what a file holds for a mesh of `count` nodes; InputError if it is not of such a mesh."""
-    kind = path.suffix.lower()
-    if kind == ".csv":
+    if path.suffix.lower() == ".csv":
         yield from _of_table(path, count)
         return
-    rows = (
-        read_arrays(path).get("sensitivity") if kind == ".npz" else (_of_cgns if kind == ".cgns" else _of_field)(path)
-    )
-    if rows is None or rows.shape != (count, 3) or not np.isfinite(rows).all():
-        raise InputError(f"{path}: must have an array sensitivity ({count}, 3) of finite numbers for this mesh")
+    reader = {".npz": _of_arrays, ".cgns": _of_cgns}.get(path.suffix.lower(), _of_field)
+    rows = reader(path)
+    if rows.shape != (count, 3) or rows.dtype.kind != "f" or not np.isfinite(rows).all():
+        raise InputError(f"{path}: must have sensitivities ({count}, 3) of finite real numbers for this mesh")
     for start in range(0, count, POINTS_AT_A_TIME):
         nodes = np.arange(start, min(start + POINTS_AT_A_TIME, count))
         yield nodes, rows[nodes]
@@ -127,6 +127,14 @@ def components_of(titles: Sequence[str]) -> list[int]:
     if [axis for axis, _ in found] not in ([0, 1], [0, 1, 2]):
         raise InputError("there must be Sensitivity_x, Sensitivity_y and in space Sensitivity_z, once each")
     return [i for _, i in found]
+
+
+def _of_arrays(path: Path) -> FloatArray:
+    """Return the array `sensitivity` of an .npz."""
+    arrays = read_arrays(path)
+    if "sensitivity" not in arrays:
+        raise InputError(f"{path}: has no array sensitivity, but {', '.join(arrays)}")
+    return arrays["sensitivity"]
 
 
 def _of_cgns(path: Path) -> FloatArray:

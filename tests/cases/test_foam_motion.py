@@ -57,7 +57,7 @@ def half_wing(tmp_path_factory):
     files = [path.read_bytes() for path in held.save_openfoam(folder / "case")]
     assert calls.sdm("export", folder / "flap.npz", "--format", "openfoam", "--out", folder / "case") == 0
     assert [path.read_bytes() for path in held.save_openfoam(folder / "case")] == files[:-1]  # but for dynamicMeshDict
-    return held.everywhere, folder / "case"
+    return held.modes, folder / "case"
 
 
 def prepared(case, folder, amounts, **control):

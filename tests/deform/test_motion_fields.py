@@ -81,7 +81,7 @@ def test_the_sum_of_fields_is_the_mesh(held, tmp_path):
 
 def test_powers_and_amounts_of_a_user(held, tmp_path):
     controls = tuple(replace(one, functions=Powers(2, 2.0)) for one in held.controls[:1])
-    modes = held.everywhere
+    modes = held.modes
     one = replace(modes, controls=controls, rows=modes.rows[:1], fields=modes.fields[:1])
     (tmp_path / "constant").mkdir()
     (tmp_path / "constant" / "dynamicMeshDict").write_text("my own\n")
@@ -96,7 +96,7 @@ def test_what_cannot_be_written_is_refused_and_leaves_nothing(held, tmp_path):
     (tmp_path / "constant").mkdir()
     twice = tuple(replace(one, name="a#b") for one in held.controls)
     with pytest.raises(InputError, match="two surfaces are called a_b in OpenFOAM"):
-        write_motion(tmp_path, replace(held.everywhere, controls=twice))
+        write_motion(tmp_path, replace(held.modes, controls=twice))
     single = plan(two_bodies(), "left", SLAT_AND_FLAP["left"]["hinge"], 4.0, fixed="right", box=AROUND_BOTH)
     with pytest.raises(InputError, match="the plan is of 4 alone; make one with a range"):
         single.save_openfoam(tmp_path, held.mesh.plan.mesh.points)
