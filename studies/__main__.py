@@ -1,4 +1,4 @@
-"""``python -m studies NAME``: the paper's tables and figures, the flow and the donors of the Chimera block."""
+"""``python -m studies NAME``: the paper's tables and figures, and the flow."""
 
 import csv
 from collections.abc import Callable
@@ -175,29 +175,6 @@ def case(mesh: Path, out: Path, mach: float, alpha: float, far_field: tuple[str,
     for sentence in write_flow(given, out, Setup(FreeStream(mach, alpha), tuple(hinges), kinds=kinds)):
         click.echo(f"{out}: {sentence}", err=True)
     click.echo(f"{out}")
-
-
-@study.command()
-@click.option("--case", type=options.CaseName(), default="aileron-chimera", help="The case.")
-@angles_option
-@options.set_option
-@measured
-def donors(case: str, angles: str | None, scale: str, assignments: tuple[str, ...], **given: Any) -> int:
-    """Count the nodes of a Chimera block, and of what surrounds it, that have no donor, over the angle."""
-    from sdm_deflect.cases.aircraft.registry import resolve
-    from sdm_deflect.cases.run.output import output_folder
-    from sdm_deflect.cases.settings.job_settings import angles_of
-    from studies.donors import ANGLES, donors_at, row_of, write_donors
-
-    resolved = resolve(case, scale, assignments=assignments)
-    out, cache, as_json, quiet, verbose = (given[name] for name in ("out", "cache", "as_json", "quiet", "verbose"))
-    folder = out or Path("runs") / f"donors-{resolved.name}"
-    with output_folder(folder, ()) as scratch, options.watched(quiet or (as_json and not verbose), verbose) as watch:
-        positions = donors_at(resolved, angles_of(angles) if angles else ANGLES, watch, cache)
-        text = write_donors(resolved, positions, scratch)
-    figures = {"case": resolved.name, "scale": scale, "folder": folder, "positions": [row_of(at) for at in positions]}
-    options.print_either(as_json, figures, f"{text}\nresults in {folder}")
-    return options.code_of(all(at.passed for at in positions))
 
 
 def _rows(path: Path) -> list[dict[str, Any]]:

@@ -162,7 +162,7 @@ def test_no_class_has_the_name_of_another():
 
 BUDGETS = {
     "cases": (928, 7),
-    "cases/aircraft": (2126, 13),
+    "cases/aircraft": (2097, 13),
     "cases/cli": (1486, 7),
     "cases/report": (2237, 11),
     "cases/run": (2457, 11),
@@ -182,7 +182,7 @@ BUDGETS = {
     "meshing/generate": (1566, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 9_149, 450
+MOST_COMPLEXITY, LONGEST = 9_146, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

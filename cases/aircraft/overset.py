@@ -1,7 +1,6 @@
 """A Chimera block over its background: the hole cut out of it, its cells there, and a donor for every node in need."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -28,53 +27,25 @@ CELLS_TO_BLOCK_FACE = 2.5
 """Cells of the background between the hole and the block's face in a gap: the hole's fringe lies there."""
 
 
-@dataclass(frozen=True, slots=True)
-class Donors:
-    """How many nodes of two overset meshes need a donor cell in the other, and how many find none.
+def orphans(block: Mesh, background: Mesh, low: FloatArray, high: FloatArray) -> Check:
+    """Check that every node that needs a donor cell in the other mesh finds one.
 
-    Attributes
-    ----------
-    faces, faces_without : nodes on the block's outer faces, which seek theirs in the background.
-    off : nodes of the background in the hole, which are switched off.
-    fringe, fringe_without : nodes of the background next to the hole, which seek theirs in the block.
-    """
-
-    faces: int
-    faces_without: int
-    off: int
-    fringe: int
-    fringe_without: int
-
-    @property
-    def orphans(self) -> int:
-        """Nodes without a donor."""
-        return self.faces_without + self.fringe_without
-
-
-def donors(block: Mesh, background: Mesh, low: FloatArray, high: FloatArray) -> Donors:
-    """Count the nodes that need and that find a donor between a (deflected) block and the background.
+    Nodes on the block's outer faces seek it in the background, nodes of the background next to the hole in the block.
 
     Parameters
     ----------
     low, high : (3,) corners of the hole, the box around the control surface that is cut out of the background.
-        It must lie well inside the block.
+        It must lie well inside the (deflected) block.
     """
     outer = block.on(BLOCK)
     off = np.flatnonzero(np.all((background.points > low) & (background.points < high), axis=1))
     fringe = np.setdiff1d(distinct(tets_of(background)[touching(background, off)]), off, assume_unique=True)
-    found = (has_donor(block.points[outer], background), has_donor(background.points[fringe], block))
-    without = [int(np.count_nonzero(~one)) for one in found]
-    return Donors(len(outer), without[0], len(off), len(fringe), without[1])
-
-
-def orphans(block: Mesh, background: Mesh, low: FloatArray, high: FloatArray) -> Check:
-    """Check that all nodes find their `donors`."""
-    found = donors(block, background, low, high)
+    found = np.concatenate([has_donor(block.points[outer], background), has_donor(background.points[fringe], block)])
     where = (
-        f"{found.faces} nodes of the block's faces in the background, {found.fringe} of the background around its "
-        f"hole of {found.off} nodes in the block"
+        f"{len(outer)} nodes of the block's faces in the background, {len(fringe)} of the background around its "
+        f"hole of {len(off)} nodes in the block"
     )
-    return Check("orphans", float(found.orphans), 0.0, "nodes", where)
+    return Check("orphans", float(np.count_nonzero(~found)), 0.0, "nodes", where)
 
 
 def hole(case: Case) -> tuple[FloatArray, FloatArray]:

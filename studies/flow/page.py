@@ -93,17 +93,10 @@ def _sections(results: Results, spent: str) -> Iterator[str]:
     own = surface_reference(study.case.fighter, study.surface)
     yield f"# The flow about the {study.case.name} case"
     yield (
-        f"Inviscid flow of Mach {stream.mach:g} at {stream.alpha:g} degrees, {stream.pressure:g} Pa and "
-        f"{stream.temperature:g} K, by rhoCentralFoam with local time steps and second order, on meshes of scale "
-        f"`{study.case.scale}`. Reference area {values.area:.4g} m2, chord {values.chord:.4g} m, span "
-        f"{values.span:.4g} m, moments about x = {values.point[0]:.4g} m; {study.surface}: {own.area:.3g} m2, "
-        f"{own.chord:.3g} m. "
-        f"{spent}"
-    )
-    yield (
-        "The first column of numbers is the coefficient on the undeflected mesh. *Increments* are what the deflection "
-        "adds to it. Drag and yawing moment, which decide nothing, are in the .json of a study. The swing is half the "
-        "range of the deflected value in the iterations that are averaged."
+        f"Mach {stream.mach:g} at {stream.alpha:g} degrees, {stream.pressure:g} Pa and {stream.temperature:g} K. "
+        f"Meshes of scale `{study.case.scale}`. Reference area {values.area:.4g} m2, chord {values.chord:.4g} m, span "
+        f"{values.span:.4g} m, moments about x = {values.point[0]:.4g} m. Of {study.surface}: "
+        f"{own.area:.3g} m2, {own.chord:.3g} m. {spent}"
     )
     yield "\n".join(_table(results))
     if study.fresh > 1 and len(study.angles) > 1:
@@ -168,15 +161,22 @@ def several(results: Results) -> Iterator[str]:
 
 def _table(results: Results) -> Iterator[str]:
     """Yield the lines of the table of increments; without a column of repaired meshes where there are none."""
-    heads = ["angle, deg", "", "undeflected value", "increment, deflected mesh", "increment, repaired mesh",
-             "increment, new meshes", "their scatter", "difference", "difference by increment", "agrees",
-             "swing of the value"]  # fmt: skip
+    heads = [
+        "deg",
+        "",
+        "undeflected",
+        "deflected",
+        "repaired",
+        "new meshes",
+        "scatter",
+        "difference",
+        "agrees",
+        "swing",
+    ]
     judged_alone = (one for one in results.increments if one.judged)
-    rows = [heads, ["---:", "---", *["---:"] * 7, "---", "---:"], *map(_cells, judged_alone)]
+    rows = [heads, ["---:", "---", *["---:"] * 6, "---", "---:"], *map(_cells, judged_alone)]
     if all(one.repaired is None for one in results.increments):
-        rows = [
-            [cell for head, cell in zip(heads, row, strict=True) if head != "increment, repaired mesh"] for row in rows
-        ]
+        rows = [[cell for head, cell in zip(heads, row, strict=True) if head != "repaired"] for row in rows]
     for row in rows:
         yield "| " + " | ".join(row) + " |"
 
@@ -191,15 +191,13 @@ def _cells(one: Increment) -> list[str]:
     if scatter and len(one.fresh) == 1:  # one has none of its own
         scatter = f"({scatter})"
     middle = [number(one.base), number(one.deflected), number(one.repaired), number(one.expected), scatter]
-    return [f"{one.angle:+g}", one.name, *middle, number(one.difference), share, agrees, number(one.amplitude)]
+    return [f"{one.angle:+g}", one.name, *middle, share, agrees, number(one.amplitude)]
 
 
 def _convergence(results: Results) -> str:
     left = [one for one in results.increments if one.judged and not one.converged]
     what = (
-        f"Values are averages over the last {WINDOW} iterations, since the flow behind the blunt base stays unsteady. "
-        f"Over the last {LAST} iterations these averages change by less than {CONVERGED:.1%} of the "
-        "increment"
+        f"Over the last {LAST} iterations averages over {WINDOW} change by less than {CONVERGED:.1%} of the increment"
     )
     if not left:
         return what + " of each coefficient that decides."

@@ -14,7 +14,6 @@ from sdm_deflect.cases.aircraft.run_folder import FinishedCase, undeflected_mode
 from sdm_deflect.geometry.parameters import Aileron, Fighter
 from sdm_deflect.meshing.formats.vtu import write_vtu
 from sdm_deflect.meshing.mesh import tets_of
-from studies.__main__ import study
 from tests.cases.sdm.deflected_cad import built
 from tests.labelled import changed
 
@@ -62,16 +61,6 @@ def test_a_hole_larger_than_the_block_leaves_orphans(chimera_run):
     run, _ = chimera_run
     low, high = run.mesh.points.min(axis=0) - 0.02, run.mesh.points.max(axis=0) + 0.02
     assert orphans(run.deflected, run.background, low, high).value > 0
-
-
-def test_every_node_in_need_has_a_donor_at_each_angle(chimera_run, tmp_path, capsys):
-    out = tmp_path / "donors"
-    assert study(["donors", "--angles", "-30,0,20", "--out", str(out), "--json"], standalone_mode=False) == 0
-    found = json.loads(capsys.readouterr().out)["positions"]
-    assert [one["angle"] for one in found] == [-30.0, 0.0, 20.0]
-    assert {one["faces_without"] + one["fringe_without"] for one in found} == {0}
-    assert all(one["faces"] > 1000 and one["fringe"] > 500 for one in found)
-    assert "find none" in (out / "donors-aileron-chimera.md").read_text()
 
 
 def test_donors_are_found_inside_and_nowhere_else(chimera_run):
