@@ -21,7 +21,7 @@ from sdm_deflect.meshing.formats.format import about
 from .apply import check_places, deforming, points_of
 
 NEAR = 1e-6
-"""Share of the mesh's size by which places in a table, of seven digits or more, may differ from the plan's."""
+"""Largest distance of a table's places from the plan's, by the mesh's size: tables have seven digits or more."""
 COLUMN = re.compile(r"sensitivity[ _:-]?([xyz012])", re.IGNORECASE)
 """Titles of components: `Sensitivity_x` of SU2, `Sensitivity:0` of ParaView."""
 Piece = tuple[IntArray, FloatArray]

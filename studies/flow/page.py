@@ -161,18 +161,8 @@ def several(results: Results) -> Iterator[str]:
 
 def _table(results: Results) -> Iterator[str]:
     """Yield the lines of the table of increments; without a column of repaired meshes where there are none."""
-    heads = [
-        "deg",
-        "",
-        "undeflected",
-        "deflected",
-        "repaired",
-        "new meshes",
-        "scatter",
-        "difference",
-        "agrees",
-        "swing",
-    ]
+    heads = ["deg", "", "undeflected", "deflected", "repaired", "new meshes", "scatter", "difference", "agrees",
+             "swing"]  # fmt: skip
     judged_alone = (one for one in results.increments if one.judged)
     rows = [heads, ["---:", "---", *["---:"] * 6, "---", "---:"], *map(_cells, judged_alone)]
     if all(one.repaired is None for one in results.increments):
