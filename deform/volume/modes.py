@@ -283,8 +283,8 @@ class Modes:
 
     def vjp(self, amounts: Amounts, gradient: FloatArray) -> FloatArray:
         """Return the derivative (n,) by the amounts of a function whose gradient by the coordinates is (N, 3)."""
-        pairs = zip(self._own, self._rates(amounts), strict=True)
-        return np.array([rates @ np.einsum("kmi,mi->k", fields, gradient[rows]) for (rows, fields), rates in pairs])
+        pairs = zip(self._own, self._rates(amounts), strict=True)  # sums in jvp's order: BLAS rounds by processor
+        return np.array([sum(rates * np.einsum("kmi,mi->k", own, gradient[rows])) for (rows, own), rates in pairs])
 
     @property
     def _own(self) -> list[tuple[IntArray, FloatArray]]:
