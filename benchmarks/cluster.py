@@ -23,7 +23,7 @@ import numpy as np
 
 from benchmarks.large_block import write_block
 from benchmarks.measure import side_by_side
-from sdm_deflect.cases.run.cluster import Wanted, workers
+from sdm_deflect.cases.run.cluster import workers
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
@@ -60,7 +60,7 @@ def sums(count: int, centers: int, rounds: int) -> None:
     interpolant = Interpolant(ThinPlateSpline(), rng.random((centers, 3)), beta, np.zeros((4, 3)))
     points, here = rng.random((count, 3)), Path.cwd()
     with ExitStack() as stack:
-        one, two = (stack.enter_context(workers(Wanted(number), Stopwatch(), here, here)) for number in (1, 2))
+        one, two = (stack.enter_context(workers(Stopwatch(), here, here, count=number)) for number in (1, 2))
         for runner in (one, two):
             same = np.array_equal(evaluated(interpolant, points[:WARM], runner), interpolant(points[:WARM]))
             print(f"same bits as without workers: {same}")

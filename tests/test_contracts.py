@@ -163,9 +163,9 @@ def test_no_class_has_the_name_of_another():
 BUDGETS = {
     "cases": (928, 7),
     "cases/aircraft": (2097, 13),
-    "cases/cli": (1486, 7),
+    "cases/cli": (1482, 7),
     "cases/report": (2237, 11),
-    "cases/run": (2457, 11),
+    "cases/run": (2374, 11),
     "cases/settings": (1299, 6),
     "deform": (1196, 7),
     "deform/around": (621, 6),
@@ -175,14 +175,14 @@ BUDGETS = {
     "deform/rbf": (1616, 9),
     "deform/repair": (1575, 6),
     "deform/surface": (2019, 11),
-    "deform/volume": (3191, 12),
+    "deform/volume": (3190, 12),
     "geometry": (2120, 13),
     "meshing": (573, 5),
     "meshing/formats": (9025, 37),
     "meshing/generate": (1566, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 9_146, 450
+MOST_COMPLEXITY, LONGEST = 9_132, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

@@ -1,7 +1,7 @@
 """Commands on any mesh file: example, quality, deflect, limit, apply, gradient."""
 
 import lzma
-from collections.abc import Sequence
+from collections.abc import Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, replace
 from functools import partial
@@ -51,7 +51,6 @@ EXAMPLES = {
     ),
 }
 """What each mesh of `sdm example` is, and how to deflect it."""
-HELPERS = ("workers", "scheduler", "worker_memory")
 """Options of work that others do."""
 moved = partial(click.option, cls=options.Grouped, group="What moves")
 
@@ -77,11 +76,9 @@ moved = partial(click.option, cls=options.Grouped, group="What moves")
 @options.output_option("--dry-run", is_flag=True, help="Print what would be done, and write nothing.")
 @options.json_option
 @options.progress_options
-@options.cluster_option("--workers", type=int, metavar="N", help="Number of Dask processes that do the work.")
-@options.cluster_option(
-    "--scheduler", metavar="ADDRESS|FILE", help="Dask scheduler whose workers do the work: tcp://HOST:PORT."
-)
-@options.cluster_option("--worker-memory", metavar="SIZE", help="Memory of each of the --workers, such as 2GB.")
+@options.cluster_option("--workers", "count", type=click.IntRange(0), default=0, metavar="N", help="Dask processes.")
+@options.cluster_option("--scheduler", default="", metavar="ADDRESS|FILE", help="Dask scheduler: tcp://HOST:PORT.")
+@options.cluster_option("--worker-memory", "memory", default="", metavar="SIZE", help="Of each process, such as 2GB.")
 @click.option("--config", type=options.FILE, help="Settings in a TOML file; several surfaces as [[surface]].")
 @options.set_option
 def deflect(
@@ -102,7 +99,7 @@ def deflect(
     from sdm_deflect.cases.run.mesh_files import Targets
 
     as_json, quiet, verbose = (given.pop(name) for name in ("as_json", "quiet", "verbose"))
-    angles, helpers = given.pop("angles"), [given.pop(name) for name in HELPERS]
+    angles, helpers = given.pop("angles"), {name: given.pop(name) for name in ("count", "scheduler", "memory")}
     settings, inputs = _settings(given)
     from sdm_deflect.cases.settings.jobs import jobs_of, swept
     from sdm_deflect.deform.volume.job import pose_of, poses_of
@@ -334,15 +331,14 @@ def _search_of_mesh(name: str, watch: "Stopwatch", given: dict[str, Any]) -> Fou
     return search, asked.mode, targets.limits, figures
 
 
-def _runner(helpers: Sequence[Any], *where: Any) -> AbstractContextManager["Runner"]:
-    """Return the workers that are asked for, or the threads of this process."""
+def _runner(helpers: Mapping[str, Any], *where: Any) -> AbstractContextManager["Runner"]:
     from sdm_deflect.deform.base.threads import HERE
 
-    if not any(helper is not None for helper in helpers):
+    if not any(helpers.values()):
         return nullcontext(HERE)
-    from sdm_deflect.cases.run.cluster import Wanted, workers
+    from sdm_deflect.cases.run.cluster import workers
 
-    return workers(Wanted(*helpers), *where)
+    return workers(*where, **helpers)
 
 
 def _show_plan(wanted: "Targets", plan: "Plan", as_json: bool) -> int:

@@ -127,7 +127,6 @@ class PrescribedNodes:
 
         Raises InputError if two surfaces move a shared node differently, if a node shared with a fixed patch moves, or
         if one shared with a sliding patch leaves its shape.
-        shared with a sliding patch leaves its shape.
         """
         if amounts in self.known:
             return self.known[amounts]

@@ -15,7 +15,7 @@ from sdm_deflect.cases.settings.job_settings import (
     settings_of,
     with_options,
 )
-from sdm_deflect.cases.settings.jobs import jobs_of
+from sdm_deflect.cases.settings.jobs import jobs_of, swept
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.box.automatic import Automatic
 from sdm_deflect.deform.box.hexahedron import box
@@ -66,6 +66,40 @@ def test_options_replace_what_a_configuration_says(two):
     assert (job.fitting.max_centers, job.box) == (700, Automatic(0.5))
     only = jobs_of(job_settings(with_options(two, {"patches": ("flap",), "hinge": HINGE, "angle": 0.0})))[0]
     assert [one.patches for one in only.surfaces] == [("flap",)]
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_mirrored_surface_moves_as_a_mirror_image_by_the_same_angle(sign):
+    flap = {"patches": ["left"], "hinge": [[0.1, 0.2, 0.0], [0.3, 1.0, 0.2]], "angle": 7.0, "range": [-5.0, 9.0]}
+    jobs = jobs_of(job_settings({"surface": [{**flap, "mirror": ["right"], "sign": sign}]}))
+    (one,), (other,) = (job.surfaces for job in jobs)
+    assert (other.patches, other.amount, other.range) == (
+        ("right",),
+        7.0 * sign,
+        tuple(sorted((-5.0 * sign, 9.0 * sign))),
+    )
+    points, flip = np.random.default_rng(3).normal(size=(9, 3)), np.array([1.0, -1.0, 1.0])
+    moved = one.motion.axis.displacement(points, one.amount)
+    np.testing.assert_allclose(
+        other.motion.axis.displacement(points * flip, sign * other.amount), moved * flip, atol=1e-15
+    )
+
+
+@pytest.mark.parametrize("hinge", [HINGE, HINGE[::-1], [[0.0, 0.0, 0.0], [0.3, 0.2, 1.0]]])
+@pytest.mark.parametrize(("word", "sign"), [("down", -1.0), ("up", 1.0)])
+def test_down_and_up_are_those_of_the_trailing_edge_whatever_the_hinge(hinge, word, sign):
+    row = 2 if hinge[0][2] == hinge[1][2] else 1
+    surface = {"patches": ["flap"], "hinge": hinge, word: 5.0, "vertical": "xyz"[row]}
+    (moving,) = jobs_of(job_settings({"surface": [surface]}))[0].surfaces
+    aft = moving.motion.axis.point + np.array([[1.0, 0.0, 0.0]])
+    assert sign * moving.motion.axis.displacement(aft, moving.amount)[0, row] > 0.05
+    assert abs(moving.amount) == 5.0
+
+
+def test_a_table_of_amounts_has_a_column_for_each_surface_in_any_order(tmp_path):
+    (tmp_path / "rows.csv").write_text("third,first,second\n3,1,2\n30,10,20\n")
+    rows = [{"patches": [name], "hinge": HINGE} for name in ("first", "second", "third")]
+    assert swept(job_settings({"surface": rows}), tmp_path / "rows.csv")[1] == ((1.0, 2.0, 3.0), (10.0, 20.0, 30.0))
 
 
 def test_toml_repeats_the_settings(two):

@@ -28,6 +28,7 @@ from sdm_deflect.geometry.parameters import (
     VentralFin,
     Wing,
 )
+from sdm_deflect.geometry.polyhedra import ventral_polyhedron
 from sdm_deflect.geometry.quantity import CadError
 
 SIDED = ("fuselage_panel", "strake", "wing", "aileron", "tail", "ventral")
@@ -47,6 +48,15 @@ def wedge_volume(sections):
     areas = [0.5 * np.linalg.norm(np.cross(s[TE] - s[HINGE_UPPER], s[HINGE_LOWER] - s[HINGE_UPPER])) for s in sections]
     height = abs(sections[1][TE, 1] - sections[0][TE, 1])
     return height * (sum(areas) + np.sqrt(np.prod(areas))) / 3.0
+
+
+@pytest.mark.parametrize("cant", [0.0, 25.0, 40.0])
+def test_a_ventral_fin_is_a_plate_of_its_thickness_at_its_cant(cant):
+    fighter = Fighter(ventral=VentralFin(cant=cant))
+    right, left, *_ = ventral_polyhedron(fighter.ventral, fighter.fuselage)
+    normal = np.array([0.0, np.cos(np.radians(cant)), np.sin(np.radians(cant))])
+    half = 0.5 * fighter.ventral.thickness
+    np.testing.assert_allclose([right @ normal, left @ normal], [np.full(4, half), np.full(4, -half)], atol=1e-15)
 
 
 @pytest.mark.parametrize("name", ["plain_model", "gapped_model", "rigid_model", "blended_model"])

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 from scipy.spatial.distance import cdist
 
-from sdm_deflect.deform.box.face_sites import polygon_sites
+from sdm_deflect.deform.box.face_sites import border_sites, inner_sites, polygon_sites
 from sdm_deflect.deform.box.hexahedron import FACES, Hexahedron, box
 
 UNIT = box(np.zeros(3), np.ones(3))
@@ -82,6 +82,17 @@ def test_skipped_faces_have_no_sites_of_their_own():
     assert ((only_edges[:, [0, 2]] == 0.0) | (only_edges[:, [0, 2]] == 1.0)).any(axis=1).all()
     assert len(UNIT.sites_on("y-", 0.25)) == 25
     assert not len(UNIT.face_sites(0.25, skip=frozenset(FACES)))
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 2**32 - 1))
+def test_inner_sites_keep_half_the_spacing_from_the_edges(seed):
+    hexahedron = _sheared(seed)
+    for name in FACES:
+        polygon = hexahedron.face(name)
+        spacing = 0.15 * float(np.linalg.norm(polygon[1] - polygon[0]))
+        inner, border = inner_sites(polygon, spacing), border_sites(polygon, 0.1 * spacing)
+        assert not len(inner) or cdist(inner, border).min() > 0.49 * spacing
 
 
 def test_section_of_a_box():

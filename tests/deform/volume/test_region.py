@@ -15,12 +15,13 @@ from sdm_deflect.deform.checks import checks_of, left_behind
 from sdm_deflect.deform.mesh.cells import Cells, Patch, Zone
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.surface.motions import Rotation
+from sdm_deflect.deform.volume.boundary import PrescribedNodes
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.job import Section
 from sdm_deflect.deform.volume.plan import Plan
-from sdm_deflect.deform.volume.region import check_disjoint, shared_depth
+from sdm_deflect.deform.volume.region import check_disjoint, confining_box, shared_depth
 from tests.deform.blocks import block_with_body, joined
-from tests.deform.jobs import FLAP, job, turn
+from tests.deform.jobs import FLAP, Y_AXIS, job, turn
 
 LOW, HIGH = np.zeros(3), np.ones(3)
 BEYOND = (
@@ -66,6 +67,14 @@ def test_boxes_that_overlap_are_named_with_their_depth():
     far = [*named(np.array([2.0, 0.0, 0.0])), ("tail", box(LOW + beside, HIGH + beside))]
     with pytest.raises(InputError, match=r"the boxes of rudder and tail overlap by 0\.1"):
         check_disjoint(far)
+
+
+def test_an_automatic_box_holds_the_motion_on_its_way(block):
+    made = job(("body",), angle=90.0, box=Automatic(0.01))
+    law, points = Rotation.about(*Y_AXIS), block.points[block.on("body")]
+    hexahedron = confining_box(PrescribedNodes.of(block, made), [(90.0,)])[1].hexahedron
+    for angle in (0.0, 22.5, 45.0, 67.5, 90.0):
+        assert hexahedron.contains(points + law.axis.displacement(points, angle), 1e-9).all()
 
 
 def test_a_surface_that_leaves_the_box(block):

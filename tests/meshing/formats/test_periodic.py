@@ -185,9 +185,14 @@ def test_cgns_images_are_found_by_the_motion_where_the_file_lists_none(files, gi
     Cgns().write(mesh, out)
     with h5py.File(out, "r+") as file:
         zone = file["Base/Zone"]
+        zone["GridCoordinates/CoordinateY/ data"][:] += 0.4
         group = zone["ZoneGridConnectivity"]
         for node, side in ((group["Periodic 1 to"], "left"), (group["Periodic 1 from"], "right")):
-            angle = node["GridConnectivityProperty/Periodic/RotationAngle/ data"]
+            angle, centre = (
+                node[f"GridConnectivityProperty/Periodic/{vector}/ data"]
+                for vector in ("RotationAngle", "RotationCenter")
+            )
+            centre[1] = 0.4
             angle[0] = np.sign(angle[0]) * READINGS[reading] * DEGREES
             del node["PointListDonor"]
             if given == "wrong donors":

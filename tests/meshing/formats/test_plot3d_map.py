@@ -96,6 +96,15 @@ def test_interfaces_that_are_periodic_or_patched(tmp_path):
     assert not {"block1/imax", "block2/imin"} & set(mesh.names)
 
 
+def test_an_interface_between_far_sides_joins_nothing(tmp_path):
+    left, right = cut(box((5, 4, 3)), 0, 2)
+    source = written(tmp_path / "a.p3d", [left, right])
+    (tmp_path / "a.nmf").write_text(head([left, right]) + "one_to_one 1 3 1 4 1 3 2 4 1 4 1 3 FALSE\n")
+    mesh = read(source)
+    assert len(mesh.points) == 60
+    assert {"block1/imin", "block2/imax"} <= set(mesh.names)
+
+
 def test_faces_that_the_map_calls_collapsed_are_no_patches(tmp_path):
     path = written(tmp_path / "a.p3d", [box()])
     (tmp_path / "a.nmf").write_text(head([box()]) + "pole_dir2 1 5 1 3 1 5\n")
