@@ -224,8 +224,8 @@ def _staying(box: BoxPlan, still: BoolArray, near: float) -> Iterator[tuple[str,
     for zone in mesh.zones:
         own = rows[(rows >= zone.start) & (rows < zone.stop)]
         yield f"zone {zone.name!r}", mesh.points[own]
-    if mesh.whole and len(region.zones) < len(mesh.zones):
-        pieces, known = mesh.whole.pieces, mesh.whole.nodes
+    if (whole := mesh.whole) and len(region.zones) < len(mesh.zones):
+        pieces, known = whole.pieces, whole.nodes
         for start in range(0, pieces.points, threads.LIMITS.points):
             stop = min(start + threads.LIMITS.points, pieces.points)
             rest = np.setdiff1d(np.arange(start, stop), known, assume_unique=True)
@@ -329,7 +329,7 @@ def with_surface(checks: Iterable[Check], box: BoxPlan, plan: Plan) -> list[Chec
 def first_inverted(deflection: Deflection) -> str:
     """Describe the first newly inverted cell: number, patches, and whether the repair could move it."""
     plan, mesh, row = deflection.plan, deflection.plan.mesh, 0
-    numbers = mesh.whole.rows if mesh.whole else tuple(np.arange(len(block)) for block in mesh.cells)
+    numbers = whole.rows if (whole := mesh.whole) else tuple(np.arange(len(block)) for block in mesh.cells)
     for i, (block, rows, sign) in enumerate(zip(mesh.cells, plan.touched.rows, plan.touched.orientation, strict=True)):
         bad = inverted_of(deflection.points, block, rows, sign) & ~inverted_of(mesh.points, block, rows, sign)
         if bad.any():

@@ -165,13 +165,13 @@ BUDGETS = {
     "cases/aircraft": (2097, 13),
     "cases/cli": (1482, 7),
     "cases/report": (2237, 11),
-    "cases/run": (2374, 11),
+    "cases/run": (2366, 11),
     "cases/settings": (1299, 6),
     "deform": (1196, 7),
     "deform/around": (621, 6),
     "deform/box": (498, 4),
     "deform/base": (898, 9),
-    "deform/mesh": (4701, 20),
+    "deform/mesh": (4705, 20),
     "deform/rbf": (1616, 9),
     "deform/repair": (1575, 6),
     "deform/surface": (2019, 11),
@@ -182,7 +182,7 @@ BUDGETS = {
     "meshing/generate": (1566, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 9_132, 450
+MOST_COMPLEXITY, LONGEST = 9_134, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

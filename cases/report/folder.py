@@ -321,7 +321,7 @@ def _nodes(nodes: NodeSet, surface: Surface) -> list[str] | list[int]:
 
 def is_small(mesh: Mesh) -> bool:
     """True if the whole mesh is written."""
-    return mesh.whole is None and sum(mesh.cell_counts) <= threads.LIMITS.shown
+    return not mesh.is_part and sum(mesh.cell_counts) <= threads.LIMITS.shown
 
 
 def write_arrays(folder: Path, deflection: Deflection, whole: bool) -> None:

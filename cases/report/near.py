@@ -19,7 +19,7 @@ def with_near_cells(mesh: Mesh, touched: Sequence[TouchedCells], boxes: Sequence
 
     Of an excerpt no others are left: the rest of its cells are there for their centres, and may lack faces.
     """
-    sides = [np.zeros(len(mesh.points), dtype=np.uint8) for _ in boxes] if mesh.whole is None else []
+    sides = [np.zeros(len(mesh.points), dtype=np.uint8) for _ in boxes] if not mesh.is_part else []
     for bits, (low, high) in zip(sides, boxes, strict=False):
         for axis, places in enumerate(mesh.points.T):
             bits |= (places > low[axis]).astype(np.uint8) << axis

@@ -90,28 +90,20 @@ def needed(wanted: Targets, jobs: Sequence[Job], progress: Progress, runner: Run
 
     Raises InputError if others than this process are to work on it and it cannot.
     """
-    if not runner.shares_memory:
-        return _by_workers(wanted, jobs, progress, runner)
-    if wanted.is_copy and size_of(wanted.source) >= threads.LIMITS.file:
-        with in_pieces(wanted.source, progress) as large:
-            if large:
+    source, sent = wanted.source, not runner.shares_memory
+    if sent and not format_of(source).for_workers:
+        raise InputError(f"{source}: workers need {_sent()}; leave out --workers and --scheduler, or convert it")
+    if sent and not wanted.is_copy:
+        raise InputError(f"{wanted.out}: workers write copies of {source.name} alone, and no sensitivity")
+    if wanted.is_copy and (sent or size_of(source) >= threads.LIMITS.file):
+        with in_pieces(source, progress) as mesh:
+            if mesh:
                 from sdm_deflect.deform.volume.excerpt import excerpt
 
-                return excerpt(large, jobs, wanted.poses, runner, progress)
-    return read(wanted.source, progress)
-
-
-def _by_workers(wanted: Targets, jobs: Sequence[Job], progress: Progress, runner: Runner) -> Mesh:
-    if not format_of(wanted.source).for_workers:
-        raise InputError(f"{wanted.source}: workers need {_sent()}; leave out --workers and --scheduler, or convert it")
-    with in_pieces(wanted.source, progress) as mesh:
-        if not wanted.is_copy:
-            raise InputError(f"{wanted.out}: workers write copies of {wanted.source.name} alone, and no sensitivity")
-        if mesh:
-            from sdm_deflect.deform.volume.excerpt import excerpt
-
-            return excerpt(mesh, jobs, wanted.poses, runner, progress)
-    raise InputError(f"{wanted.source}: workers need {_sent()}, and this file is something else")
+                return excerpt(mesh, jobs, wanted.poses, runner, progress)
+    if sent:
+        raise InputError(f"{source}: workers need {_sent()}, and this file is something else")
+    return read(source, progress)
 
 
 def _sent() -> str:

@@ -252,9 +252,9 @@ def write_mesh(
     if source and not mesh.files:
         raise ValueError(f"{source}: nobody knows the state in which this mesh was read; read it by registry.read")
     form = format_of(out)
-    if mesh.whole:
+    if whole := mesh.whole:
         moved_rows = np.flatnonzero((points != mesh.points).any(axis=1))
-        mesh.whole.pieces.rewrite(mesh.whole.nodes[moved_rows], points[moved_rows], out, progress, runner)
+        whole.pieces.rewrite(whole.nodes[moved_rows], points[moved_rows], out, progress, runner)
         check_unchanged(mesh.files)
         return ()
     if source and format_of(source) is form:
@@ -338,13 +338,13 @@ def difference(mesh: Mesh, points: FloatArray, path: Path) -> str:
 
 
 def _stored(mesh: Mesh, path: Path) -> FloatArray:
-    form, source = format_of(path), Path(mesh.source)
-    if not mesh.whole:
+    form, source, whole = format_of(path), Path(mesh.source), mesh.whole
+    if not whole:
         return form.read_copy(path, source).points
     points = form.points_of_copy(path, source)
     if points is not None:
-        return points[mesh.whole.nodes] if len(points) == mesh.point_count else points
+        return points[whole.nodes] if len(points) == mesh.point_count else points
     with in_pieces(path) as back:
-        if back is None or back.pieces.blocks != mesh.whole.pieces.blocks or back.pieces.points != mesh.point_count:
+        if back is None or back.pieces.blocks != whole.pieces.blocks or back.pieces.points != mesh.point_count:
             raise MeshFileError("it has other points or cells")
-        return gathered(back.pieces, mesh.whole.nodes)
+        return gathered(back.pieces, whole.nodes)

@@ -128,6 +128,11 @@ class Mesh:
         return indices
 
     @property
+    def is_part(self) -> bool:
+        """True if the file has cells that are not in memory."""
+        return self.whole is not None
+
+    @property
     def point_count(self) -> int:
         """Number of points; an excerpt counts those of the whole mesh."""
         return self.whole.pieces.points if self.whole else len(self.points)
@@ -135,9 +140,8 @@ class Mesh:
     @property
     def cell_counts(self) -> tuple[int, ...]:
         """Number of cells of each block; an excerpt counts those of the whole mesh."""
-        if self.whole:
-            return tuple(count for _, count in self.whole.pieces.blocks)
-        return tuple(len(block) for block in self.cells)
+        blocks = self.whole.pieces.blocks if self.whole else ()
+        return tuple(count for _, count in blocks) or tuple(map(len, self.cells))
 
     def numbers(self, nodes: IntArray) -> IntArray:
         """Return the indices in the file of nodes (K,)."""

@@ -132,7 +132,7 @@ class Couples:
         """Find the faces of a block of cells in the periodic pairs of a mesh; pairs of an excerpt may be incomplete."""
         parts = [(np.empty((0, 2), dtype=np.intp), np.empty((0, 3, 3)), np.empty((0, 3)))]
         inner = len(cells.neighbour)
-        if mesh.periodic and mesh.whole is None:
+        if mesh.periodic and not mesh.is_part:
             coupled = [pair for pair in mesh.periodic if len(pair.nodes) and not pair.thin]
             parts += [_coupled(pair, cells.faces.rows(inner, len(cells.faces)), mesh) for pair in coupled]
         pairs, rotations, shifts = (np.concatenate(part) for part in zip(*parts, strict=True))

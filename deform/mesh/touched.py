@@ -140,8 +140,8 @@ class TouchedCells:
         moved[inside] = True
         rows = tuple(touching(block, moved) for block in mesh.cells)
         places = mesh.points if places is None else places
-        if mesh.whole:
-            return cls(mesh, rows, mesh.whole.orientation, mesh.whole.inverted, places)
+        if whole := mesh.whole:
+            return cls(mesh, rows, whole.orientation, whole.inverted, places)
         orientations = [oriented(mesh.points, block) for block in mesh.cells]
         signs, counts = zip(*orientations, strict=True) if orientations else ((), ())
         return cls(mesh, rows, signs, counts, places)

@@ -294,7 +294,6 @@ def _numbered(mesh: MeshInPieces, points: FloatArray, cells: tuple[Volume, ...],
 
 def _task(mesh: MeshInPieces, border: Mesh, own: Mesh, jobs: Sequence[Job], poses: Sequence[Amounts]) -> ScanTask:
     """Return the task for jobs at some poses of all surfaces; `own` is the border `prepared` for them."""
-    assert border.whole is not None
     boxes: list[tuple[Hexahedron, IntArray]] = []
     moving, halfway = [np.empty(0, dtype=np.intp)], None
     for job, amounts in zip(jobs, poses_of(jobs, poses or [pose_of(jobs)]), strict=True):
@@ -311,7 +310,8 @@ def _task(mesh: MeshInPieces, border: Mesh, own: Mesh, jobs: Sequence[Job], pose
         halfway = boundary.thin.halfway if boundary.thin else None
     keys, sign = node_keys(len(border.points)), (1.0,) * len(mesh.pieces.blocks)
     faces = distinct(np.concatenate([np.empty(0, np.uint64), *(patch_keys(patch, keys) for patch in border.patches)]))
-    return ScanTask(mesh.pieces, tuple(boxes), union(*moving), border.whole.nodes, keys, faces, sign, halfway)
+    nodes = border.numbers(np.arange(len(border.points)))
+    return ScanTask(mesh.pieces, tuple(boxes), union(*moving), nodes, keys, faces, sign, halfway)
 
 
 def _in_memory(task: ScanTask) -> ScanTask:

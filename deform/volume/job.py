@@ -204,7 +204,7 @@ def prepared(mesh: Mesh, jobs: Sequence[Job]) -> tuple[Mesh, tuple[Job, ...]]:
         from sdm_deflect.deform.mesh.thin import with_sides
 
         mesh = with_sides(mesh, planes)
-    return mesh if mesh.whole else _of_one_hand(mesh), jobs
+    return mesh if mesh.is_part else _of_one_hand(mesh), jobs
 
 
 def _with_devices(mesh: Mesh, jobs: Sequence[Job]) -> tuple[Job, ...]:
