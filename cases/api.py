@@ -286,7 +286,6 @@ class Result:
 
 
 def _with_settings(function: F) -> F:
-    """Put what every setting means into a docstring."""
     settings = (
         setting for name, setting in BY_NAME.items() if name not in IN_PYTHON and name not in ("hinge", "angle")
     )
@@ -422,7 +421,6 @@ def sweep(
 
 
 def _run(mesh: Any, jobs: Sequence[Job], poses: Sequence[Amounts], progress: Progress) -> tuple[Result, ...]:
-    """Plan jobs for all poses and bring the mesh to each; results in the order of the poses."""
     if not callable(progress):
         raise InputError(f"progress = {shortened(progress)} must be a function of a text and a fraction")
     progress = of_notebook() if progress is silent else progress
@@ -442,7 +440,6 @@ def _planned(mesh: Any, jobs: Sequence[Job], poses: Sequence[Amounts], progress:
 
 
 def _table(title: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table as HTML; nothing without rows."""
     lines = [f"<tr><th>{'</th><th>'.join(head)}</th></tr>"] if rows else []
     lines += [f"<tr><td>{'</td><td>'.join(map(escape, row))}</td></tr>" for row in rows]
     return f"<table><caption>{escape(title)}</caption>{''.join(lines)}</table>" if rows else ""

@@ -214,7 +214,9 @@ def _verdict(runs: Sequence[ComparedRun]) -> Iterator[Row]:
 
 def _time(runs: Sequence[ComparedRun]) -> Iterator[Row]:
     figures = [run.data.figures for run in runs]
-    deformation = [sum(one["seconds"] for one in _blocks(own).values() if _is(one.get("seconds"))) for own in figures]
+    deformation = [
+        sum(one["seconds"] for one in _blocks(own).values() if _is_number(one.get("seconds"))) for own in figures
+    ]
     yield Row("deflection", tuple(deformation), "s", ".2f")
     yield Row("all stages", _of(figures, "total_seconds"), "s", ".1f")
 
@@ -236,12 +238,15 @@ def _blocks(figures: Json) -> dict[str, Json]:
 
 def _of(figures: Sequence[Json], *path: str) -> tuple[Value, ...]:
     """Return what stands at a place in the figures of each run; None where nothing does."""
-    return tuple(found if _is(found := _at(one, *path)) or isinstance(found, str) else None for one in figures)
+    return tuple(found if _is_number(found := _at(one, *path)) or isinstance(found, str) else None for one in figures)
 
 
 def _largest(blocks: Sequence[Json], name: str) -> tuple[Value, ...]:
     """Return the largest of a figure over the directions of each run."""
-    own = [[value for value in (_at(one, "adaptation", d, name) for d in DIRECTIONS) if _is(value)] for one in blocks]
+    own = [
+        [value for value in (_at(one, "adaptation", d, name) for d in DIRECTIONS) if _is_number(value)]
+        for one in blocks
+    ]
     return tuple(max(values, default=None) for values in own)
 
 
@@ -251,8 +256,7 @@ def _at(figures: Any, *path: str) -> Any:
     return figures
 
 
-def _is(value: Any) -> bool:
-    """True for a number."""
+def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
 
 
@@ -269,7 +273,7 @@ def _flat(table: Any, name: str = "") -> Iterator[tuple[str, Value]]:
         for i, one in enumerate(table):
             yield from _flat(one, f"{name}[{i}]")
     else:
-        yield name, table if _is(table) else shown(table)
+        yield name, table if _is_number(table) else shown(table)
 
 
 def _alike(one: Value, other: Value) -> bool:

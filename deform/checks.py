@@ -234,7 +234,6 @@ def _staying(box: BoxPlan, still: BoolArray, near: float) -> Iterator[tuple[str,
 
 
 def _sliding(deflection: Deflection, unit: str) -> Iterator[Check]:
-    """Check that sliding nodes are on their shapes."""
     for box in deflection.boxes:
         checks, thin = [], box.plan.boundary.thin
         for name, nodes, shape, _ in (one for addition in box.plan.additions for one in addition.shapes()):
@@ -247,7 +246,6 @@ def _sliding(deflection: Deflection, unit: str) -> Iterator[Check]:
 
 
 def _first_layer(deflection: Deflection) -> Iterator[Check]:
-    """Check that first layers on walls kept their heights."""
     layers = layers_of(deflection)
     if layers:
         kind = "thick" if layers.thick else "thin"
@@ -279,7 +277,6 @@ def _pairs(deflection: Deflection) -> Iterator[Check]:
 
 
 def _inverted_cells(deflection: Deflection) -> Check:
-    """Check that no cell is newly inverted."""
     touched = deflection.plan.touched
     before = sum(quality.inverted for quality in deflection.plan.before)
     where = f"of {touched.count} cells with a node in the box"
@@ -353,7 +350,6 @@ def cell_text(deflection: Deflection, row: int, nodes: IntArray, shape: str) -> 
 
 
 def _rounding(deflection: Deflection) -> Check:
-    """Check that rounding to fewer bits does not distort the undeflected mesh."""
     plan, largest, count = deflection.plan, 0.0, 0
     for block in plan.mesh.cells:
         faces = [block.faces] if isinstance(block, Polyhedra) else faces_of(block, np.arange(len(block)))
@@ -394,5 +390,4 @@ def _quality_checks(deflection: Deflection) -> Iterator[Check]:
 
 
 def _unmoved(name: str, moved: FloatArray, what: str, unit: str) -> Check:
-    """Check that distances (K,) are exactly zero."""
     return Check(name, float(moved.max(initial=0.0)), 0.0, unit, f"{len(moved)} {what}", over=len(moved))

@@ -410,7 +410,6 @@ class OnMesh:
         return tuple(parts[id(own.box)][own.row] for own in self.readings)
 
     def deflection(self, amounts: Amounts, precision: Precision) -> Deflection:
-        """See `HeldPlan.deflection`."""
         points, boxes = self.modes.at(amounts), []
         plan = self.plan.keeping(precision)
         for box, of in zip(plan.boxes, self.plan.boxes, strict=True):

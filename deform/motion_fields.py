@@ -80,7 +80,6 @@ def write_motion(case: Path, modes: Modes) -> tuple[Path, ...]:
 
 
 def _names(modes: Modes) -> list[str]:
-    """Return words of OpenFOAM for the surfaces; InputError if two are the same."""
     names = [re.sub(r"[^\w.]|^(?=\d)", "_", control.name) for control in modes.controls]
     if len(set(names)) < len(names):
         raise InputError(f"two surfaces are called {max(names, key=names.count)} in OpenFOAM; rename one")
@@ -112,6 +111,5 @@ def _functions(control: Control) -> str:
 
 
 def _list(rows: Iterable[FloatArray]) -> str:
-    """Return a list of numbers, or of lists, as OpenFOAM reads it."""
     own = (f"{row:.17g}" if np.ndim(row) == 0 else _list(row) for row in rows)
     return f"({' '.join(own)})"

@@ -182,7 +182,6 @@ def _kernel_errors_named(fighter: Fighter) -> Iterator[None]:
 
 
 def _differences(fighter: Fighter) -> str:
-    """Return the parameters that differ from the defaults, with their values."""
     usual, changed = Fighter(), []
     for component in fields(Fighter):
         given, default = getattr(fighter, component.name), getattr(usual, component.name)

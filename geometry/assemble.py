@@ -61,7 +61,6 @@ def assemble(skin: Sequence[CadFace], partitions: Sequence[CadFace], fluid_insid
 
 
 def _vertex_faces(edges: Sequence[CadEdge], count: int) -> tuple[frozenset[int], ...]:
-    """The faces that meet at each vertex."""
     found: list[set[int]] = [set() for _ in range(count)]
     for edge in edges:
         for vertex in edge.vertices:
@@ -70,7 +69,6 @@ def _vertex_faces(edges: Sequence[CadEdge], count: int) -> tuple[frozenset[int],
 
 
 def _edge_owners(skin: Sequence[CadFace]) -> tuple[TopTools_IndexedMapOfShape, list[tuple[int, int]]]:
-    """All edges of the skin and the two faces of each."""
     index = TopTools_IndexedMapOfShape()
     owners: list[list[int]] = []
     for number, face in enumerate(skin):

@@ -82,7 +82,6 @@ def _around_aileron(
 
 
 def _on_side(surface: str, starboard: FloatArray) -> FloatArray:
-    """Corners (8, 3) given for the starboard side, on the surface's own."""
     return starboard if surface.endswith("_right") else (starboard * MIRROR)[MIRRORED_CORNERS]
 
 

@@ -148,7 +148,6 @@ def write_binary_stl(solid: Shape, faces: Named, path: Path) -> None:
 
 
 def _normals(corners: FloatArray) -> FloatArray:
-    """Unit normals (T, 3) of triangles (T, 3, 3)."""
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), TINY))
 

@@ -69,7 +69,6 @@ class CylinderSurface:
         return np.asarray(self.side * radial / np.linalg.norm(radial, axis=1, keepdims=True), dtype=np.float64)
 
     def _radial(self, points: FloatArray) -> FloatArray:
-        """Vectors (N, 3) from the axis to the points (N, 3)."""
         offset = points - self.origin
         return np.asarray(offset - np.outer(offset @ self.axis, self.axis), dtype=np.float64)
 

@@ -121,6 +121,13 @@ def product():
         yield name, path, ast.parse(path.read_text(encoding="utf-8"))
 
 
+def test_a_method_without_a_docstring_has_one_in_another_class():
+    classes = [node for *_, tree in product() for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
+    methods = [one for own in classes for one in own.body if isinstance(one, ast.FunctionDef) and one.name[0] != "_"]
+    said = {"save_overload", *(one.name for one in methods if ast.get_docstring(one))}  # a method of Numba
+    assert {one.name for one in methods} <= said
+
+
 def source_of(name, node):
     """Return the module that a statement in the module `name` imports from, without the name of the package."""
     if node.level:
@@ -161,25 +168,25 @@ def test_no_class_has_the_name_of_another():
 
 
 BUDGETS = {
-    "cases": (928, 7),
-    "cases/aircraft": (2097, 13),
-    "cases/cli": (1482, 7),
-    "cases/report": (2237, 11),
-    "cases/run": (2366, 11),
-    "cases/settings": (1299, 6),
-    "deform": (1196, 7),
-    "deform/around": (621, 6),
+    "cases": (929, 7),
+    "cases/aircraft": (2095, 13),
+    "cases/cli": (1477, 7),
+    "cases/report": (2235, 11),
+    "cases/run": (2357, 11),
+    "cases/settings": (1293, 6),
+    "deform": (1188, 7),
+    "deform/around": (618, 6),
     "deform/box": (498, 4),
-    "deform/base": (898, 9),
-    "deform/mesh": (4705, 20),
-    "deform/rbf": (1616, 9),
-    "deform/repair": (1575, 6),
-    "deform/surface": (2019, 11),
-    "deform/volume": (3190, 12),
-    "geometry": (2120, 13),
+    "deform/base": (896, 9),
+    "deform/mesh": (4693, 20),
+    "deform/rbf": (1598, 9),
+    "deform/repair": (1574, 6),
+    "deform/surface": (2012, 11),
+    "deform/volume": (3182, 12),
+    "geometry": (2114, 13),
     "meshing": (573, 5),
-    "meshing/formats": (9025, 37),
-    "meshing/generate": (1566, 12),
+    "meshing/formats": (8990, 37),
+    "meshing/generate": (1562, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
 MOST_COMPLEXITY, LONGEST = 9_134, 450

@@ -143,7 +143,6 @@ def summary(run: Run) -> Iterator[str]:
 
 
 def _evaluation(run: Run) -> Json:
-    """Return the time of the interpolants alone; compiled code is loaded before the clock starts."""
     seconds = sum(step.evaluation_seconds for d in run.deflection.boxes for step in d.steps)
     pairs = sum(
         len(step.start.free) * len(fit.chosen) * len(fit.components)

@@ -137,7 +137,6 @@ def cad_map(data: ReportData, surface: MovedSurface, part: str) -> Iterator[tupl
 
 
 def _scale(largest: float, limit: float) -> Normalize:
-    """Return the scale of colours."""
     return Normalize(0.0, largest) if largest > limit / TOP else LogNorm(LEAST, max(TOP * LEAST, largest))
 
 

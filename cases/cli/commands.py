@@ -135,7 +135,6 @@ def carry_out(commands: click.Command = cli, name: str = "sdm") -> NoReturn:
 
 
 def _carried_out(commands: click.Command, name: str) -> int:
-    """Carry out the command and return its code, or that of an operating system that refuses."""
     _prepare(sys.stdout)
     try:
         code: int = commands(prog_name=name, standalone_mode=False) or 0

@@ -229,7 +229,6 @@ def _word(verdict: Verdict) -> Text:
 
 
 def _lines(plan: Plan, whole: bool = True) -> list[str]:
-    """Return how the surfaces move, and of the `whole` also boxes and notes."""
     boxes = (line for box in plan.boxes for line in _box_lines(box))
     return [
         *(f"{name} moves by up to {travel}" for name, travel in travels(plan)),

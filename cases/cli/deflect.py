@@ -342,7 +342,6 @@ def _runner(helpers: Mapping[str, Any], *where: Any) -> AbstractContextManager["
 
 
 def _show_plan(wanted: "Targets", plan: "Plan", as_json: bool) -> int:
-    """Print what would be done."""
     from sdm_deflect.cases.run.deflect_file import plan_figures
 
     from .console import plan_table

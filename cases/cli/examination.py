@@ -176,7 +176,6 @@ def _opened(stack: ExitStack, path: Path | str, flags: int, folder: int | None =
 
 
 def _names(handle: int) -> dict[str, bool]:
-    """Return the names in an open folder, and whether each is a folder."""
     with os.scandir(handle) as entries:
         return {entry.name: entry.is_dir(follow_symlinks=False) for entry in entries}
 

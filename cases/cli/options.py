@@ -133,7 +133,6 @@ def _of_two_points(args: list[str]) -> list[str]:
 
 
 def _refused(_: click.Context, option: click.Parameter, value: Any) -> None:
-    """Refuse a removed option with what replaces it."""
     if value is not None:
         raise InputError(f"{option.opts[0]}: {GONE[str(option.name)]}")
 

@@ -181,7 +181,6 @@ def _source(settings: Mapping[str, Any], folder: str) -> str:
 
 
 def _repeat(source: str, folder: str) -> str:
-    """Return the command that repeats a deflection, as typed where the folder is: it replaces that folder."""
     return shlex.join(["sdm", "deflect", source, "--config", str(Path(folder, SETTINGS))])
 
 

@@ -48,7 +48,6 @@ def write_mesh_page(mesh: Mesh, out: Path) -> None:
 
 
 def _patches(mesh: Mesh) -> Iterator[tuple[str, int, int, str, str]]:
-    """Yield name, numbers of points and faces, and both corners of the extents of each patch."""
     for patch in mesh.patches:
         places = mesh.points[patch.nodes]
         ends = (places.min(axis=0), places.max(axis=0)) if len(places) else ((), ())

@@ -119,7 +119,6 @@ def _moved(held: HeldPlan, pose: Sequence[float], mesh: Path, zones: Sequence[st
 
 
 def _files(mesh: Path) -> Sequence[Path]:
-    """Return the files of a mesh, or of a part of a case."""
     return sorted((mesh / "constant" / "polyMesh").iterdir()) if is_part(mesh) else files_of(mesh)
 
 

@@ -107,7 +107,6 @@ def needed(wanted: Targets, jobs: Sequence[Job], progress: Progress, runner: Run
 
 
 def _sent() -> str:
-    """Name the files that workers can read."""
     *first, last = (form.for_workers for form in FORMATS.values() if form.for_workers)
     return f"{', '.join(first)}, or {last}"
 
@@ -160,7 +159,6 @@ def _deflected(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: R
 
 
 def _rows(plan: Plan, wanted: Targets, summaries: Sequence[PoseSummary]) -> list[list[object]]:
-    """Return the table of several poses, for scripts: a title line, then a row for each pose."""
     rows: list[dict[str, object]] = []
     for summary in sorted(summaries, key=lambda one: one.amounts):
         row: dict[str, object] = {"file": wanted.mesh(summary.amounts).name, "verdict": verdict(summary.checks)}
@@ -251,7 +249,6 @@ def plan_figures(plan: Plan) -> Json:
 
 
 def _box_figures(plan: BoxPlan) -> Json:
-    """Return the box of a plan and its data sites."""
     region, sites = plan.region, plan.sites
     return {
         "box": {"corners": region.hexahedron.corners.tolist(), "why": region.box.why, "inside": len(plan.inside)},

@@ -130,7 +130,6 @@ def components_of(titles: Sequence[str]) -> list[int]:
 
 
 def _of_arrays(path: Path) -> FloatArray:
-    """Return the array `sensitivity` of an .npz."""
     arrays = read_arrays(path)
     if "sensitivity" not in arrays:
         raise InputError(f"{path}: has no array sensitivity, but {', '.join(arrays)}")
@@ -158,7 +157,6 @@ def _of_cgns(path: Path) -> FloatArray:
 
 
 def _of_field(path: Path) -> FloatArray:
-    """Return the values (N, 3) of a pointVectorField of OpenFOAM at all points."""
     from sdm_deflect.meshing.formats.openfoam_files import open_foam, vectors
 
     with about(path):

@@ -75,7 +75,6 @@ def _slot_line(slot: Json) -> str:
 
 
 def _patch_lines(figures: Json) -> Iterator[str]:
-    """Yield the patches, those of several components, and their parts."""
     if figures["patches"]:
         yield "patches (faces, extent):"
     for name, count in figures["patches"].items():
@@ -146,7 +145,6 @@ def inspected(path: Path, select: Mapping[str, str] = NOTHING, slot: tuple[str, 
 
 
 def _hinges(mesh: Mesh) -> dict[str, list[Json]]:
-    """Return candidates for hinges by patch, of those that have any."""
     found = {name: [ends.tolist() for ends in candidates(mesh, [name])] for name in mesh.names}
     return {name: ends for name, ends in found.items() if ends}
 

@@ -233,7 +233,6 @@ def _curves(limits: tuple[Limit, ...]) -> dict[RepairMode, list[Trial]]:
 
 
 def _ends(limits: tuple[Limit, ...]) -> list[float]:
-    """Return the least angles on either side that the geometry refuses."""
     refused = [trial.angle for trials in _curves(limits).values() for trial in trials if trial.reason]
     sides = ([angle for angle in refused if angle < 0.0], [angle for angle in refused if angle > 0.0])
     return [min(side, key=abs) for side in sides if side]

@@ -57,7 +57,6 @@ def structured(table: Any, kind: type[T], place: str = "") -> T:
 
 
 def _check_names(given: Nested, known: Mapping[str, Setting], own: Mapping[str, Setting], place: str) -> None:
-    """Refuse names that are not known, and tables without a name that must be there."""
     if unknown := next((name for name in given if name not in known), None):
         raise InputError(f"unknown setting {_within(place, unknown)}; {_meant(unknown, known)}")
     if missing := next((name for name in own if own[name].default is MISSING and name not in given), None):
@@ -137,7 +136,6 @@ def _within(place: str, name: str) -> str:
 
 
 def _plainly(item: Any) -> Any:
-    """Return a value as TOML has it."""
     if is_dataclass(item) and settings_in(type(item)):
         return table_of(item)
     return [_plainly(part) for part in item] if isinstance(item, tuple) else item
@@ -256,7 +254,6 @@ def _mapping(value: Any, kind: Any, place: str) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Return the list of an array."""
     return value.tolist() if hasattr(value, "tolist") else value
 
 

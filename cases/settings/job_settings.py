@@ -299,7 +299,6 @@ def tables_of(surfaces: Any) -> list[Nested]:
 
 
 def _check_use(surfaces: Sequence[Nested], rest: Nested) -> None:
-    """Refuse settings that a motion or a box has no use for: they would change nothing."""
     for surface in surfaces:
         motion = surface.get("motion", "rigid")
         word = motion if isinstance(motion, str) else ""

@@ -360,7 +360,6 @@ def _rotation(hinge: tuple[Corner, ...]) -> Rotation:
 
 
 def _is_along(axis: Axis | None, hinge: Axis) -> bool:
-    """Return whether an axis is the hinge, in its direction."""
     if axis is None:
         return False
     ends = np.stack([hinge.point, hinge.point + hinge.direction])
@@ -408,7 +407,6 @@ def _box(settings: JobSettings) -> BoxRule:
 
 
 def _rule(box: str | tuple[Corner, ...] | BoxRule | Hexahedron, margin: float) -> BoxRule:
-    """Return the rule that a setting names: automatic, corners or a file of them, or a rule itself."""
     if isinstance(box, Hexahedron):
         return Given(box)
     if isinstance(box, tuple):

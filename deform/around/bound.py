@@ -66,7 +66,6 @@ class Bind(Addition):
         return self.slides
 
     def at(self, points: FloatArray, free: IntArray) -> "Binding":
-        """See `Addition`."""
         slides = [(one.shape, one.nodes) for one in self.slides if not isinstance(one.shape, str)]
         shapes = tuple((shape, np.searchsorted(self.nodes, nodes)) for shape, nodes in (*slides, *self.faces))
         return Binding(self, points[self.nodes], shapes, self.images.among(self.nodes), self.images.among(free))

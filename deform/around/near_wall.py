@@ -253,7 +253,6 @@ class FollowWalls(Addition):
     components: tuple[int, ...]
 
     def at(self, points: FloatArray, free: IntArray) -> "FollowingWalls":
-        """See `Addition`."""
         known, places = points[self.known], points[free]
         nearby = Nearby.of(places, known, self.parts)
         size = min(float(np.linalg.norm(np.ptp(points[nodes], axis=0))) for nodes in self.surfaces)

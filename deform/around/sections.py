@@ -21,7 +21,6 @@ class StayInFaces(Addition):
         return [Kept(patch, nodes, "plane", of_patch=True) for patch, nodes, _ in self.faces]
 
     def at(self, points: FloatArray, free: IntArray) -> "StayingInFaces":
-        """See `Addition`."""
         del points
         return StayingInFaces(tuple((c, np.isin(free, nodes, assume_unique=True)) for _, nodes, c in self.faces))
 

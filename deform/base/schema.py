@@ -182,7 +182,6 @@ def inline_in(kind: Any) -> dict[str, Any]:
 
 
 def _annotated(kind: Any) -> list[tuple[Field[Any], Any, tuple[Any, ...]]]:
-    """Return the fields of a dataclass with their types and annotations."""
     hints = get_type_hints(kind, include_extras=True)
     parts = {name: get_args(hint) if get_origin(hint) is Annotated else (hint,) for name, hint in hints.items()}
     return [

@@ -76,7 +76,6 @@ class Threads:
     shares_memory = True
 
     def map(self, work: Callable[[Any, Any], Any], shared: Any, items: Sequence[Any]) -> Iterator[Any]:
-        """See `Runner.map`."""
         count = available_threads()
         waiting: deque[Future[Any]] = deque()
         with ThreadPoolExecutor(count, thread_name_prefix="pieces") as pool:

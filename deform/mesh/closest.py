@@ -150,7 +150,6 @@ def _search(
 
 @compiled
 def _gap(p: FloatArray, low: FloatArray, high: FloatArray) -> float:  # pragma: no cover - compiled
-    """Return the squared distance of a point from a box."""
     total = 0.0
     for k in range(3):
         off = max(low[k] - p[k], 0.0, p[k] - high[k])

@@ -183,7 +183,6 @@ class _NearbyFaces:
         return pairs[np.isin(_keys(pairs, len(self.moved)), _keys(again, len(self.moved)))]
 
     def _joined(self, one: int, other: int) -> bool:
-        """True if two patches share a node."""
         ours, theirs = (distinct(self.labels[self.patch[self.face] == patch, :3]) for patch in (one, other))
         return len(np.intersect1d(ours, theirs, assume_unique=True)) > 0
 
@@ -194,7 +193,6 @@ def _keys(pairs: IntArray, faces: int) -> IntArray:
 
 
 def _some(faces: Polygons, rows: IntArray) -> Polygons:
-    """Return the faces of some rows."""
     sizes = np.diff(faces.offsets)[rows]
     offsets = np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp)
     return Polygons(faces.nodes[np.arange(offsets[-1]) + np.repeat(faces.offsets[rows] - offsets[:-1], sizes)], offsets)

@@ -93,7 +93,6 @@ class Mesh:
                 )
 
     def _check_plane(self) -> None:
-        """Raise InputError for plane and volume cells together, or for a plane mesh that is not plane."""
         if not self.plane:
             return
         solid = [block for block in self.cells if isinstance(block, Polyhedra) or block.shape not in PLANE]

@@ -292,7 +292,6 @@ def face_quality(mesh: Mesh) -> FaceQuality | None:
 
 
 def _joined(rings: tuple[Ring, ...], points: FloatArray) -> State:
-    """Return the measures of the faces of all rings."""
     return State(*map(np.concatenate, zip(*(ring.measured(points) for ring in rings), strict=True)))
 
 
@@ -323,7 +322,6 @@ def _degrees(cosines: FloatArray) -> FloatArray:
 
 
 def _faces_of(cells: Polyhedra, some: BoolArray) -> BoolArray:
-    """Return which faces (F,) belong to cells in a mask (C,)."""
     own = some[cells.owner]
     own[: len(cells.neighbour)] |= some[cells.neighbour]
     return own

@@ -179,7 +179,6 @@ class Within:
         return f"the box from {placed(self.low)} to {placed(self.high)}"
 
     def of(self, part: Part) -> BoolArray:
-        """See `Condition`."""
         centres = part.centres
         return np.asarray(((centres >= self.low) & (centres <= self.high)).all(axis=1))
 
@@ -200,7 +199,6 @@ class Before:
         return f"the side of the plane through {placed(self.point)} to which {placed(self.normal)} points"
 
     def of(self, part: Part) -> BoolArray:
-        """See `Condition`."""
         return np.asarray((part.centres - self.point) @ np.array(self.normal) > 0.0)
 
 
@@ -247,7 +245,6 @@ class Selection:
         return patch, found
 
     def _resolved(self, mesh: Mesh, place: str) -> tuple[str, tuple[Condition, ...]]:
-        """Return the name of the patch, and all conditions."""
         base, mark, number = self.patch.rpartition(MARK)
         numbered = self.patch not in mesh.names and mark and number.isascii() and number.isdigit()
         names = mesh.named([base if numbered else self.patch], place)
@@ -331,7 +328,6 @@ def _names(found: dict[str, list[Part]]) -> list[str]:
 
 
 def _divided(patch: Patch, parts: Sequence[Part]) -> Iterator[Patch]:
-    """Yield the rest of a patch, unless empty, and its parts."""
     rest = np.ones(len(patch), dtype=np.bool_)
     for part in parts:
         rest[part.rows] = False

@@ -122,7 +122,6 @@ class Triangulated:
         return cls(TriangleSet.faces(vertices, _cut(polygons)), ridges, near)
 
     def distance(self, points: FloatArray) -> FloatArray:
-        """See `SlidingSurface`."""
         return np.asarray(np.linalg.norm(points - self.faces.search.closest(points).places, axis=1))
 
     def projected(self, points: FloatArray, displacement: FloatArray) -> FloatArray:

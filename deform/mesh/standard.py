@@ -193,7 +193,6 @@ def _is_whole(
 
 @compiled_exactly
 def _size(offsets: IntArray, side: int) -> int:  # pragma: no cover - machine code
-    """Return the number of corners of a side."""
     return int(offsets[(side >> 1) + 1] - offsets[side >> 1])
 
 

@@ -147,16 +147,13 @@ class ThinPlateSpline(Kernel):
     stored: ClassVar[str] = "thin_plate_spline"
 
     def __call__(self, r2: FloatArray) -> FloatArray:
-        """See `Kernel`."""
         return np.asarray(0.5 * xlogy(r2, r2), dtype=np.float64)
 
     @staticmethod
     def formula(code: Any, r2: Any) -> Any:  # pragma: no cover - machine code
-        """See `Kernel`."""
         return r2 * scaled_log(r2)  # zero at r = 0 because the logarithm there is finite
 
     def rescaled(self, length: float) -> Rescaling:
-        """See `Kernel`."""
         return Rescaling(self, length**2, length**2 * float(np.log(length)))
 
 
@@ -187,24 +184,19 @@ class Multiquadric(Kernel):
 
     @classmethod
     def of_radius(cls, radius: float) -> Kernel:
-        """See `Kernel`."""
         return cls(1.0 / radius)
 
     def __call__(self, r2: FloatArray) -> FloatArray:
-        """See `Kernel`."""
         return np.asarray(np.sqrt(1.0 + self.epsilon**2 * r2), dtype=np.float64)
 
     @staticmethod
     def formula(code: Any, r2: Any) -> Any:  # pragma: no cover - machine code
-        """See `Kernel`."""
         return np.sqrt(1.0 + code.epsilon2 * r2)
 
     def compiled(self) -> MultiquadricCode:
-        """See `Kernel`."""
         return MultiquadricCode(self.epsilon**2)
 
     def rescaled(self, length: float) -> Rescaling:
-        """See `Kernel`."""
         return Rescaling(Multiquadric(self.epsilon * length), 1.0, 0.0)
 
 
@@ -233,27 +225,22 @@ class WendlandC2(Kernel):
 
     @classmethod
     def of_radius(cls, radius: float) -> Kernel:
-        """See `Kernel`."""
         return cls(radius)
 
     def __call__(self, r2: FloatArray) -> FloatArray:
-        """See `Kernel`."""
         rho = np.sqrt(r2) / self.radius
         return np.asarray(np.maximum(1.0 - rho, 0.0) ** 4 * (4.0 * rho + 1.0), dtype=np.float64)
 
     @staticmethod
     def formula(code: Any, r2: Any) -> Any:  # pragma: no cover - machine code
-        """See `Kernel`."""
         rho = np.sqrt(r2 * code.inverse2)
         left = max(1.0 - rho, 0.0)
         return left * left * left * left * (4.0 * rho + 1.0)
 
     def compiled(self) -> WendlandC2Code:
-        """See `Kernel`."""
         return WendlandC2Code(self.radius**-2)
 
     def rescaled(self, length: float) -> Rescaling:
-        """See `Kernel`."""
         return Rescaling(WendlandC2(self.radius / length), 1.0, 0.0)
 
 
@@ -269,16 +256,13 @@ class Cubic(Kernel):
     stored: ClassVar[str] = "cubic"
 
     def __call__(self, r2: FloatArray) -> FloatArray:
-        """See `Kernel`."""
         return np.asarray(r2 * np.sqrt(r2), dtype=np.float64)
 
     @staticmethod
     def formula(code: Any, r2: Any) -> Any:  # pragma: no cover - machine code
-        """See `Kernel`."""
         return r2 * np.sqrt(r2)
 
     def rescaled(self, length: float) -> Rescaling:
-        """See `Kernel`."""
         return Rescaling(self, length**3, 0.0)
 
 

@@ -93,7 +93,6 @@ class Worst(Rule):
         return _ranked(residual, chosen, options.tol_add, options, _room(chosen, options.n_add, options))
 
     def sweep(self, problem: Problem, options: GreedyOptions) -> Sweep:
-        """See `Rule`."""
         return LookingAhead(problem, self, options) if self.look_ahead > 1 else Sweep(problem)
 
 
@@ -221,7 +220,6 @@ class LookingAhead(Sweep):
     waiting: list[tuple[Basis, FloatArray]] = field(default_factory=list)
 
     def extended(self, basis: Basis, block: IndexArray, residual: FloatArray) -> tuple[Basis, FloatArray]:
-        """See `Sweep`."""
         if not self.waiting or not np.array_equal(block, self.waiting[0][0].chosen[len(basis.chosen) :]):
             guesses = self._guessed(basis, block, residual)
             errors = self.problem.errors(guesses[-1].basis.chosen, [guess.coefficients for guess in guesses])

@@ -188,7 +188,6 @@ def _edges(points: FloatArray, nodes: IntArray) -> FloatArray:
 
 
 def _in_plane(nodes: IntArray) -> BoolArray:
-    """Return which tetrahedra (E, 4) are at corners of plane cells."""
     return np.asarray(nodes[:, 3] == nodes[:, 0])
 
 

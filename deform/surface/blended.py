@@ -192,7 +192,6 @@ class BlendedLaw:
 
 
 def _strip(rib: Rib, points: FloatArray, ribs: BoolArray, hinge: Axis) -> BoolArray:
-    """Return which of points (K, 3) lie in the strips beside the rib nodes (K,)."""
     if not ribs.any():
         return np.zeros(len(points), dtype=bool)
     station = points @ (hinge.direction if rib.direction is None else rib.direction)

@@ -99,7 +99,6 @@ class OnPatches:
             object.__setattr__(self, "names", (self.names,))
 
     def of(self, surface: Surface, hinge: Axis) -> BoolArray:
-        """See `NodeSet`."""
         del hinge
         if not self.names:
             return surface.on(surface.neighbours)
@@ -125,7 +124,6 @@ class TrailingEdge:
             raise InputError(f"dihedral = {shortened(self.dihedral)} must be degrees between 0 and 180")
 
     def of(self, surface: Surface, hinge: Axis) -> BoolArray:
-        """See `NodeSet`."""
         points, faces = surface.mesh.points, surface.mesh.faces_of(surface.patches)
         edges = sharp_edges(points, polygons_of(faces), self.dihedral)
         vectors = points[edges[:, 1]] - points[edges[:, 0]]
@@ -159,7 +157,6 @@ class Listed:
             return cls(np.loadtxt(text, dtype=np.intp, ndmin=1))
 
     def of(self, surface: Surface, hinge: Axis) -> BoolArray:
-        """See `NodeSet`."""
         del hinge
         return np.isin(surface.mesh.numbers(surface.nodes), self.nodes)
 

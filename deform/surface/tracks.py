@@ -185,7 +185,6 @@ class Places(Functions):
 
     @property
     def count(self) -> int:
-        """See `Functions`."""
         return len(self.basis[0])
 
     @property
@@ -198,11 +197,9 @@ class Places(Functions):
         return points + TrackLaw(self.track, points).displacement(amount)
 
     def values(self, amount: float) -> FloatArray:
-        """See `Functions`."""
         return np.asarray(self.track.entries(amount) @ np.array(self.basis))
 
     def rates(self, amount: float) -> FloatArray:
-        """See `Functions`."""
         return np.asarray(self.track.entries(amount, rate=True) @ np.array(self.basis))
 
     def within(self, low: float, high: float) -> "Places":

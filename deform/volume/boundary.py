@@ -384,7 +384,6 @@ def _placements(job: Job, surfaces: Sequence[Surface]) -> Iterator[tuple[Placeme
 
 
 def _check_parts(mesh: Mesh, moves: list[str], fixed: tuple[str, ...], sliding: dict[str, str]) -> None:
-    """Raise if a patch has two roles."""
     for one, other, what in (
         (moves, fixed, "moving and fixed"),
         (moves, sliding, "moving and sliding"),

@@ -163,7 +163,6 @@ class FieldBox:
         return found, near
 
     def _among(self, points: FloatArray) -> BoolArray:
-        """Return which points lie within the bounding box of the places."""
         low, high = self.places.min(axis=0, initial=np.inf), self.places.max(axis=0, initial=-np.inf)
         room = NEAR * np.linalg.norm(high - low) if len(self.places) else 0.0
         return np.asarray(((points >= low - room) & (points <= high + room)).all(axis=1))

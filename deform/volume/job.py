@@ -262,7 +262,6 @@ def _planes(mesh: Mesh, job: Job) -> set[str]:
 
 
 def _named_by(motion: Motion) -> tuple[str, ...]:
-    """Return every patch name and wildcard in a motion."""
     if motion.unit == TRACK_UNIT:
         return tuple(filter(None, (getattr(motion, "beside", ""),)))
     sets = (motion.held, motion.driven) if isinstance(motion, Blended) else ()

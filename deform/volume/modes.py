@@ -200,7 +200,6 @@ def _on_shared_centers(
 
 
 def _alone(box: BoxPlan, row: int, amount: float) -> Amounts:
-    """Return the amounts of the surfaces of a box with all but one at rest."""
     return tuple(amount if i == row else 0.0 for i in range(len(box.job.surfaces)))
 
 

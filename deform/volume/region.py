@@ -172,13 +172,11 @@ def check_moving(boundary: PrescribedNodes, hexahedron: Hexahedron, all_amounts:
 
 
 def _reach(start: FloatArray, end: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the least and largest coordinates (3,) of points (K, 3) that move from `start` to `end`."""
     both = np.vstack([start, end])
     return both.min(axis=0), both.max(axis=0)
 
 
 def _check_clear(boundary: PrescribedNodes, hexahedron: Hexahedron, inside: IntArray) -> None:
-    """Raise if a patch without a role has nodes in the box."""
     mesh, job, tol = boundary.mesh, boundary.job, ON_FACE * boundary.size
     allowed = {*boundary.declared, *boundary.sides} - (set() if job.near_wall else set(boundary.fixed))
     for patch in mesh.patches:
@@ -246,5 +244,4 @@ def _with_images(boundary: PrescribedNodes, inside: IntArray, fixed: IntArray) -
 
 
 def _in_plane(points: FloatArray, section: Section, tol: float) -> BoolArray:
-    """Return which of points (N, 3) lie in the plane of a section."""
     return np.asarray(np.abs(points[:, section.component] - section.point[section.component]) <= tol)

@@ -150,7 +150,6 @@ class Sites:
 
 
 def _edges(boundary: PrescribedNodes, known: IntArray) -> IntArray:
-    """Return `Sites.edges` among the known nodes (B,)."""
     mesh = boundary.mesh
     faces = mesh.faces_of(boundary.declared)
     if not faces:

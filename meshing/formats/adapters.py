@@ -98,7 +98,6 @@ def _meshio_patches(mesh: Any, faces: tuple[str, ...]) -> dict[str, tuple[Cells,
 
 
 def _groups(mesh: Any, dimension: int) -> dict[str, list[IntArray]]:
-    """Return the rows of each physical group of faces."""
     tags = mesh.cell_data.get("gmsh:physical", ())
     names = {int(tag): name for name, (tag, own) in mesh.field_data.items() if own == dimension} if len(tags) else {}
     return {name: [np.flatnonzero(own == tag) for own in tags] for tag, name in names.items()}

@@ -183,7 +183,6 @@ def bounds(node: Any, place: str, size: Size) -> tuple[list[int], list[int]]:
 
 
 def _planes(node: Any, size: Size) -> Iterator[BlockFace]:
-    """Yield the faces that a boundary condition is on."""
     place, where = placed(node), location(node)
     if place.startswith("Element"):
         raise MeshFileError("it does not say where it is on the block")

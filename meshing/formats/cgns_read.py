@@ -181,7 +181,6 @@ def coordinate_data(base: Base, name: str) -> list[Any]:
 
 @contextmanager
 def _about(name: str) -> Iterator[None]:
-    """Name a zone in the errors that it causes in the block."""
     try:
         yield
     except (MeshFileError, ValueError) as error:

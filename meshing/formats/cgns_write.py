@@ -67,7 +67,6 @@ def write_base(file: Any, mesh: Mesh, report: Callable[[float], None]) -> tuple[
 
 
 def _dimensions(mesh: Mesh) -> tuple[int, int]:
-    """Return the dimension of the cells and that of the points."""
     if not mesh.plane:
         return 3, 3
     return 2, 3 if mesh.points[:, 2].any() else 2

@@ -207,13 +207,11 @@ def _common(groups: Sequence[Sequence[int]], parts: Sequence[ZoneMesh]) -> set[s
 
 
 def _zone(parts: Sequence[ZoneMesh], numbers: Sequence[IntArray], begin: int) -> Zone:
-    """Return the zone that touching ones become, from its first point on."""
     end = max(begin, *(int(own.max(initial=-1)) + 1 for own in numbers))
     return Zone(parts[0].name, begin, end, tuple(part.name for part in parts) if len(parts) > 1 else ())
 
 
 def _cells(parts: Sequence[ZoneMesh], numbers: Sequence[IntArray]) -> tuple[Volume, ...]:
-    """Return the cells of touching zones in order, a block of each shape."""
     found = [renumbered(block, own) for part, own in zip(parts, numbers, strict=True) for block in part.mesh.cells]
     if len(parts) == 1 and not parts[0].block:
         return tuple(found)
@@ -263,7 +261,6 @@ def _sorted_faces(faces: Sequence[Faces]) -> tuple[Faces, ...]:
 
 
 def _by_shape(blocks: Sequence[Cells]) -> tuple[Cells, ...]:
-    """Cells or faces of one shape as one block."""
     shapes = dict.fromkeys(block.shape for block in blocks)
     return tuple(_one([block for block in blocks if block.shape == shape]) for shape in shapes)
 

@@ -185,7 +185,6 @@ def _numbered(group: Any) -> list[FluentSection]:
 
 
 def _faces(mesh: Any) -> Polygons:
-    """All faces, their nodes from 0; those of a plane mesh are lines."""
     nodes, sizes, plane = [], [], number(mesh, "dimension") == 2
     for section in _sections(mesh, "faces/nodes", _count(mesh, "faceCount")):
         corners, flat = integers(section.node, "nnodes"), integers(section.node, "nodes")

@@ -217,7 +217,6 @@ class Gmsh(Format):
 
 
 def _points(path: Path, stored: Nodes) -> TablePieces:
-    """Return the points, without cells."""
     ends = np.cumsum([0, *(table.rows for table in stored.points)]).tolist()
     ranges = tuple(map(PointRange, ends[:-1], ends[1:], stored.points))
     return TablePieces(str(path.resolve()), stored.count, ranges, ())
@@ -261,7 +260,6 @@ def _filled(
 
 
 def _by_kind(blocks: Iterable[ElementBlock], wanted: Container[int]) -> dict[int, list[ElementBlock]]:
-    """Sort blocks of elements of some kinds by these."""
     kinds: dict[int, list[ElementBlock]] = {}
     for block in blocks:
         if block.kind in wanted:
@@ -270,7 +268,6 @@ def _by_kind(blocks: Iterable[ElementBlock], wanted: Container[int]) -> dict[int
 
 
 def _cells(shape: str, parts: Sequence[ElementBlock], stored: Nodes) -> CellTable:
-    """Return the cells of a shape: in the file if nodes are counted from 1, else in memory."""
     order = MIRRORED["wedge"] if shape == "wedge" else ()
     if stored.known is None:
         return CellTable(shape, Joined(tuple(block.nodes for block in parts)), 1, order)
@@ -278,7 +275,6 @@ def _cells(shape: str, parts: Sequence[ElementBlock], stored: Nodes) -> CellTabl
 
 
 def _nodes(parts: Iterable[ElementBlock], stored: Nodes) -> IntArray:
-    """Return the nodes (M, k) of elements, counted from 0."""
     return stored.index(np.concatenate([block.nodes.integers() for block in parts]))
 
 

@@ -91,7 +91,6 @@ def constraint_of(patch: FoamPatch) -> Constraint:
 
 
 def _names(foam: Sequence[FoamPatch], one: str, other: str) -> bool:
-    """Whether a patch names another as its neighbour."""
     return any(patch.name == one and patch.entries.get("neighbourPatch") == other for patch in foam)
 
 

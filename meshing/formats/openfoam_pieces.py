@@ -190,7 +190,6 @@ def _tables(path: Path, what: str, width: int = 1, lists: int = 1) -> list[FileT
 
 @contextmanager
 def _mapped(path: Path) -> Iterator[FoamFile]:
-    """Memory-map a file."""
     with path.open("rb") as file:
         if not (size := os.fstat(file.fileno()).st_size):
             yield headed(b"", path.name, 0)

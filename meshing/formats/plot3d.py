@@ -179,7 +179,6 @@ class Plot3dFile:
 
 
 def _words(file: BinaryIO, report: Callable[[float], None]) -> Iterator[tuple[int, bytes, Placed]]:
-    """Yield where a piece of text begins, the piece, and its numbers."""
     size = file.seek(0, 2)
     for at, text in chunks(file, 0, size):
         if b"*" in text:

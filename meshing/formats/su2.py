@@ -124,7 +124,6 @@ def _layout(
 
 
 def _points(source: Su2File) -> list[KeywordBlock]:
-    """Return the sections of the points of all zones."""
     return [section for section in source.sections if section.keyword == "NPOIN"]
 
 
@@ -137,7 +136,6 @@ def _around(source: Su2File) -> list[tuple[int, int]]:
 
 
 def _same(new: BinaryIO, old: BinaryIO, own: tuple[int, int], other: tuple[int, int]) -> bool:
-    """Whether bytes of one file are those of another."""
     for file, (begin, _) in ((new, own), (old, other)):
         file.seek(begin)
     size = max(own[1] - own[0], other[1] - other[0])

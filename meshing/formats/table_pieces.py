@@ -100,11 +100,9 @@ class TablePieces:
 
     @property
     def blocks(self) -> tuple[tuple[str, int], ...]:
-        """See `Pieces.blocks`."""
         return tuple((own.shape, own.table.rows) for own in self.cells)
 
     def coordinates(self, start: int, stop: int) -> FloatArray:
-        """See `Pieces.coordinates`."""
         found = np.empty((stop - start, 3))
         self.coordinates_into(found, start)
         return found
@@ -120,7 +118,6 @@ class TablePieces:
                     found[low - start : high - start, own.axes] = own.table.read(low - own.start, high - own.start)
 
     def places(self, nodes: IntArray) -> FloatArray:
-        """See `Pieces.places`."""
         check_unchanged(self.files, elsewhere=True)
         found = np.empty((len(nodes), 3))
         for own in self.ranges:
@@ -131,7 +128,6 @@ class TablePieces:
         return found
 
     def cells_of(self, block: int, start: int, stop: int) -> Cells | SomePolyhedra:
-        """See `Pieces.cells_of`."""
         check_unchanged(self.files, elsewhere=True)
         return Cells(self.cells[block].shape, self.cells[block].nodes(start, stop))
 

@@ -94,12 +94,10 @@ class Joined:
         return self.tables[0].width
 
     def read(self, start: int, stop: int) -> Array:
-        """See `FileTable.read`."""
         none = self.tables[0].read(0, 0)
         return np.concatenate([none, *(table.read(low, high) for table, low, high in self._parts(start, stop))])
 
     def some(self, rows: IntArray) -> Array:
-        """See `FileTable.some`."""
         order = np.argsort(rows, kind="stable")
         found, end = [], 0
         for table in self.tables:
@@ -141,15 +139,12 @@ class Held:
         return self.values.dtype.str
 
     def read(self, start: int, stop: int) -> Array:
-        """See `FileTable.read`."""
         return self.values[start:stop]
 
     def some(self, rows: IntArray) -> Array:
-        """See `FileTable.some`."""
         return self.values[rows]
 
     def integers(self) -> IntArray:
-        """See `FileTable.integers`."""
         return self.values.astype(np.intp)
 
 

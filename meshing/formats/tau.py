@@ -157,7 +157,6 @@ class Tau(Format):
 
 
 def _points(grid: Grid, path: Path) -> TablePieces:
-    """Return the points, without cells."""
     if missing := [axis for axis in AXES if axis not in grid.arrays]:
         raise MeshFileError(f"there is no variable {missing[0]}; this is no primary grid of TAU, or it is damaged")
     tables = [grid.table(path, axis, "f") for axis in AXES]
@@ -168,7 +167,6 @@ def _points(grid: Grid, path: Path) -> TablePieces:
 
 
 def _elements(grid: Grid, path: Path, shapes: Mapping[str, str]) -> list[CellTable]:
-    """Return the cells or faces of each shape that is there."""
     there = {f"points_of_{what}": shape for what, shape in shapes.items() if f"points_of_{what}" in grid.arrays}
     tables = ((shape, grid.table(path, name, "iu", CORNERS[shape])) for name, shape in there.items())
     return [CellTable(shape, table, 0, MIRRORED[shape] if shape == "wedge" else ()) for shape, table in tables]
@@ -198,7 +196,6 @@ def _patches(grid: Grid, path: Path, points: int) -> tuple[Patch, ...]:
 
 
 def _markers(grid: Grid, count: int) -> IntArray:
-    """Return the marker (F,) of each face."""
     if MARKERS not in grid.arrays:
         raise MeshFileError(f"there is no variable {MARKERS}, but there are {count} faces; the file is damaged")
     markers = np.asarray(grid.stored(MARKERS, "iu")[0][()])
@@ -218,7 +215,6 @@ def _marker_names(grid: Grid, path: Path, markers: Sequence[int]) -> dict[int, s
 
 
 def _text(grid: Grid, attribute: str) -> str:
-    """Return a text of the grid, empty if there is none."""
     value = grid.attributes.get(attribute, "")
     if isinstance(value, np.ndarray) and value.size == 1:
         value = value.item()
@@ -288,7 +284,6 @@ def _store_shapes(grid: Any, shapes: Mapping[str, str], blocks: Sequence[tuple[C
 
 
 def _store(grid: Any, name: str, values: np.ndarray[Any, Any], *dimensions: str) -> None:
-    """Write an array, of integers or real numbers, with the dimensions that it needs."""
     for dimension, length in zip(dimensions, values.shape, strict=True):
         if dimension not in grid.dimensions:
             grid.createDimension(dimension, length)

@@ -269,7 +269,6 @@ def _ids(mesh: Mesh) -> dict[str, int]:
 
 
 def _conditions(mesh: Mesh, ids: Mapping[str, int], names: Mapping[str, str]) -> str:
-    """Text of a ``.mapbc``."""
     lines = [str(len(ids))]
     for patch in mesh.patches:
         kind = next((kind for pattern, kind in CONDITIONS if re.search(pattern, patch.name.lower())), VISCOUS)
@@ -280,7 +279,6 @@ def _conditions(mesh: Mesh, ids: Mapping[str, int], names: Mapping[str, str]) ->
 
 
 def _arrays(mesh: Mesh, ids: Mapping[str, int]) -> dict[str, Any]:
-    """The arrays of a file (`UgridFile.arrays`)."""
     blocks: dict[str, list[IntArray]] = {shape: [] for shape in (*FACES, *SOLIDS)}
     surfaces: dict[str, list[IntArray]] = {shape: [np.empty((0, 1), np.intp)] for shape in FACES}
     for patch in mesh.patches:

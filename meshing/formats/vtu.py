@@ -300,7 +300,6 @@ def _on_all(name: str, values: Array, volume: int, cells: int) -> Array:
 def _cells(
     blocks: Sequence[Cells | Polygons | Polyhedra],
 ) -> tuple[IntArray, IntArray, NDArray[np.uint8], dict[str, Array]]:
-    """Nodes (K,) of all cells, their number (C,) in each cell, types (C,), and the faces of polyhedra."""
     parts = [_part(block) for block in blocks]
     nodes, sizes = (np.concatenate([np.empty(0, dtype=np.intp), *(part[i] for part in parts)]) for i in (0, 1))
     types = np.concatenate([np.empty(0, dtype=np.uint8), *(part[2] for part in parts)])

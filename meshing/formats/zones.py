@@ -204,7 +204,6 @@ def _holder(patches: Sequence[Patch], name: str, nodes: IntArray) -> Patch:
 
 
 def _has(known: IntArray, nodes: IntArray) -> bool:
-    """Whether all nodes are among known ones, which rise."""
     for own in (nodes[:1], nodes):  # most patches have not even the first
         at = np.minimum(np.searchsorted(known, own), len(known) - 1)
         if not np.array_equal(known[at], own):

@@ -77,7 +77,6 @@ def _within(points: FloatArray, nodes: IntArray, surface: InputSurface, toleranc
 
 
 def _dots(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Scalar products (N,) of vectors (N, 3)."""
     return np.asarray(np.einsum("ij,ij->i", a, b))
 
 

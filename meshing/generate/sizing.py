@@ -130,7 +130,6 @@ def seeds(field: SizeField, low: FloatArray, high: FloatArray, surface: FloatArr
 
 
 def _cube_corners(cubes: FloatArray, edges: FloatArray) -> FloatArray:
-    """The distinct corners (N, 3) of cubes with low corners (K, 3) and edge lengths (K,)."""
     corners = (cubes[:, None] + edges[:, None, None] * CORNERS).reshape(-1, 3)
     grain = edges.min() / 64.0
     return np.asarray(grain * np.unique(np.round(corners / grain), axis=0))
@@ -258,6 +257,5 @@ def _sharp_ends(model: CadModel, angles: list[FloatArray]) -> tuple[FloatArray, 
 
 
 def _angle(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Angles (N,) in radians between vectors (N, 3)."""
     across = np.linalg.norm(np.cross(a, b), axis=1)
     return np.asarray(np.arctan2(across, np.einsum("ij,ij->i", a, b)))

@@ -159,5 +159,4 @@ def exactness(points: FloatArray, attachment: Attachment, model: "CadModel") -> 
 
 
 def _largest(vectors: FloatArray) -> float:
-    """Largest length of vectors (N, 3); 0 for none."""
     return float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
