@@ -140,7 +140,8 @@ def tables(runs: Sequence[ComparedRun]) -> tuple[FigureTable, ...]:
     found = [FigureTable("What was run", tuple(_subject(runs)))]
     for title, blocks in _deflections(runs):
         place = f": {title}" if title else ""
-        unit = _common([run.data.length.name for run in runs])
+        units = {run.data.length.name for run in runs}
+        unit = units.pop() if len(units) == 1 else "each its unit"
         found += [
             FigureTable(f"Interpolation{place}", tuple(_interpolation(blocks, unit))),
             FigureTable(f"Mesh{place}", tuple(_mesh(blocks))),
@@ -258,10 +259,6 @@ def _at(figures: Any, *path: str) -> Any:
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
-
-
-def _common(texts: Sequence[str]) -> str:
-    return texts[0] if len(set(texts)) == 1 else "each its unit"
 
 
 def _flat(table: Any, name: str = "") -> Iterator[tuple[str, Value]]:

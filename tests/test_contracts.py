@@ -168,28 +168,28 @@ def test_no_class_has_the_name_of_another():
 
 
 BUDGETS = {
-    "cases": (929, 7),
-    "cases/aircraft": (2095, 13),
+    "cases": (926, 7),
+    "cases/aircraft": (2092, 13),
     "cases/cli": (1477, 7),
-    "cases/report": (2235, 11),
-    "cases/run": (2357, 11),
+    "cases/report": (2227, 11),
+    "cases/run": (2353, 11),
     "cases/settings": (1293, 6),
     "deform": (1188, 7),
     "deform/around": (618, 6),
     "deform/box": (498, 4),
     "deform/base": (896, 9),
-    "deform/mesh": (4693, 20),
+    "deform/mesh": (4688, 20),
     "deform/rbf": (1598, 9),
     "deform/repair": (1574, 6),
     "deform/surface": (2012, 11),
-    "deform/volume": (3182, 12),
+    "deform/volume": (3178, 12),
     "geometry": (2114, 13),
     "meshing": (573, 5),
-    "meshing/formats": (8990, 37),
+    "meshing/formats": (8959, 37),
     "meshing/generate": (1562, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 9_134, 450
+MOST_COMPLEXITY, LONGEST = 9_114, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

@@ -112,7 +112,8 @@ def cad_map(data: ReportData, surface: MovedSurface, part: str) -> Iterator[tupl
     seen, up, sides = views(data.points, triangles)
     largest, median = float(known.max()), float(np.median(known))
     factor = METRES.factor if largest > SEEN else 1.0
-    norm = _scale(factor * largest, factor * limit)
+    top, is_even = factor * largest, largest > limit / TOP
+    norm = Normalize(0.0, top) if is_even else LogNorm(LEAST, max(TOP * LEAST, top))
     flat = 1e3 * data.points[:, seen]
     width, height = np.ptp(flat[np.unique(triangles)], axis=0)
     rows = 2 if width > 1.5 * height else 1
@@ -134,10 +135,6 @@ def cad_map(data: ReportData, surface: MovedSurface, part: str) -> Iterator[tupl
             f"{factor * limit:.3g} {unit}."
         ),
     )
-
-
-def _scale(largest: float, limit: float) -> Normalize:
-    return Normalize(0.0, largest) if largest > limit / TOP else LogNorm(LEAST, max(TOP * LEAST, largest))
 
 
 def views(points: FloatArray, triangles: IntArray) -> tuple[list[int], BoolArray, tuple[str, str]]:

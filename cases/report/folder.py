@@ -165,7 +165,7 @@ def job_data(
         length=MESH_UNITS,
         settings=settings,
         settings_file=SETTINGS,
-        repeat=_repeat(_source(nested, folder), folder),
+        repeat=shlex.join(["sdm", "deflect", _source(nested, folder), "--config", str(Path(folder, SETTINGS))]),
         moves=shlex.join(["sdm", "apply", str(Path(folder, PLAN)), "--angle=AMOUNTS", _source(nested, folder)]),
         tables={"settings": rows_of(nested), **tables},
         middle=0.5 * (places.min(axis=0) + places.max(axis=0)),
@@ -178,10 +178,6 @@ def job_data(
 def _source(settings: Mapping[str, Any], folder: str) -> str:
     """Return the path of the mesh from where the folder is."""
     return normpath(Path(folder, settings["mesh"])) if settings.get("mesh") else "MESH"
-
-
-def _repeat(source: str, folder: str) -> str:
-    return shlex.join(["sdm", "deflect", source, "--config", str(Path(folder, SETTINGS))])
 
 
 def metrics_of(

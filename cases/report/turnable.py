@@ -2,7 +2,7 @@
 
 import json
 from base64 import b64decode, b64encode
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from gzip import compress
 from typing import Any
@@ -256,7 +256,7 @@ def surfaces(data: ReportData, turning: Turning) -> Json:
     held, out = data.held, []
     for own, amount, table in zip(turning.modes.controls, turning.own, held.figures() if held else (), strict=True):
         functions = _functions(own)
-        tolerance = next(box.tolerance for box in data.boxes if _moves(box, own.patches))
+        tolerance = next(b.tolerance for b in data.boxes if any({*s.patches} & {*own.patches} for s in b.surfaces))
         out.append({**table, "functions": functions, "own": amount, "tolerance": tolerance})
     return {"surfaces": out, "stands": held.amounts if held else (), "command": data.moves}
 
@@ -269,10 +269,6 @@ def _functions(own: Control) -> Json:
     amounts = np.linspace(own.low, own.high, SAMPLES)
     values = [own.functions.values(at).tolist() for at in amounts]
     return {"kind": "Samples", "low": own.low, "high": own.high, "values": values}
-
-
-def _moves(box: Box, patches: Sequence[str]) -> bool:
-    return any({*surface.patches} & {*patches} for surface in box.surfaces)
 
 
 def cells(data: ReportData, most: int, turning: Turning) -> Json:

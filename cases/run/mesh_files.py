@@ -338,12 +338,8 @@ def difference(mesh: Mesh, points: FloatArray, path: Path) -> str:
 
 
 def _stored(mesh: Mesh, path: Path) -> FloatArray:
-    form, source, whole = format_of(path), Path(mesh.source), mesh.whole
-    if not whole:
-        return form.read_copy(path, source).points
-    points = form.points_of_copy(path, source)
-    if points is not None:
-        return points[whole.nodes] if len(points) == mesh.point_count else points
+    if not (whole := mesh.whole):
+        return format_of(path).read_copy(path, Path(mesh.source)).points
     with in_pieces(path) as back:
         if back is None or back.pieces.blocks != whole.pieces.blocks or back.pieces.points != mesh.point_count:
             raise MeshFileError("it has other points or cells")

@@ -121,7 +121,8 @@ class ThinMesh:
     @classmethod
     def of(cls, mesh: Mesh, fixed: Sequence[str] = ()) -> ThinMesh | None:
         """Return the plane mesh; None if a side is fixed, or if the mesh has nodes that are not on its sides."""
-        pair = _sides(mesh)
+        sides = (pair for pair in mesh.periodic if pair.thin and len(distinct(pair.nodes)) == mesh.point_count)
+        pair = next(sides, None)
         if pair is None or {*pair.patches}.intersection(fixed):
             return None
         halfway, front = Halfway.of(mesh.points, pair), np.empty(len(mesh.points), dtype=np.intp)
@@ -156,12 +157,6 @@ class ThinMesh:
         """Return the displacements or rates (N, 3) of both sides, given those of the plane mesh."""
         vectors[self.nodes[:, 1]] = vectors[self.nodes[:, 0]]
         return self.halfway.displacement(self.points, vectors)
-
-
-def _sides(mesh: Mesh) -> Periodic | None:
-    """Return the pair of the two sides, if all nodes are on them."""
-    pairs = [pair for pair in mesh.periodic if pair.thin and len(distinct(pair.nodes)) == mesh.point_count]
-    return pairs[0] if pairs else None
 
 
 def _outlines(mesh: Mesh, pair: Periodic, front: IntArray) -> tuple[Patch, ...] | None:

@@ -160,20 +160,16 @@ def check_moving(boundary: PrescribedNodes, hexahedron: Hexahedron, all_amounts:
     for amounts in all_amounts:
         move = boundary.displacement(amounts)
         moves = np.abs(move).max(axis=1) > ZERO_LENGTH * boundary.size
-        both = [hexahedron.contains(places[moves], ON_FACE * boundary.size) for places in (start, start + move)]
-        out = int(np.count_nonzero(~(both[0] & both[1])))
+        held = [hexahedron.contains(places[moves], ON_FACE * boundary.size) for places in (start, start + move)]
+        out = int(np.count_nonzero(~(held[0] & held[1])))
         if out:
             names = short_list(surface.label for surface in boundary.surfaces)
-            low, high = (", ".join(f"{x:.4g}" for x in end) for end in _reach(start[moves], (start + move)[moves]))
+            both = np.vstack([start[moves], (start + move)[moves]])
+            low, high = (", ".join(f"{x:.4g}" for x in end) for end in (both.min(axis=0), both.max(axis=0)))
             raise InputError(
                 f"{boundary.mesh.name}: {out} of {int(moves.sum())} moving nodes of {names} leave the box at "
                 f"{amounts[0]:g}; enlarge it ({boundary.job.box.settings}): they reach from ({low}) to ({high})"
             )
-
-
-def _reach(start: FloatArray, end: FloatArray) -> tuple[FloatArray, FloatArray]:
-    both = np.vstack([start, end])
-    return both.min(axis=0), both.max(axis=0)
 
 
 def _check_clear(boundary: PrescribedNodes, hexahedron: Hexahedron, inside: IntArray) -> None:
