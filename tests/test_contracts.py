@@ -169,10 +169,10 @@ def test_no_class_has_the_name_of_another():
 
 BUDGETS = {
     "cases": (926, 7),
-    "cases/aircraft": (2092, 13),
-    "cases/cli": (1477, 7),
-    "cases/report": (2227, 11),
-    "cases/run": (2353, 11),
+    "cases/aircraft": (2047, 13),
+    "cases/cli": (1488, 7),
+    "cases/report": (2231, 11),
+    "cases/run": (2354, 11),
     "cases/settings": (1293, 6),
     "deform": (1188, 7),
     "deform/around": (618, 6),
@@ -189,7 +189,7 @@ BUDGETS = {
     "meshing/generate": (1562, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 9_114, 450
+MOST_COMPLEXITY, LONGEST = 9_108, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

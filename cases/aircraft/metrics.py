@@ -1,24 +1,14 @@
 """What a run of a case produced, and its metrics.json."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from sdm_deflect.cases.report.folder import metrics_of
-from sdm_deflect.cases.run.metrics import (
-    Json,
-    amounts,
-    by_shape,
-    deflection_figures,
-    fit_text,
-    kernel_text,
-    repair_text,
-)
+from sdm_deflect.cases.run.metrics import Json, amounts, by_shape, deflection_figures
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.cases.settings.conversion import to_toml
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import Quality, mean_ratio, summarise
-from sdm_deflect.deform.surface.reached import Reached
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.meshing.mesh import tets_of
@@ -110,36 +100,6 @@ def metrics(run: Run) -> Json:
         "deflections": surfaces,
         "total_seconds": run.watch.total,
     }
-
-
-def summary(run: Run) -> Iterator[str]:
-    """Yield what was run and how long it took, a line for each thing."""
-    figures = metrics(run)
-    before, after = (figures["quality"][state]["min"] for state in ("before", "after"))
-    yield (
-        f"mesh: {figures['mesh']['points']} points, {figures['mesh']['cells']} tetrahedra, "
-        f"quality min {before:.3f} before, {after:.3f} after"
-    )
-    for name, box in figures["deflections"].items():
-        fits = ", ".join(f"{d}: {fit['centers']} ({fit['max_error']:.1e} m)" for d, fit in box["adaptation"].items())
-        yield (
-            f"{name} {box['angle_deg']:+g} deg: {box['confinement']['inside']} nodes inside, centres {fits}, "
-            f"{box['steps']} step{'s' if box['steps'] > 1 else ''}"
-        )
-        yield f"{name} {fit_text(box, 'm')}; kernel: {kernel_text(box['kernel'])}"
-        for surface, motion in box["motion"].items():
-            own, *others = surface.split(", ")
-            if motion:
-                yield f"{own}: {Reached(**motion).text}" + f"; {', '.join(others)} follows" * bool(others)
-        if box["repair"]:
-            yield f"{name} {repair_text(box)}"
-    if run.pinned:
-        for state, q in (("sliding", run.deflection.boxes[0].quality[0]), ("pinned", run.pinned)):
-            yield (
-                f"Chimera face {state}: smallest quality inside {q.min:.3f}, {q.below_0_4:.3%} below 0.4, "
-                f"{q.inverted} inverted"
-            )
-    yield ", ".join(f"{name} {seconds:.1f} s" for name, seconds in run.watch.seconds.items())
 
 
 def _evaluation(run: Run) -> Json:

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sdm_deflect.cases.report.data import RUN, ReportData, measured, read_figures
+from sdm_deflect.cases.report.data import FitRows, ReportData, measured, read_figures
 from sdm_deflect.cases.report.finished import FinishedRun, moved_by_repair
 from sdm_deflect.cases.report.folder import write_arrays
 from sdm_deflect.cases.run.output import lacks
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.unpacking import damaged
 from sdm_deflect.deform.checks import Check, checks_of
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.volume.deflection import Deflection
@@ -75,14 +74,10 @@ class FinishedCase(FinishedRun):
         repair = moved_by_repair(folder / "deflected.vtu", len(mesh.points))
         return cls(folder, plan, deflected.points, repair, case_toml(case, plan), case, deflected)
 
-    def report_data(self) -> ReportData:
-        """Return what its report shows."""
+    def _data(self, fits: Sequence[FitRows]) -> ReportData:
         from .report import case_data
 
-        figures, checks, fits = read_figures(self.folder)
-        with damaged(self.folder, RUN):
-            data = case_data(self.case, self.plan, self.points, fits, self.repair)
-        return replace(data, held=self.held).with_verdict(checks, figures)
+        return case_data(self.case, self.plan, self.points, fits, self.repair)
 
     def fresh_report_data(self) -> ReportData:
         """Return what its report shows, with the checks of the meshes made again; those of the fits are stored ones."""

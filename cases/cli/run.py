@@ -2,7 +2,7 @@
 
 import webbrowser
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -10,6 +10,11 @@ from sdm_deflect.cases.settings.job_settings import BY_NAME
 from sdm_deflect.deform.base.errors import InputError
 
 from . import options
+
+if TYPE_CHECKING:
+    from rich.console import Group
+
+    from sdm_deflect.cases.aircraft.metrics import Run
 
 
 @click.command("list")
@@ -48,11 +53,7 @@ def run(
 
     check_installed("aircraft")
 
-    from sdm_deflect.cases.aircraft.metrics import summary
     from sdm_deflect.cases.aircraft.pipeline import run_case
-    from sdm_deflect.cases.run.metrics import warnings_of
-
-    from .console import check_table, outcome, rigid_lines, warning_texts
 
     folder, lacking = out or Path("runs") / resolved.name, lacks("report") if report else ""
     with output_folder(folder) as scratch, options.watched(quiet or (as_json and not verbose), verbose) as watch:
@@ -62,12 +63,22 @@ def run(
     if as_json:
         click.echo((folder / "metrics.json").read_text(encoding="utf-8"), nl=False)
     else:
-        title = f"{resolved.name} {resolved.angle:+g} deg ({resolved.way}), {resolved.scale}, {resolved.strategy}"
-        warned = warnings_of(result.deflection.plan)
-        last = outcome(result.checks, warned)
-        lines = (*summary(result), f"results in {folder}", *rigid_lines(result.checks), last)
-        options.print_tables(*warning_texts(warned, last), check_table(result.checks, title), *lines)
+        options.print_tables(case_table(result, folder))
     return options.code_of(result.passed)
+
+
+def case_table(run: "Run", folder: Path) -> "Group":
+    """Return what `result_table` has of a case in a folder, with what a case alone measures."""
+    from sdm_deflect.cases.run.deflect_file import Outcome, PoseSummary
+
+    from .console import result_table, rigid_lines
+
+    notes = [f"{run.case.title}, {run.case.scale}, {run.case.strategy}", *rigid_lines(run.checks)]
+    for state, one in (("slides", run.deflection.quality[0]), ("is pinned", run.pinned)) if run.pinned else ():
+        share = f"{one.below_0_4:.3%} below 0.4, {one.inverted} inverted"
+        notes.append(f"least quality inside if the Chimera face {state}: {one.min:.3f}, {share}")
+    summary = PoseSummary.of(run.deflection, run.checks)
+    return result_table(Outcome(run.deflection.plan, (summary,), (folder,), (), (), tuple(notes)), whole=True)
 
 
 @click.command()

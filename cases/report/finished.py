@@ -23,7 +23,7 @@ from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.meshing.formats.registry import format_of, read
 from sdm_deflect.meshing.formats.vtu import vtu_arrays
 
-from .data import RUN, ReportData, measured, read_figures, read_json
+from .data import RUN, FitRows, ReportData, measured, read_figures, read_json
 from .folder import PLAN, job_data, part_of
 
 if TYPE_CHECKING:
@@ -73,9 +73,13 @@ class FinishedRun:
     def report_data(self) -> ReportData:
         """Return what its report shows, with the checks that it made itself; InputError if a file is damaged."""
         figures, checks, fits = read_figures(self.folder)
-        stored = self.settings, self.folder.resolve().name
-        data = job_data(self.plan, self.plan.pose, self.points, stored, fits, self.repair)
+        with damaged(self.folder, RUN):
+            data = self._data(fits)
         return replace(data, held=self.held).with_verdict(checks, figures)
+
+    def _data(self, fits: Sequence[FitRows]) -> ReportData:
+        stored = self.settings, self.folder.resolve().name
+        return job_data(self.plan, self.plan.pose, self.points, stored, fits, self.repair)
 
     @property
     def held(self) -> HeldPlan | None:

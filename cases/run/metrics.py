@@ -102,13 +102,14 @@ def kernel_text(figures: Json) -> str:
     return f"{needs.name}{wide} ({definite}) with {added}"
 
 
-def fit_text(figures: Json, unit: str = "") -> str:
-    """Describe the accuracy of the interpolation by the figures of a deflection."""
-    fits, between, end = figures["adaptation"], figures["error_between_sites"], unit and f" {unit}"
+def fit_text(figures: Json) -> str:
+    """Describe the interpolation by the figures of a deflection: centres by direction, and accuracy."""
+    fits, between = figures["adaptation"], figures["error_between_sites"]
+    centers = ", ".join(f"{fit['centers']} ({name})" for name, fit in fits.items())
     condition = max((fit["condition"] or 0.0 for fit in fits.values()), default=0.0)
     error = max(fit["max_error"] for fit in fits.values())
-    off = f", between them {between['max']:.1e}{end} (99 %: {between['p99']:.1e}{end})" if between else ""
-    return f"interpolation: condition {condition:.1e}, error at the sites {error:.1e}{end}{off}"
+    off = f", between them {between['max']:.1e} (99 %: {between['p99']:.1e})" if between else ""
+    return f"interpolation: centres {centers}; condition {condition:.1e}, error at the sites {error:.1e}{off}"
 
 
 def face_figures(deflection: Deflection) -> Json:

@@ -31,7 +31,9 @@ def test_every_kernel_deflects_and_says_what_it_is(name, turned):
     assert figures["kernel"] == {"name": name, "radius": pytest.approx(radius), "polynomial": "linear"}
     assert all(1.0 < fit["condition"] < 1e8 for fit in figures["adaptation"].values())
     assert KERNELS[name].name in kernel_text(figures["kernel"])
-    assert re.fullmatch(r"interpolation: condition \S+, error at the sites \S+, between them .*", fit_text(figures))
+    assert re.fullmatch(
+        r"interpolation: centres .*; condition \S+, error at the sites \S+, between them .*", fit_text(figures)
+    )
     assert figures["error_between_sites"]["max"] > figures["error_between_sites"]["p99"] > 0.0
     assert settings_of(result.deflection, Path(), Path())["kernel_radius"] == sites.radius
 

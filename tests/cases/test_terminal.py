@@ -1,13 +1,14 @@
 """What is shown while a case runs and when it has ended."""
 
 from io import StringIO
+from pathlib import Path
 
 import pytest
 from rich.console import Console
 
-from sdm_deflect.cases.aircraft.metrics import summary
 from sdm_deflect.cases.cli.console import WIDTH, check_table, console
 from sdm_deflect.cases.cli.options import print_tables
+from sdm_deflect.cases.cli.run import case_table
 from sdm_deflect.cases.finished import finished
 from sdm_deflect.cases.run.progress import Stopwatch, lines, shown
 from sdm_deflect.deform.base.errors import InputError
@@ -117,10 +118,18 @@ def test_texts_are_printed_as_they_are_one_below_the_other(capsys):
 
 
 @pytest.mark.mesher
-def test_summary_has_a_line_for_each_surface_and_the_times(aileron_run):
-    mesh, surface, fit, motion, times = summary(aileron_run[0])
-    assert mesh.startswith("mesh: ")
-    assert "centres x:" in surface
-    assert "thin plate spline" in fit
-    assert motion.startswith("aileron_left: ")
-    assert "deformation" in times
+def test_a_case_is_printed_as_any_deflection(aileron_run):
+    text = printed(case_table(aileron_run[0], Path("runs/mine")))
+    lines = text.splitlines()
+    begins = (
+        "aileron_left: ",
+        "box ",
+        "data sites: ",
+        "kernel: thin plate",
+        "interpolation: centres ",
+        "wrote runs/mine",
+    )
+    for begin in begins:
+        assert any(line.startswith(begin) for line in lines), begin
+    assert "surface_to_cad" in text
+    assert lines[-1].startswith("all validations passed")
