@@ -160,7 +160,7 @@ def _sharp_corners(model: CadModel) -> Iterator[str]:
 def _corners(model: CadModel) -> dict[tuple[int, int], list[FloatArray]]:
     """For each (face, vertex), the unit directions (3,) of the face's edges there.
 
-    Chords over the smallest feature count, not tangents: at its very end an intersection curve's can be off.
+    They are chords over the smallest feature: an intersection curve's tangent can be off at its very end.
     """
     corners: dict[tuple[int, int], list[FloatArray]] = {}
     for edge in model.edges:

@@ -305,7 +305,7 @@ def _require(holds: bool, message: str) -> None:
 
 
 def _increasing(fighter: Fighter, *quantities: str | tuple[str, float]) -> None:
-    """Require that values grow: parameters by their names, and pairs of what follows from them and its value."""
+    """Raise ValueError unless values increase: parameters by their names, or pairs of a name and a value."""
     named = [(each, attrgetter(each)(fighter)) if isinstance(each, str) else each for each in quantities]
     for (name, value), (following, limit) in pairwise(named):
         _require(

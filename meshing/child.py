@@ -36,7 +36,7 @@ QUESTION, ANSWER = "question.npz", "answer.npz"
 
 
 def end_with(parent: int) -> None:
-    """Let this process be killed when its parent ends, of a kill that no one catches too; on Linux."""
+    """Let this process be killed when its parent ends, even by a kill that no one can catch; on Linux."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() != parent:  # it ended before it could be watched

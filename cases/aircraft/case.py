@@ -68,7 +68,7 @@ class Blending(Checked):
 
 
 def adaptation(**values: Any) -> Fitting:
-    """Return the numbers of the interpolation that the paper's cases have, but for these."""
+    """Return the settings of the interpolation in the paper's cases, with changes."""
     paper = {"tolerance": 8e-5, "initial_surface": 10, "initial_hexahedron": 10, "max_centers": 10_000}
     return Fitting(**{**paper, **values})
 

@@ -113,7 +113,7 @@ def turned(case: Case) -> dict[str, CadTurn]:
 
 
 def question(case: Case) -> Arrays:
-    """Return what the process that builds is asked."""
+    """Return the question to the process that builds."""
     packed = pickle.dumps((case.fighter, turned(case), case.notch))
     return {"packed": np.frombuffer(packed, dtype=np.uint8)}
 

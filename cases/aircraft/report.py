@@ -46,7 +46,7 @@ def report_data_of(case: Case, found: Deflection) -> ReportData:
 def case_data(
     case: Case, plan: Plan, points: FloatArray, fits: Sequence[FitRows], repair: FloatArray | None
 ) -> ReportData:
-    """Return what the report of a case shows of points (N, 3), of which a repair (N, 3) is a part."""
+    """Return what the report of a case shows of its mesh at points (N, 3); a repair moved them by (N, 3) or None."""
     mesh = plan.mesh
     return ReportData(
         title=f"{case.title[:1].upper()}{case.title[1:]}, {case.angle:+g}\N{DEGREE SIGN} ({case.way})",

@@ -120,7 +120,7 @@ class FinishedCase(FinishedRun):
     def checked(
         self, deflected_cad: Callable[[], Reference], models: "Callable[[Case], tuple[CadModel, ...]]"
     ) -> tuple[Check, ...]:
-        """Return the same; nothing is asked of the deflected CAD and that of each mesh before until all files are read.
+        """Return the checks as `validated` does; all files are read before either CAD is asked for.
 
         Raises InputError or MeshFileError if a file is missing or damaged, or is of another run.
         """

@@ -10,7 +10,7 @@ from sdm_deflect.deform.base.errors import REQUESTS
 
 
 def main() -> NoReturn:
-    """Carry out `sdm` and end this process; a signal that asks it to end has the code 128 and its number."""
+    """Carry out `sdm` and end this process; after a signal the exit code is 128 plus its number."""
     came = _requests()
     code = 0
     try:

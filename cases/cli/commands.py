@@ -153,7 +153,7 @@ def _carried_out(commands: click.Command, name: str) -> int:
 
 
 def _prepare(out: TextIO | None) -> None:
-    """Make an output take letters that its encoding lacks; ClickException where the working folder is gone."""
+    """Let an output escape letters that its encoding lacks; ClickException if the working folder is gone."""
     if isinstance(out, TextIOWrapper):
         out.reconfigure(errors="backslashreplace")
     try:

@@ -136,7 +136,7 @@ def _of_one_pose(done: "Outcome", summary: "PoseSummary", whole: bool) -> tuple[
 
 
 def _of_many_poses(done: "Outcome", ordered: Sequence["PoseSummary"]) -> tuple[list[Table], list[str]]:
-    """Return a table with a row for each pose and the checks of those that failed, and what is said of repairs."""
+    """Return a table with a row for each pose, the checks of those that failed, and lines on repairs."""
     named = [(f"{_amounts(summary)} {_unit(done)}", summary) for summary in ordered]
     failed = [check_table(summary.checks, name) for name, summary in named if not summary.passed]
     repairs = [f"{name}: {text}" for name, summary in named if (text := repair_text(summary.figures))]
@@ -208,7 +208,7 @@ def sweep_table(poses: Sequence["PoseSummary"], title: str) -> Table:
 
 
 def plain(text: str) -> Text:
-    """Return text in which brackets are brackets, and what would command the terminal is shown as escapes."""
+    """Return text without markup; characters that would control the terminal are shown as escapes."""
     return Text("\n".join(map(printable, text.split("\n"))))
 
 
@@ -238,7 +238,7 @@ def _lines(plan: Plan, whole: bool = True) -> list[str]:
 
 
 def _box_lines(plan: BoxPlan) -> list[str]:
-    """Return what the box of a plan is, what is in it, and by what is interpolated there."""
+    """Describe the box of a plan, what is in it, and the interpolation there."""
     sites, region = plan.sites, plan.region
     low, high = (", ".join(f"{x:.4g}" for x in region.hexahedron.corners[i]) for i in (0, 7))
     return [

@@ -1,4 +1,4 @@
-"""Whether this machine is fit for the program, and if not, what would help; what killed commands left, which goes."""
+"""Whether this machine is fit for the program, and what would help; what killed commands left is removed."""
 
 import json
 import os

@@ -223,7 +223,7 @@ class ReportData:
 
     @cached_property
     def near(self) -> "ReportData":
-        """The same with those cells alone that touch a box, or that a slice through one can show."""
+        """The same data with only the cells that touch a box, or that a slice through one can show."""
         around = [_grown(box.hexahedron.corners) for box in self.boxes]
         touched = with_near_cells(self.mesh, [box.touched for box in self.boxes], around)
         boxes = tuple(replace(box, touched=own) for box, own in zip(self.boxes, touched, strict=True))
@@ -361,7 +361,7 @@ def read_figures(folder: Path) -> tuple[Json, tuple[Check, ...], list[FitRows]]:
 
 
 def measured(checks: Sequence[Check]) -> tuple[Check, ...]:
-    """Return those of a run's checks that only the run could make, of its fits, and mark them so."""
+    """Return the checks of the fits, which only the run could make, and mark them so."""
     errors = (check for check in checks if check.name.startswith("site_error"))
     return tuple(replace(check, where=f"{check.where}; measured by the run") for check in errors)
 

@@ -109,7 +109,7 @@ def write_run_folder(
 
 
 def plan_around(deflection: Deflection, progress: Progress = silent) -> HeldPlan | None:
-    """Return the plan from 0 to the amounts of a deflection, judged; None where sums of fields miss it."""
+    """Return the judged plan from 0 to the amounts of a deflection; None if its fields do not repeat the deflection."""
     try:
         return HeldPlan.of(deflection.plan, progress, deflection).judged(progress)
     except InputError:
@@ -138,7 +138,7 @@ def job_data(
     plan: Plan, pose: Amounts, points: FloatArray, stored: tuple[str, str], fits: Sequence[FitRows],
     repair: FloatArray | None,
 ) -> ReportData:  # fmt: skip
-    """Return what a report shows of points (N, 3), of which a repair (N, 3) is a part.
+    """Return what a report shows of a mesh at points (N, 3); a repair moved them by (N, 3), None without one.
 
     `stored` is the content of settings.toml and the name of its folder.
     """
@@ -176,7 +176,7 @@ def job_data(
 
 
 def _source(settings: Mapping[str, Any], folder: str) -> str:
-    """Return the path of the mesh from where the folder is."""
+    """Return the path of the mesh, relative to the place of the folder."""
     return normpath(Path(folder, settings["mesh"])) if settings.get("mesh") else "MESH"
 
 
@@ -232,7 +232,7 @@ def settings_of(deflection: Deflection, home: Path, folder: Path) -> dict[str, A
 
 
 def _join_mirrored(tables: list[dict[str, Any]], deflection: Deflection) -> None:
-    """Put each reflection into the table of the surface that it reflects, if one sign says both amounts."""
+    """Put each reflection into the table of its surface, if both amounts are equal or opposite."""
     for i in reversed([i for i, box in enumerate(deflection.plan.boxes) if box.mirror]):
         of = deflection.plan.boxes[i].job.image_of
         one, other = deflection.amounts[of], deflection.amounts[i]
@@ -241,7 +241,7 @@ def _join_mirrored(tables: list[dict[str, Any]], deflection: Deflection) -> None
 
 
 def _numbers(plan: BoxPlan) -> dict[str, Any]:
-    """Return the settings of a box and of its sites that were chosen."""
+    """Return the chosen box, and the chosen numbers of its data sites, as settings."""
     return {
         "box": plan.region.hexahedron.corners.tolist(),
         "zones": [name for name in plan.region.zones if name],
@@ -297,7 +297,7 @@ def _track(track: Track, file: Path) -> dict[str, Any]:
 
 
 def _ends(axis: Axis, points: FloatArray) -> list[list[float]]:
-    """Return the two points of a hinge, those given or else at the ends of a surface; of a plane one its place."""
+    """Return the two points of a hinge: as given, or at the ends of the surface; in a plane mesh its only point."""
     if axis.length is not None:
         return [axis.point.tolist(), (axis.point + axis.length * axis.direction).tolist()]
     if not np.ptp(points[:, 2]) and abs(axis.direction[2]) == 1.0:
@@ -368,7 +368,7 @@ def _with_node(block: Faces, chosen: np.ndarray) -> Faces:
 
 
 def _numbered(block: Any, place: IntArray) -> Any:
-    """Return cells or faces whose nodes have other numbers, given by place (N,)."""
+    """Return cells or faces with renumbered nodes: node i becomes place[i], (N,)."""
     if isinstance(block, Polyhedra):
         return replace(block, faces=_numbered(block.faces, place))
     return replace(block, nodes=place[block.nodes])

@@ -15,9 +15,9 @@ EVERY_SIDE = 0b111111
 
 
 def with_near_cells(mesh: Mesh, touched: Sequence[TouchedCells], boxes: Sequence[FloatArray]) -> list[TouchedCells]:
-    """Return touched cells as those of a mesh that has no cells but them, and those at boxes (2, 3) of two corners.
+    """Return the touched cells in a mesh reduced to them and to the cells at boxes (2, 3) of two corners.
 
-    Of an excerpt no others are left: the rest of its cells are there for their centres, and may lack faces.
+    An excerpt is reduced to the touched ones: its other cells are there for their centres, and may lack faces.
     """
     sides = [np.zeros(len(mesh.points), dtype=np.uint8) for _ in boxes] if not mesh.is_part else []
     for bits, (low, high) in zip(sides, boxes, strict=False):
@@ -34,7 +34,7 @@ def with_near_cells(mesh: Mesh, touched: Sequence[TouchedCells], boxes: Sequence
 
 
 def _between(block: Volume, bits: np.ndarray) -> IntArray:
-    """Return the rows of cells not wholly on one side of a box: their nodes' bits (N,) are all there together."""
+    """Return the rows of cells not wholly on one side of a box: together their nodes have every bit (N,)."""
     if isinstance(block, Cells):
         return np.flatnonzero(np.bitwise_or.reduce([bits[column] for column in block.nodes.T]) == EVERY_SIDE)
     face = np.bitwise_or.reduceat(bits[block.faces.nodes], block.faces.offsets[:-1])

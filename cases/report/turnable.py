@@ -82,7 +82,7 @@ COARSE = 5e-7
 
 @dataclass(frozen=True, eq=False)
 class Turning:
-    """What turns the mesh of a page: its fields, and the amounts at which the run has it.
+    """The fields that turn the mesh of a page, and the amounts of the run.
 
     Attributes
     ----------
@@ -161,7 +161,7 @@ def turnable(data: ReportData, most_cells: int = 0, most_triangles: int = MOST_T
 def _arrows(data: ReportData) -> FloatArray:
     """Return the triangles (T, 3, 3) of an arrow for each surface: from its trailing edge on, which way that moved.
 
-    x goes aft; of nodes that move less than half of the farthest one's way none is the trailing edge.
+    x goes aft. The trailing edge is among the nodes that move at least half as far as the farthest one.
     """
     triangles = [np.empty((0, 3, 3))]
     for surface in data.surfaces:
@@ -262,7 +262,7 @@ def surfaces(data: ReportData, turning: Turning) -> Json:
 
 
 def _functions(own: Control) -> Json:
-    """Return a surface's functions for the page: their kind and numbers, or of others samples over the range."""
+    """Return a surface's functions for the page: kind and numbers, or samples over the range."""
     kind = type(own.functions).__name__
     if isinstance(own.functions, Turn | Powers | Fixed):
         return asdict(own.functions) | {"kind": kind}
@@ -417,13 +417,13 @@ def _part(
 
 
 def _single(name: str, values: FloatArray, exact: bool) -> Json:
-    """Return numbers in single precision by name, and if they are to be exact what is left of them."""
+    """Return numbers in single precision by name; if they are to be `exact`, also the remainders."""
     parts = _split(values, exact)
     return {f"{name}{tail}": single(part) for tail, part in zip(("", "_low"), parts, strict=False)}
 
 
 def _split(values: FloatArray, exact: bool) -> list[FloatArray]:
-    """Return numbers as single precision has them, and if they are to be exact what is left of them, likewise."""
+    """Return numbers in single precision; if they are to be `exact`, also the remainders."""
     high = values.astype("<f4").astype(np.float64)
     return [high, (values - high).astype("<f4").astype(np.float64)] if exact else [high]
 

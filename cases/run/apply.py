@@ -37,7 +37,7 @@ class Applied:
     places, missing : of the plan, and those that are in none of the parts of a case.
     amounts, ranges, passed : of each surface by its name; the amounts that passed are None if none did.
     faults : sentences on amounts that did not pass.
-    measured : whether only one surface is away from where it stood while the others were measured.
+    measured : whether at most one surface is away from where it stood while the others were measured.
     """
 
     files: tuple[tuple[Path, int, int], ...]

@@ -78,7 +78,7 @@ def amount_derivatives(
 
 
 def _among(modes: Modes, deforms: BoolArray) -> Modes:
-    """Return modes without the nodes that do not deform with a surface (n, N)."""
+    """Return the modes, for each surface only at the nodes that deform with it (n, N)."""
     kept = [mask[rows] for mask, rows in zip(deforms, modes.rows, strict=True)]
     fields = tuple(own[:, some] for own, some in zip(modes.fields, kept, strict=True))
     return replace(modes, rows=tuple(map(np.compress, kept, modes.rows)), fields=fields)
@@ -120,7 +120,7 @@ def _of_table(path: Path, count: int) -> Iterator[Piece]:
 
 
 def components_of(titles: Sequence[str]) -> list[int]:
-    """Return the indices of the titles of x, y and, if there is one, z; InputError if one is missing or twice there."""
+    """Return the indices of the titles of x, y and, if there is one, z; InputError if one is missing or repeated."""
     found = sorted(
         ("xyz012".index(match[1].lower()) % 3, i) for i, t in enumerate(titles) if (match := COLUMN.search(t))
     )

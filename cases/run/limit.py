@@ -84,7 +84,7 @@ class Limit:
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """What is tried, and what is asked of it.
+    """How amounts are tried, and what a mesh must hold.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ class Search:
     threshold: float = 0.0
 
     def limits(self, repair: RepairMode, progress: Progress) -> tuple[Limit, ...]:
-        """Go to both signs: without repair and, unless that is off, with it; InputError if nothing moves at all."""
+        """Find the limits of both signs, without repair and, unless it is off, with it; InputError if nothing moves."""
         if reason := self.tried(0.0, "off").reason:
             raise InputError(reason)
         modes: tuple[RepairMode, ...] = ("off",) if repair == "off" else ("off", repair)
@@ -139,7 +139,7 @@ class Search:
             return trials[size]
 
         def last(holds: Callable[[Trial], bool]) -> float:
-            """Return the size before the first at which something does not hold, to the resolution."""
+            """Return the largest size below the first at which `holds` fails, to the resolution."""
             known = sorted(trials)
             bad = next((k for k, size in enumerate(known) if not holds(trials[size])), len(known))
             if bad in (0, len(known)):
@@ -225,7 +225,7 @@ def write_limits(limits: tuple[Limit, ...], search: Search, folder: Path) -> Tab
 
 
 def _curves(limits: tuple[Limit, ...]) -> dict[RepairMode, list[Trial]]:
-    """Return the trials of both signs by the mode of repair, ascending by angle; zero is in there once."""
+    """Return the trials of both signs by the mode of repair, ascending by angle, with zero once."""
     curves: dict[RepairMode, dict[float, Trial]] = {}
     for limit in limits:
         curves.setdefault(limit.repair, {}).update({trial.angle: trial for trial in limit.trials})

@@ -233,7 +233,7 @@ def precision_of(source: Path | None, out: Path, mesh: Mesh) -> Precision:
 
 
 def _keeps_bytes(source: Path, out: Path) -> bool:
-    """Whether `out` is a copy of the source but for coordinates: an encoding of UGRID may become another."""
+    """Whether `out` is a copy of the source but for coordinates; a change of UGRID's encoding is none."""
     if format_of(out) is not format_of(source):
         return False
     return format_of(out).folder or ending(out).lower() == ending(source).lower()

@@ -282,7 +282,7 @@ def settings_of(surfaces: Any, hinge: Any, angle: Any, options: Mapping[str, Any
 
 
 def check_swept(settings: JobSettings, swept: bool = True) -> JobSettings:
-    """Return the settings; of a sweep InputError for a shift or a slot, whose own angle the sweep would replace."""
+    """Return the settings; InputError for a shift or a slot, whose own angle a sweep would replace."""
     if swept and any(surface.shift or surface.slot for surface in settings.surface):
         raise InputError(
             "shift and slot are one setting with an angle of its own: for a sweep give the places as a track"
@@ -291,7 +291,7 @@ def check_swept(settings: JobSettings, swept: bool = True) -> JobSettings:
 
 
 def tables_of(surfaces: Any) -> list[Nested]:
-    """Return the tables if surfaces are given as tables, or as tables by their patches; else none."""
+    """Return surfaces that are given as tables, or as a mapping from patch to table; none for mere names."""
     if isinstance(surfaces, Mapping) and surfaces and all(isinstance(own, Mapping) for own in surfaces.values()):
         return [{"patches": name, **own} for name, own in surfaces.items()]
     rows = surfaces if isinstance(surfaces, list | tuple) else [surfaces]
@@ -365,7 +365,7 @@ def angles_of(wanted: Any) -> tuple[float, ...]:
 
 
 def _range(text: str) -> tuple[float, ...]:
-    """Return the numbers of ``first:last:step``, at most one more than may be."""
+    """Return the numbers of ``first:last:step``; of too many, one more than `MOST_ANGLES`."""
     first, last, step = (float(part) for part in text.split(":"))
     count = floor((last - first) / step + 1e-9) + 1
     return tuple(round(first + i * step, 12) for i in range(min(count, MOST_ANGLES + 1)))

@@ -91,7 +91,7 @@ def _condition(name: str, word: str) -> "Condition":
 
 
 def _point(of: FloatArray, z: float) -> Point:
-    """Return a point; of two numbers with that z."""
+    """Return a point; one of two numbers gets that z."""
     x, y, *rest = of.tolist()
     return x, y, rest[0] if rest else z
 
@@ -104,7 +104,7 @@ def _degrees(name: str, word: str) -> float:
 
 
 def _numbers(text: str) -> list[float]:
-    """Return numbers with commas between them; none if one is no number."""
+    """Return the numbers of a list with commas; none if any is not a number."""
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:

@@ -317,7 +317,7 @@ class SomePolyhedra:
         return self.sides.faces.nodes
 
     def counted(self, nodes: IntArray, start: int, stop: int) -> Polyhedra:
-        """Return the cells with other nodes (K,); start to stop - 1 count from 0, all others are one more cell."""
+        """Return the cells with other nodes (K,); cells start to stop - 1 get numbers from 0, all others become one."""
         owner, neighbour = (
             np.where((cells >= start) & (cells < stop), cells - start, stop - start).astype(np.intp, copy=False)
             for cells in (self.sides.owner, self.sides.neighbour)

@@ -70,7 +70,7 @@ class Functions:
         return self
 
     def reads(self, low: float, high: float) -> tuple[float, ...]:
-        """Return k amounts between the ends of a range, and these, but not 0, at which the fields are read."""
+        """Return the k amounts at which the fields are read: evenly from end to end of a range, without 0."""
         amounts = np.linspace(low, high, self.count + 1)
         inner = 0.0 not in (low, high) and len(amounts) > 2
         dropped = 1 + np.argmin(np.abs(amounts[1:-1])) if inner else np.argmin(np.abs(amounts))

@@ -254,7 +254,7 @@ def _planes_of_points(at: IntArray, size: Size) -> Iterator[BlockFace]:
 
 
 def _planes_of_faces(at: IntArray, where: str, size: Size) -> Iterator[BlockFace]:
-    """Yield the faces at indices (K, axes), which have one number along the axis that is named, or along one."""
+    """Yield the faces at indices (K, axes), which are constant along the named axis, or else along one of them."""
     low, high = at.min(axis=0, initial=max(size)), at.max(axis=0, initial=0)
     found = _face_axis(low, high, where, size) if len(at) else None
     if found is None:
@@ -287,7 +287,7 @@ def _others(size: Size, axis: int) -> list[int]:
 
 
 def strides(size: Size) -> IntArray:
-    """Return how far apart in the file points are that are neighbours along each axis."""
+    """Return the difference in number between neighbouring points along each axis."""
     return np.concatenate([[1], np.cumprod(size[:-1])]).astype(np.intp)
 
 

@@ -28,7 +28,7 @@ SHOWN = 20
 
 
 class NoFacesError(MeshFileError):
-    """A boundary condition is on nothing: its patch lacks none of its faces."""
+    """A boundary condition has no faces, so its patch lacks none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,14 +157,14 @@ def placed(node: Any) -> str:
 
 
 def check_range(begin: Sequence[int], end: Sequence[int], most: Sequence[int]) -> None:
-    """Refuse (`NoFacesError`) a range, counted from 1, that ends right before it begins, outside 1 to `most`."""
+    """Refuse an empty range outside 1 to `most` (`NoFacesError`): it ends right before it begins."""
     for a, b, n in zip(begin, end, most, strict=True):
         if a - b == 1 and not 1 <= b < a <= n:
             raise NoFacesError(f"its range {_listed(begin)} to {_listed(end)} holds nothing")
 
 
 def without(patches: Sequence[Patch], absent: Container[str]) -> tuple[Patch, ...]:
-    """Return patches with those that lack faces under another name, and those of one name as one."""
+    """Return the patches, joined by name; patches that lack faces get another name."""
     faces: dict[str, list[Any]] = {}
     named = [replace(one, name=PART.format(one.name)) if one.name in absent else one for one in patches]
     for patch in named:
@@ -210,7 +210,7 @@ def patch_name(base: Any, name: str, node: Any, always: bool = False) -> tuple[s
 
 
 def constraint(base: Any, node: Any) -> Constraint:
-    """Return what a boundary condition says of its nodes; one that its family specifies says what the family does."""
+    """Return the constraint of a boundary condition, which may be that of its family."""
     try:
         kind = text(node)
         if kind == "FamilySpecified":

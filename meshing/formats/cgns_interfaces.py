@@ -197,9 +197,9 @@ def periodic_pairs(
 
 
 def meeting(points: FloatArray, faces: IntArray) -> IntArray:
-    """Return the points (K, 2) that lie at the same places, to the bit, of pairs of the faces (F, k).
+    """Return pairs of points (K, 2) at equal places, to the bit, of faces (F, k) that meet in pairs.
 
-    Faces that three or more have in common, and such with less than k places, meet none.
+    Places of three or more faces, and faces with fewer than k places, are left out.
     """
     nodes, own = np.unique(faces, return_inverse=True)
     _, place = np.unique(points[nodes] + 0.0, axis=0, return_inverse=True)  # -0.0 is 0.0

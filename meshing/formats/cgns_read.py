@@ -60,7 +60,7 @@ class Base:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _CgnsZone:
-    """A zone by itself, its interfaces, pairs (K, 2) of its points that are one, and its faces (F, k) on nothing.
+    """A zone by itself, its interfaces, pairs (K, 2) of its points that are one, and faces (F, k) without a condition.
 
     `faults` are its conditions and interfaces that could not be read.
     """
@@ -145,7 +145,7 @@ def _dimension(sizes: dict[str, Size], dimension: int) -> int:
 
 
 def _plane_first(base: Base) -> tuple[str, ...]:
-    """Return the coordinates in the mesh's order: the last one is the same everywhere, if any is."""
+    """Return the coordinates in the mesh's order: a constant one comes last."""
     for last in reversed(base.axes):
         values = []
         for name in base.zones:
@@ -200,7 +200,7 @@ def _size(zone: Any, dimension: int) -> Size:
 
 
 def _without_absent(zones: Sequence[_CgnsZone]) -> list[_CgnsZone]:
-    """Return zones with patches that lack faces under another name; a family lacks them in all zones."""
+    """Return the zones; patches that lack faces get another name, those of a family in all zones."""
     families = {fault.patch for zone in zones for fault in zone.faults if fault.of_family}
     kept = []
     for zone in zones:
@@ -233,7 +233,7 @@ def _put_together(zones: Sequence[_CgnsZone]) -> Fitted:
 
 @dataclass(frozen=True, slots=True)
 class _Joints:
-    """Zones that touch, points (K, 2) of all zones that are one, periodic pairs of them, and what could not be read."""
+    """Zones that touch, pairs of points (K, 2) that are one, periodic pairs, and what could not be read."""
 
     touching: list[tuple[int, int]] = field(default_factory=list)
     same: list[IntArray] = field(default_factory=list)
@@ -264,7 +264,7 @@ def _joints(zones: Sequence[_CgnsZone], starts: IntArray) -> _Joints:
 
 
 def _without_touching(zone: _CgnsZone) -> ZoneMesh:
-    """Return a zone's part without the faces, on its patches, that only touch those of another zone."""
+    """Return a zone's part; its patches lose the faces that only touch another zone."""
     nodes = [interface.nodes for interface in zone.interfaces if not (interface.matching or interface.is_periodic)]
     if not nodes:
         return zone.part

@@ -73,14 +73,14 @@ def _dimensions(mesh: Mesh) -> tuple[int, int]:
 
 
 def _renamed(what: str, old: Iterable[str], new: Iterable[str]) -> Iterator[str]:
-    """Yield a sentence for each thing with a name that is another in the file."""
+    """Yield a sentence for each name that differs in the file."""
     for before, after in zip(old, new, strict=True):
         if before not in ("", after):
             yield f"{what} {before} is named {after}"
 
 
 def _write_family(base: Any, name: str, plane: bool) -> None:
-    """Write a family of boundary conditions, of the kind that its name tells unless it is a plane of symmetry."""
+    """Write a family and its kind of boundary condition: a plane of symmetry, or what its name says."""
     kind = next((kind for pattern, kind in CONDITIONS if re.search(pattern, name.lower())), "BCWall")
     create(create(base, name, "Family_t"), "FamilyBC", "FamilyBC_t", "BCSymmetryPlane" if plane else kind)
 

@@ -53,7 +53,7 @@ TURNS = _turns()
 
 
 def expanded(block: Cells) -> Iterator[Cells]:
-    """Yield hexahedra or quads as blocks of the shapes that they are, those without a common point first.
+    """Yield hexahedra or quads as blocks of their true shapes; those with distinct corners come first.
 
     Hexahedra of seven distinct corners stay; quads of two or one are left out.
     """
@@ -178,7 +178,7 @@ def _groups(count: int, touching: Iterable[tuple[int, int]]) -> list[list[int]]:
 
 
 def _welded(order: IntArray, same: Sequence[IntArray]) -> tuple[IntArray, IntArray]:
-    """Return `Fitted.index` and `Fitted.first` of points of the file that are to come in some order (F,)."""
+    """Return `Fitted.index` and `Fitted.first` for the file's points, numbered in the given order (F,)."""
     count, place = len(order), np.empty_like(order)
     place[order] = np.arange(count)
     if not same:
@@ -200,7 +200,7 @@ def _components(count: int, pairs: IntArray) -> IntArray:
 
 
 def _common(groups: Sequence[Sequence[int]], parts: Sequence[ZoneMesh]) -> set[str]:
-    """Names of patches that zones have which do not touch."""
+    """Names of patches that occur in zones that do not touch."""
     names = [{patch.name for i in group for patch in parts[i].mesh.patches} for group in groups]
     count = Counter(name for own in names for name in own)
     return {name for name, groups_with in count.items() if groups_with > 1}
@@ -224,7 +224,7 @@ def _one(blocks: Sequence[Cells]) -> Cells:
 
 
 def _patches(parts: Sequence[ZoneMesh], numbers: Sequence[IntArray], common: Set[str]) -> list[Patch]:
-    """Return the patches of touching zones, `common` names with the zone; families of all that have them are one."""
+    """Return the patches of touching zones; `common` names get the zone's in front, families are joined."""
     apart = _apart(parts)
     found: dict[str, list[Faces]] = {}
     kinds: list[tuple[str, Constraint]] = []
@@ -242,13 +242,13 @@ def _patches(parts: Sequence[ZoneMesh], numbers: Sequence[IntArray], common: Set
 
 
 def _without_collapsed(patch: Patch, index: IntArray) -> Iterator[Faces]:
-    """Yield the faces by other numbers of the points, some of which may be one."""
+    """Yield the faces with their new points; a face whose points became one is of a simpler shape."""
     for faces in (renumbered(faces, index) for faces in patch.faces):
         yield from expanded(faces) if isinstance(faces, Cells) else (faces,)
 
 
 def _apart(parts: Sequence[ZoneMesh]) -> set[str]:
-    """Return the names that patches of several zones have, unless they are families of all of these."""
+    """Return the names of patches of several zones that stay apart: they are not a family in all of them."""
     having = Counter(name for part in parts for name in part.mesh.names)
     families = Counter(name for part in parts for name in part.families.intersection(part.mesh.names))
     return {name for name, count in having.items() if count > max(1, families[name])}
@@ -266,7 +266,7 @@ def _by_shape(blocks: Sequence[Cells]) -> tuple[Cells, ...]:
 
 
 def _without_inner(mesh: Mesh, twice: BoolArray) -> Mesh:
-    """Take from the patches all faces that two cells have, where all their corners (``twice``) are of several zones."""
+    """Remove from the patches the faces between two cells; all corners of these are in several zones (``twice``)."""
     keys = node_keys(len(mesh.points))
     own = [face_keys(faces, keys) for patch in mesh.patches for faces in patch.faces]
     given = distinct(np.concatenate([keys[:0], *own]))

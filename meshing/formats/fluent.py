@@ -233,7 +233,7 @@ def _bounded(points: FloatArray, faces: Polygons, c0: IntArray, c1: IntArray) ->
 
 
 def _volume(points: FloatArray, boundary: Polygons, plane: bool) -> float:
-    """Volume, or area, within all boundary faces; positive if the cells are on the side that they should be."""
+    """Volume, or area, within all boundary faces; positive if the cells are on their inner sides."""
     with np.errstate(all="ignore"):  # `Mesh` refuses coordinates that are not finite
         middle = points - points.mean(axis=0)
         if plane:
@@ -291,7 +291,7 @@ def _zones(mesh: Any, faces: int) -> list[_FluentZone]:
 
 
 def _topology(topology: Any) -> "zip[tuple[str, list[int]]]":
-    """Return of each zone its name, first and last face, kind, number, and that of its shadow or 0."""
+    """Return for each zone its name, first and last face, kind, number, and the number of its shadow (0: none)."""
     columns = [integers(topology, name) for name in ("minId", "maxId", "zoneType", "id")]
     first = columns[0]
     shadows = integers(topology, "shadowZoneId") if "shadowZoneId" in topology else columns[0][:0]

@@ -89,7 +89,7 @@ def fewest_bits(kinds: Iterable[np.dtype[Any]]) -> np.dtype[Any]:
 
 
 def check_points(points: FloatArray, count: int) -> None:
-    """Refuse coordinates of another number of points than `count`, and such as are not finite, with a ValueError."""
+    """Raise ValueError unless there are `count` points with finite coordinates."""
     if points.shape != (count, 3):
         raise ValueError(f"the file has {count} points, but coordinates {points.shape} were given")
     if bad := np.count_nonzero(~np.isfinite(points).all(axis=1)):
@@ -97,5 +97,5 @@ def check_points(points: FloatArray, count: int) -> None:
 
 
 def only_rewritten(out: Path) -> MeshFileError:
-    """Return the error of writing a mesh from elsewhere in a format of which files are only rewritten."""
+    """Return the error of converting a mesh to a format whose files can only be rewritten."""
     return MeshFileError(f"{out}: only a mesh of this format can be written in it; name another one, such as .cgns")

@@ -148,7 +148,7 @@ def _records22(cursor: ByteCursor) -> Iterator[ElementBlock]:
 
 
 def _alike(cursor: ByteCursor, width: int) -> IntArray:
-    """Records (M, width) that follow one another, each with the header that was just read: Gmsh writes many such."""
+    """Read the records (M, width) that repeat the header just read, as Gmsh writes many."""
     cursor.at -= 12
     row = 3 + width
     table = cursor.peek((cursor.end - cursor.at) // (4 * row) * row).reshape(-1, row)

@@ -310,7 +310,7 @@ Link = tuple[list[int], IntArray]
 
 
 def _links22(file: GmshFile) -> Iterator[Link]:
-    """Version 2.2 has text in binary files, too; a line with the transformation may begin with a word."""
+    """Yield the links of version 2.2: text, even in binary files; a transformation may begin with a word."""
     content, (begin, _) = file.content("Periodic"), file.sections["Periodic"]
     cursor = TextCursor(AFFINE.sub(b"", content), begin, "Periodic")
     for _ in range(_links(int(cursor.ints(1)[0]))):

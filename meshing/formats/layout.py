@@ -83,7 +83,7 @@ class Format:
         return found.pieces.coordinates(0, found.pieces.points), found.zones
 
     def read_copy(self, path: Path, source: Path) -> Mesh:
-        """Return the mesh in a file that is a copy of another, beside which more of it may be."""
+        """Return the mesh in a copy of a file; what stands beside the source, such as names, belongs to it."""
         return self.read(path)
 
     def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
@@ -145,10 +145,10 @@ class Format:
         return ()
 
     def check_named(self, mesh: Mesh, out: Path) -> None:
-        """Refuse such a file that is there with other names than a new file of this mesh has, with a MeshFileError."""
+        """Raise MeshFileError if such a file stands beside `out` with other names than this mesh has."""
 
     def named_otherwise(self, source: Path, out: Path) -> bool:
-        """Whether such a file beside `out` is another than that of a mesh `source`."""
+        """Whether such a file beside `out` differs from that of the mesh `source`."""
         return False
 
 

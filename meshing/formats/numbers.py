@@ -53,7 +53,7 @@ class NumberLines:
         return len(self.first) - 1
 
     def columns(self, of: Any, start: int, stop: int, rows: Any = slice(None)) -> Any:
-        """Return numbers start to stop - 1 of lines, (L, stop - start), from `of` (T,); they must have so many."""
+        """Return numbers start to stop - 1 of each line, (L, stop - start), from `of` (T,); lines must have them."""
         sizes = np.diff(self.first)
         if len(sizes) and (sizes == sizes[0]).all():
             return of.reshape(-1, sizes[0])[rows, start:stop]
@@ -198,7 +198,7 @@ DOUBT = 2.0**-98
 
 
 def ahead(work: Callable[[bytes], Result], texts: Iterable[bytes]) -> Iterator[Result]:
-    """Yield what is made of texts, in order, while all cores are at work on the next ones."""
+    """Process texts on all cores, and yield the results in order."""
     threads = available_threads()
     with ThreadPoolExecutor(threads) as pool:
         waiting: deque[Future[Result]] = deque()
@@ -236,7 +236,7 @@ def plain_numbers(text: bytes, kind: type[np.float64 | np.int64]) -> NumberLines
 
 @compiled_exactly
 def _lines(text: Bytes, first: IntArray, begin: IntArray, end: IntArray) -> int:  # pragma: no cover - machine code
-    """Fill in what `Lines` has but the values, and return the number of lines; -1 if a letter is unusual."""
+    """Find lines and numbers for `NumberLines`, and return the number of lines; -1 if a letter is unusual."""
     words = lines = 0
     start = -1
     for i in range(len(text)):

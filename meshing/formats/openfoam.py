@@ -141,12 +141,12 @@ def boundary_text(patches: Sequence[FoamPatch]) -> str:
 
 
 def sides_reached(points: FloatArray, nodes: IntArray) -> int:
-    """Return how many sides of the box around all points (N, 3) some nodes (K,) lie on; of a plane mesh's, four."""
+    """Count the sides of the bounding box of points (N, 3) that nodes (K,) lie on, of a plane mesh at most four."""
     return int(reached(points, nodes).sum()) if len(nodes) else 0
 
 
 def reached(points: FloatArray, nodes: IntArray) -> BoolArray:
-    """Return whether some nodes reach the low and the high side (2, 3) along each axis along which there is room."""
+    """Return whether some nodes reach the low and the high side (2, 3), for each axis with an extent."""
     low, high, own = points.min(axis=0), points.max(axis=0), points[nodes]
     near = FLAT * (high - low).max()
     reached = np.array([own.min(axis=0) <= low + near, own.max(axis=0) >= high - near])
@@ -154,7 +154,7 @@ def reached(points: FloatArray, nodes: IntArray) -> BoolArray:
 
 
 def kind_of(name: str, planar: bool, outside: bool = True) -> str:
-    """Return the type of a patch that has but a name: what it says, a wall if nothing.
+    """Return the type of a patch by its name: a wall if the name says nothing.
 
     A plane of symmetry that is curved is a ``symmetry``: OpenFOAM takes ``symmetryPlane`` for planes alone. What is
     called an inlet, and does not reach the outside of the mesh, is a wall: the closed inlet of an aircraft.
@@ -166,7 +166,7 @@ def kind_of(name: str, planar: bool, outside: bool = True) -> str:
 
 
 def control(**changed: object) -> str:
-    """Return the content of a ``controlDict``: `CONTROL` with other values, and further ones; without those of None."""
+    """Return a ``controlDict``: `CONTROL` with changed and further entries; those that are None are left out."""
     return "".join(f"{name:<15} {value};\n" for name, value in {**CONTROL, **changed}.items() if value is not None)
 
 

@@ -214,7 +214,7 @@ def _flat_sides(faces: Polygons, places: Places) -> Sides | None:
 
 
 def _wedge_sides(one: Polygons, other: Polygons, places: Places) -> Sides | None:
-    """Return the same for the two sides of a wedge, which meet on its axis."""
+    """Return as `_flat_sides` the two sides of a wedge, which meet on its axis."""
     points = places(union(one.nodes)), places(union(other.nodes))
     if len(points[0]) != len(points[1]) or len(points[0]) < 3 or not np.isfinite(points).all():
         return None
@@ -275,7 +275,7 @@ def case_copied(source: Path, out: Path, progress: Progress) -> Iterator[Path]:
 def patches_of(
     patches: Sequence[FoamPatch], count: int, inner: int, rows: Callable[[int, int], Polygons]
 ) -> tuple[Patch, ...]:
-    """Return patches with their faces, of so many faces with the inner ones first; MeshFileError if one has others.
+    """Return the patches with their faces; inner faces come first. MeshFileError for faces that are not there.
 
     `rows` gives faces, from one on and up to another.
     """
@@ -347,7 +347,7 @@ def _target(link: Path, case: Path) -> str:
 
 
 def move_points(folder: Path, out: Path, points: FloatArray) -> None:
-    """Write `points` (N, 3) of a mesh into the folder `out` as the file is in `folder`, but for what changed."""
+    """Copy the file of points from `folder` to `out`, with new `points` (N, 3) where they changed."""
     with about(folder / "points"):
         file = open_foam(folder, "points")
         old = vectors(file)

@@ -50,9 +50,9 @@ class Lists(NamedTuple):
         return Polygons(self.nodes.read(int(offsets[0]), int(offsets[-1]))[:, 0], offsets - offsets[0])
 
     def cells(self, spans: IntArray) -> int:
-        """Return the number of cells; MeshFileError for owners and neighbours that reading all of them refuses.
+        """Return the number of cells; MeshFileError for owners and neighbours that a whole read would refuse.
 
-        It takes a byte for each cell, and eight more for each between the least and the largest of a batch of faces.
+        Memory: a byte for each cell, and eight for each cell between the least and the largest of a batch of faces.
         `spans` has the least and the largest of all (R, 2).
         """
         faces, inner = self.offsets.rows - 1, self.neighbour.rows
@@ -71,7 +71,7 @@ class Lists(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoamPieces(TablePieces):
-    """See `Pieces`: of the lists of faces are in memory no more than the least and the largest cell of some at a time.
+    """See `Pieces`: of the faces only the least and the largest cell of each `SPAN` are in memory.
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ class FoamPieces(TablePieces):
             return joined([self._some(low, high, start, stop) for low, high in self._ranges(start, stop)])
 
     def _ranges(self, start: int, stop: int) -> Iterator[tuple[int, int]]:
-        """Yield ranges of faces among which those of cells start to stop - 1 are, a batch at most."""
+        """Yield ranges of faces, a batch at most, that may bound cells start to stop - 1."""
         near = _meets(self.owners, start, stop)
         near[: len(self.neighbours)] |= _meets(self.neighbours, start, stop)
         spans = np.flatnonzero(near)
@@ -107,7 +107,7 @@ class FoamPieces(TablePieces):
                 yield first * SPAN, min(end * SPAN, self.lists.owner.rows)
 
     def _some(self, low: int, high: int, start: int, stop: int) -> SomePolyhedra:
-        """Return those of faces low to high - 1 that bound cells start to stop - 1."""
+        """Return the faces from low to high - 1 that bound cells start to stop - 1."""
         inner = self.lists.neighbour.rows
         owner = self.lists.owner.read(low, high)[:, 0]
         neighbour = self.lists.neighbour.read(min(low, inner), min(high, inner))[:, 0]
@@ -223,7 +223,7 @@ def _batches(labels: FileTable) -> Iterator[IntArray]:
 
 
 def _meets(spans: IntArray, start: int, stop: int) -> BoolArray:
-    """Return which ranges of cells, least and largest (R, 2), have one of start to stop - 1."""
+    """Return which spans, least and largest cell (R, 2), overlap the cells start to stop - 1."""
     return np.asarray((spans[:, 1] >= start) & (spans[:, 0] < stop))
 
 

@@ -115,13 +115,13 @@ class Layout(NamedTuple):
 
     @property
     def begins(self) -> list[int]:
-        """Where the coordinates of each block begin, and where the file ends, in bytes or numbers."""
+        """Where the coordinates of each block begin, and where the file ends: in bytes, of text in numbers."""
         around = 2 * MARKER * self.records
         ends = list(accumulate((length + around for length in self.lengths), initial=0))
         return [*(begin + around // 2 for begin in ends[1 + self.counted : -1]), ends[-1]]
 
     def columns(self) -> Iterator[tuple[int, int, slice]]:
-        """Yield where a coordinate of the points of a block begins, its axis, and which these points are of all."""
+        """Yield for each block and axis where its coordinates begin, the axis, and the block's points among all."""
         start, size = 0, self.real.itemsize if self.real else 1
         for begin, own in zip(self.begins, self.sizes, strict=False):
             count = prod(own)
@@ -272,7 +272,7 @@ class MapEntry(NamedTuple):
 
 
 def map_of(path: Path, sizes: Sequence[Size]) -> tuple[MapEntry, ...]:
-    """Return what the map beside a grid says, of ``wing-deflected.p3d`` ``wing.nmf``; errors as of `entries`."""
+    """Read the map beside a grid, such as ``wing.nmf`` for ``wing-deflected.p3d``; errors as of `entries`."""
     for beside in maps(path):
         with about(beside):
             return tuple(entries(beside.read_text("utf-8", "replace"), sizes))
@@ -357,7 +357,7 @@ def put_together(points: FloatArray, sizes: Sequence[Size], said: Sequence[MapEn
 
 
 def _block(number: int, size: Size, points: FloatArray, said: Sequence[MapEntry]) -> tuple[ZoneMesh, list[Cells]]:
-    """Return a block by itself, and its faces that may be of another block, too."""
+    """Return a block by itself, and the faces that it may share with another block."""
     own, title = cells(size), f"block{number + 1}"
     turned = oriented(points, own)
     left_handed = bool(2 * np.count_nonzero(turned.nodes[:, 1] != own.nodes[:, 1]) > len(own))
@@ -380,7 +380,7 @@ def _block(number: int, size: Size, points: FloatArray, said: Sequence[MapEntry]
 
 
 def _bounded(number: int, size: Size, said: Sequence[MapEntry]) -> Iterator[tuple[MapEntry, BlockFace]]:
-    """Yield what is said of sides of a block that are no interfaces, each with the faces that it is said of."""
+    """Yield the entries of a map on a block, each with its faces; interfaces are left out."""
     for entry in said:
         for end in () if entry.kind in (ONE_TO_ONE, UNPROCESSED) else entry.ranges:
             if end.block == number and end.axis < len(size):

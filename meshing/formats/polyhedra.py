@@ -73,7 +73,7 @@ def _paired(mesh: Mesh, keys: Keys) -> tuple[Polygons, IntArray, IntArray]:
 
 
 def _met(faces: Polygons, cell: IntArray, keys: Keys) -> tuple[Polygons, IntArray, IntArray]:
-    """The same from all faces of all cells, each with its cell (K,): equal keys are one face."""
+    """Return as `_paired` the faces of all cells, each given with its cell (K,); equal keys are one face."""
     key = face_keys(faces, keys)
     order = np.lexsort((cell, key))
     same = key[order][1:] == key[order][:-1]
@@ -135,7 +135,7 @@ def check_cells(cells: Polyhedra, least: int = FEWEST) -> None:
 
 
 def check_labels(low: int, high: int, owners: int, neighbours: int) -> None:
-    """Refuse, with a MeshFileError, a least and a largest cell that so many owners and neighbours cannot name."""
+    """Refuse a least and a largest cell that do not suit so many owners and neighbours (MeshFileError)."""
     if low < 0 or not 0 <= high < owners + neighbours:
         raise MeshFileError(f"owner and neighbour name cells that {owners} faces cannot bound")
 

@@ -120,7 +120,7 @@ def copy_range(files: tuple[Path, Path], item: Item) -> None:
 
 
 def _opened(out: Path) -> BinaryIO:
-    """Open a file that is there to write into it; MeshFileError where it is not: another machine made it."""
+    """Open an existing file to write into it; MeshFileError if it is not seen here: another machine made it."""
     try:
         return out.open("r+b", 0)
     except FileNotFoundError:

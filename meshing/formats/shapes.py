@@ -108,7 +108,7 @@ def chosen(faces: Faces, rows: IntArray) -> Faces:
 
 
 def all_of(marked: BoolArray, faces: Cells | Polygons) -> BoolArray:
-    """Return which faces (F,) have none but marked nodes (N,)."""
+    """Return which faces (F,) have only marked nodes (N,)."""
     own = marked[faces.nodes]
     if isinstance(faces, Cells):
         return np.asarray(own.all(axis=1))

@@ -71,7 +71,7 @@ class CellTable:
         return nodes
 
     def _held(self) -> IntArray | None:
-        """Return the nodes (M, k) of all cells if they are in memory as they are to be; else None."""
+        """Return the nodes (M, k) of all cells if they are in memory in the final order; else None."""
         if not isinstance(self.table, Held) or self.first or self.order or self.table.values.dtype != np.intp:
             return None
         return self.table.values

@@ -156,7 +156,7 @@ def gathered(
     Parameters
     ----------
     parts : Name of a table, and some rows (K, width) of it.
-    most : Returns for a name more rows than come; their memory is taken as it is filled.
+    most : Upper bound of the rows, by name; memory is taken as it is filled.
     scratch : An empty folder; None: memory.
     """
     rows: dict[str, int] = {}

@@ -207,7 +207,7 @@ def _markers(grid: Grid, count: int) -> IntArray:
 
 
 def _marker_names(grid: Grid, path: Path, markers: Sequence[int]) -> dict[int, str]:
-    """Return the name of each marker, by the mapping whose name is the longest beginning of the grid's and has any."""
+    """Return the name of each marker, by the mapping with names whose file name fits the grid's best."""
     mappings_of = (mapped_names(beside.read_bytes().decode("utf-8", "replace")) for beside in mappings(path))
     mapped = next((each for each in mappings_of if each.keys() & set(markers)), {})
     names = {marker: mapped.get(marker) or _text(grid, f"marker_{marker}") for marker in markers}

@@ -178,7 +178,7 @@ def stands_otherwise(source: Path, out: Path) -> bool:
 
 @contextmanager
 def names_copied(source: Path, out: Path) -> Iterator[None]:
-    """Give a copy `out`, which the block writes, the names of its source's surfaces, too.
+    """Copy the names of the source's surfaces to the copy `out` that the block writes.
 
     MeshFileError if a ``.mapbc`` that is there says otherwise.
     """

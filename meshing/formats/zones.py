@@ -61,7 +61,7 @@ def part(mesh: Mesh, zone: Zone) -> Mesh:
 
 
 def _patch_inside(patch: Patch, zone: Zone) -> Patch:
-    """Return what of a patch is in a zone: its faces there, if any."""
+    """Return the part of a patch that lies in a zone; it may have no faces."""
     faces = [_inside(block, zone, f"faces of patch {patch.name}") for block in patch.faces]
     return _unprefixed(Patch(patch.name, tuple(filter(len, faces)), constraint=patch.constraint), zone)
 

@@ -88,7 +88,7 @@ def surface_failures(mesh: Mesh, answer: child.Arrays) -> Iterator[str]:
 
 
 def cad_failures(mesh: Mesh, model: "CadModel", answer: child.Arrays) -> Iterator[str]:
-    """Yield for which CAD faces there is no boundary, or one that is somewhere else."""
+    """Yield a sentence for each CAD face without a boundary, or with a boundary elsewhere."""
     boundary = skin(mesh)
     for index in np.setdiff1d(np.arange(len(model.faces)), boundary.face):
         yield f"no boundary triangle is on {_name(model, index)}"

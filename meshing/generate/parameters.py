@@ -74,7 +74,7 @@ COMPONENTS = tuple(takewhile(lambda name: name != "corner", (field.name for fiel
 
 
 def _once_refined(base: MeshParameters) -> MeshParameters:
-    """Refinement keeps shapes except where new nodes are put on curved faces: a little less is accepted there."""
+    """Accept a little less quality after a refinement, which puts new nodes on curved faces."""
     return replace(base, refinements=1, accept_min=0.25, accept_mean=0.86, accept_below=5e-4)
 
 
