@@ -106,17 +106,6 @@ def centres(scale: str, cache: bool, out: Path | None, as_json: bool, quiet: boo
 
 
 @study.command()
-@out_option
-@options.json_option
-@options.progress_options
-def flap(**given: Any) -> int:
-    """Compute what blending costs: forces on a NACA 0012 with its flap deflected in the mesh, and turned rigidly."""
-    from studies.flap import write_flap
-
-    return _written("flap", "", write=lambda folder, watch: (write_flap(folder), True), **given)
-
-
-@study.command()
 @click.option("--case", type=options.CaseName(), default="aileron", help="The case.")
 @angles_option
 @click.option("--mach", type=float, help="Mach number of the free stream (0.6).")
