@@ -34,6 +34,7 @@ QUALITY_MAP = "cividis"
 QUALITY_RANGE = Normalize(0.4, 1.0)
 """Cells of a quality below 0.4 get the darkest colour."""
 
+BOX_COLOUR = "#cc00cc"
 COMPONENTS = {
     "fuselage": "#bbbbbb",
     "canopy": "#332288",
@@ -46,7 +47,7 @@ COMPONENTS = {
     "ventral": "#117733",
     "fin": "#aa4499",
     "rudder": "#882255",
-    "chimera": "#cc00cc",
+    "chimera": BOX_COLOUR,
 }
 """After Paul Tol's muted scheme."""
 
@@ -57,7 +58,7 @@ MOVING = COMPONENTS["aileron"]
 
 DARK: Colour = (90, 90, 90)
 GREY: Colour = (190, 190, 190)
-MAGENTA: Colour = (204, 0, 204)
+MAGENTA: Colour = (204, 0, 204)  # of boxes, too
 ORANGE: Colour = (213, 94, 0)
 BLUE: Colour = (0, 114, 178)
 
@@ -225,7 +226,7 @@ def draw_slice(axes: Axes, data: ReportData, points: FloatArray, box: Box, plane
     axes.add_collection(LineCollection(list(walls), colors="black", linewidths=1.6))
     normal = np.eye(3)[plane.axis]
     section = factor * box.hexahedron.section(plane.station * normal, normal)[:, plane.across]
-    axes.plot(*np.vstack([section, section[:1]]).T, color="#cc00cc", lw=1.3, ls="--")
+    axes.plot(*np.vstack([section, section[:1]]).T, color=BOX_COLOUR, lw=1.3, ls="--")
     axes.set(xlim=factor * plane.window[:, right], ylim=factor * plane.window[:, up], aspect="equal")
     axes.set(xlabel=f"{AXES[right]}, {unit}", ylabel=f"{AXES[up]}, {unit}")
     axes.set_title(f"{plane.what},\n{state}", fontsize="small")

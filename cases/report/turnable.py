@@ -26,6 +26,7 @@ from sdm_deflect.meshing.formats.polyhedra import faces_by_cell
 from .data import Box, ReportData, drawn_measure
 from .slices import (
     BLUE,
+    BOX_COLOUR,
     BOX_EDGES,
     CHANGE_MAP,
     CHANGE_RANGE,
@@ -137,7 +138,10 @@ def turnable(data: ReportData, most_cells: int = 0, most_triangles: int = MOST_T
     most_cells = most_cells or (MOST_PLANE if data.mesh.plane else MOST_CELLS)
     return {
         "patches": list(patches(data, most_triangles, turning)),
-        "boxes": [{"name": one.name, "segments": single(_corners_shown(data, one)[edges])} for one in data.boxes],
+        "boxes": [
+            {"name": one.name, "colour": BOX_COLOUR, "segments": single(_corners_shown(data, one)[edges])}
+            for one in data.boxes
+        ],
         "arrows": {"segments": single(_arrows(data))},
         "dots": list(dots(data)),
         "cells": cells(data, most_cells, turning),

@@ -225,7 +225,7 @@
     const arrows = solid(); // which way the surfaces moved
     arrows.geometry.setAttribute("position", positions(lengthsOf(data.arrows.segments)));
     arrows.material.color.set("#e69f00");
-    const outlines = boxes.map((points) => segments(positions(points), null, "#cc00cc"));
+    const outlines = boxes.map((points, i) => segments(positions(points), null, data.boxes[i].colour));
     const clouds = dots.map((one) => {
       const geometry = new THREE.BufferGeometry();
       geometry.setAttribute("position", positions(one.points));

@@ -1,0 +1,20 @@
+"""Tables of the guide that repeat facts of the code."""
+
+from sdm_deflect.deform.mesh.touched import LAYER_CHANGE, THICK_CHANGE
+from sdm_deflect.meshing.formats.known import entries
+from tests.docs.commands import ROOT
+
+DOCS = ROOT / "docs"
+
+
+def test_the_table_of_formats_has_every_suffix():
+    rows = (DOCS / "formats.md").read_text(encoding="utf-8")
+    assert [s for entry in entries().values() for s in entry.suffixes if f"{s}`" not in rows] == []
+
+
+def test_the_table_of_checks_has_the_limits_of_layers():
+    row = next(
+        line for line in (DOCS / "quality.md").read_text(encoding="utf-8").splitlines() if "`first_layer`" in line
+    )
+    assert f"within {LAYER_CHANGE:.0%}".replace("%", " %") in row
+    assert f"({THICK_CHANGE:.0%} for".replace("%", " %") in row
