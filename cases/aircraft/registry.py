@@ -98,7 +98,7 @@ def resolve(
 
     Raises InputError: one sentence: what is wrong, which value, what would be right.
     """
-    tables, changes = read_toml(config) if config else {}, _placed(assigned(assignments))
+    tables, changes = read_toml(config) if config else {}, _move_kernel(assigned(assignments))
     options: Nested = {name: value for name, value in chosen.items() if value is not None}
     if "strategy" in options:
         options["adaptation"] = {"strategy": options.pop("strategy")}
@@ -122,7 +122,7 @@ def resolve(
     return case
 
 
-def _placed(changes: Nested) -> Nested:
+def _move_kernel(changes: Nested) -> Nested:
     """Put the kernel where a case has it: it may be named as for `sdm deflect`, without ``adaptation.``."""
     own = {name: changes[name] for name in KERNEL if name in changes}
     rest = {name: value for name, value in changes.items() if name not in own}

@@ -119,7 +119,7 @@ def leftovers(folder: Path) -> Finding:
     if not hasattr(os, "O_DIRECTORY"):
         return Finding("leftovers", True, "not looked for on this system")
     homes = dict.fromkeys(Path(os.path.realpath(one)) for one in (folder, tempfile.gettempdir()))
-    done = [text for home in homes for place in _hidden(home) for text in _tidied(place)]
+    done = [text for home in homes for place in _hidden(home) for text in _tidy(place)]
     kept = short_list(place for home in homes for place in _hidden(home))
     texts = [*done, *([f"in use, or not ours: {kept}"] if kept else [])]
     return Finding("leftovers", True, "; ".join(texts) or "none")
@@ -129,17 +129,17 @@ def _hidden(home: Path) -> list[Path]:
     return sorted(home.glob(f"{NAME}????????{END}"))
 
 
-def _tidied(place: Path) -> Iterator[str]:
+def _tidy(place: Path) -> Iterator[str]:
     """Remove a hidden folder of this user whose process has ended, and say so.
 
     What is removed is what was opened and locked, whatever its path has become meanwhile.
     """
     with ExitStack() as stack, suppress(OSError):
-        handle = _opened(stack, place, os.O_RDONLY | os.O_DIRECTORY)
+        handle = _open_own(stack, place, os.O_RDONLY | os.O_DIRECTORY)
         if LOCK in _names(handle):
             import fcntl
 
-            lock = _opened(stack, LOCK, os.O_RDWR | os.O_NONBLOCK, handle)
+            lock = _open_own(stack, LOCK, os.O_RDWR | os.O_NONBLOCK, handle)
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         elif time() - os.fstat(handle).st_mtime < YOUNG:
             return
@@ -151,10 +151,10 @@ def _tidied(place: Path) -> Iterator[str]:
 def _put_back(place: Path, handle: int) -> Iterator[str]:
     """Give a run folder that was put aside its name again, or remove it if another has that name by now."""
     with ExitStack() as stack, suppress(OSError, ValueError, TypeError):
-        note = _opened(stack, NOTE, os.O_RDONLY | os.O_NONBLOCK, handle)
+        note = _open_own(stack, NOTE, os.O_RDONLY | os.O_NONBLOCK, handle)
         number, aside, name = json.loads(os.read(note, LONGEST))
         old, target = place.with_name(aside), place.with_name(name)
-        folder = _opened(stack, old, os.O_RDONLY | os.O_DIRECTORY)
+        folder = _open_own(stack, old, os.O_RDONLY | os.O_DIRECTORY)
         if os.fstat(folder).st_ino != number:
             return
         if os.path.lexists(target):
@@ -165,7 +165,7 @@ def _put_back(place: Path, handle: int) -> Iterator[str]:
             yield f"put {old} back as {target}"
 
 
-def _opened(stack: ExitStack, path: Path | str, flags: int, folder: int | None = None) -> int:
+def _open_own(stack: ExitStack, path: Path | str, flags: int, folder: int | None = None) -> int:
     """Open a file or a folder of this user, but no link; PermissionError if it is another's, or a pipe."""
     handle = os.open(path, flags | os.O_NOFOLLOW, dir_fd=folder)
     stack.callback(os.close, handle)

@@ -327,7 +327,7 @@ def write_arrays(folder: Path, deflection: Deflection, whole: bool) -> None:
     plan = deflection.plan
     write_convergence(folder / "convergence.csv", deflection.boxes)
     write_interpolants(folder / "interpolant.npz", deflection.boxes)
-    moved, node, quality = _shown(plan, deflection.points, whole)
+    moved, node, quality = _mesh_shown(plan, deflection.points, whole)
     numbers = {} if whole else {"node": plan.mesh.numbers(node)}
     arrays = {"displacement": moved.points - plan.mesh.points[node], **numbers}
     if (repair := deflection.moved_by_repair) is not None:
@@ -335,7 +335,7 @@ def write_arrays(folder: Path, deflection: Deflection, whole: bool) -> None:
     write_vtu(folder / "deflected.vtu", moved, arrays, {"quality": quality})
 
 
-def _shown(plan: Plan, points: FloatArray, whole: bool) -> tuple[Mesh, IntArray, FloatArray]:
+def _mesh_shown(plan: Plan, points: FloatArray, whole: bool) -> tuple[Mesh, IntArray, FloatArray]:
     """Return a mesh at `points` (N, 3) or the part that may change, its nodes (P,), and its cells' quality (L,)."""
     mesh, touched, node = plan.mesh.with_points(points), plan.touched, np.arange(len(points))
     rows = [np.arange(len(block)) for block in mesh.cells] if whole else list(touched.rows)
@@ -357,8 +357,8 @@ def part_of(mesh: Mesh, rows: Sequence[IntArray], nodes: IntArray) -> tuple[Mesh
     node, place = union(nodes, *used), np.full(len(mesh.points), -1)
     place[node] = np.arange(len(node))
     named = zip(mesh.patches, faces, strict=True)
-    patches = [Patch(patch.name, tuple(_numbered(block, place) for block in own)) for patch, own in named]
-    return Mesh(mesh.points[node], tuple(_numbered(block, place) for block in cells), tuple(patches)), node
+    patches = [Patch(patch.name, tuple(_renumber(block, place) for block in own)) for patch, own in named]
+    return Mesh(mesh.points[node], tuple(_renumber(block, place) for block in cells), tuple(patches)), node
 
 
 def _with_node(block: Faces, chosen: np.ndarray) -> Faces:
@@ -367,8 +367,8 @@ def _with_node(block: Faces, chosen: np.ndarray) -> Faces:
     return taken(block, np.flatnonzero(np.logical_or.reduceat(chosen[block.nodes], block.offsets[:-1])))
 
 
-def _numbered(block: Any, place: IntArray) -> Any:
+def _renumber(block: Any, place: IntArray) -> Any:
     """Return cells or faces with renumbered nodes: node i becomes place[i], (N,)."""
     if isinstance(block, Polyhedra):
-        return replace(block, faces=_numbered(block.faces, place))
+        return replace(block, faces=_renumber(block.faces, place))
     return replace(block, nodes=place[block.nodes])

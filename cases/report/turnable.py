@@ -277,7 +277,7 @@ def _functions(own: Control) -> Json:
 
 def cells(data: ReportData, most: int, turning: Turning) -> Json:
     """Return the worst cells that touch a hexahedron, by their quality at any amount, and how many there are."""
-    found = list(_judged(data, turning))
+    found = list(_touching(data, turning))
     worst = np.concatenate([np.empty(0), *(own.min(axis=0) for *_, own in found)])
     limit = np.partition(worst, most - 1)[most - 1] if len(worst) > most else np.inf
     groups, starts = [], np.cumsum([0, *(len(rows) for _, rows, *_ in found)])
@@ -291,7 +291,7 @@ def cells(data: ReportData, most: int, turning: Turning) -> Json:
     return {"all": len(worst), "shown": int(np.count_nonzero(worst <= limit)), "groups": groups}
 
 
-def _judged(data: ReportData, turning: Turning) -> Iterator[tuple[Volume, IntArray, float, FloatArray]]:
+def _touching(data: ReportData, turning: Turning) -> Iterator[tuple[Volume, IntArray, float, FloatArray]]:
     """Yield each block with the rows (R,) that touch a hexahedron, its orientation, and their quality (S, R).
 
     There are S states: before, after, before the repair, and where the mesh was measured.
@@ -406,7 +406,7 @@ def _part(
     modes, computed = turning.stored(nodes, before, exact)
     between = after if data.interpolated is None else data.interpolated[nodes]
     small = (EXACT if exact else SEEN) * largest
-    rest, mended = _kept(after - computed, small), _kept(between - after, small)
+    rest, mended = _without_small(after - computed, small), _without_small(between - after, small)
     return {
         "nodes": integers(nodes),
         **_single("points", before, exact),
@@ -432,7 +432,7 @@ def _split(values: FloatArray, exact: bool) -> list[FloatArray]:
     return [high, (values - high).astype("<f4").astype(np.float64)] if exact else [high]
 
 
-def _kept(values: FloatArray, small: float) -> FloatArray:
+def _without_small(values: FloatArray, small: float) -> FloatArray:
     """Return values (M, 3), zero in rows where all are small."""
     return np.where(np.abs(values).max(axis=1, keepdims=True) > small, values, 0.0)
 

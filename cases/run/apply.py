@@ -86,7 +86,7 @@ def apply_plan(
     files = []
     with _writers(meshes, out) as writers:
         for mesh, write in zip(meshes, writers, strict=True):
-            points, moved = _moved(held, pose, mesh, zones)
+            points, moved = _move(held, pose, mesh, zones)
             progress(f"writing {mesh.name}", 0.5)
             beside, target = write(mesh, moved)
             if not np.array_equal(points_of(beside)[0], moved):
@@ -108,7 +108,7 @@ def plan_to_case(path: Path, case: Path, progress: Progress = silent) -> tuple[P
     return held.save_openfoam(case, points_of(case)[0])
 
 
-def _moved(held: HeldPlan, pose: Sequence[float], mesh: Path, zones: Sequence[str]) -> tuple[FloatArray, FloatArray]:
+def _move(held: HeldPlan, pose: Sequence[float], mesh: Path, zones: Sequence[str]) -> tuple[FloatArray, FloatArray]:
     """Return the points (N, 3) of a mesh, and where a plan moves them."""
     points, own = points_of(mesh)
     moved = points.copy()

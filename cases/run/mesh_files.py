@@ -323,7 +323,7 @@ def check_written(mesh: Mesh, points: FloatArray, staged: Path, out: Path) -> No
 def difference(mesh: Mesh, points: FloatArray, path: Path) -> str:
     """Describe how the points of a file differ from those of a mesh, or of its excerpt."""
     try:
-        stored = _stored(mesh, path)
+        stored = _points_in(mesh, path)
     except (MeshFileError, InputError) as error:
         return str(error)
     if len(points) != len(stored):
@@ -337,7 +337,7 @@ def difference(mesh: Mesh, points: FloatArray, path: Path) -> str:
     return f"{np.count_nonzero(~same)} points are elsewhere, the first at {x}, not {y}"
 
 
-def _stored(mesh: Mesh, path: Path) -> FloatArray:
+def _points_in(mesh: Mesh, path: Path) -> FloatArray:
     if not (whole := mesh.whole):
         return format_of(path).read_copy(path, Path(mesh.source)).points
     with in_pieces(path) as back:

@@ -56,7 +56,7 @@ def output_folder(target: Path, stale: Sequence[str] = RUN) -> Iterator[Path]:
         raise OutputError(
             f"--out {target}: this command works in the folder that it is to replace; run it from another"
         )
-    with _named(target, replacing(target, stale)) as scratch:
+    with _name_errors(target, replacing(target, stale)) as scratch:
         scratch.mkdir()
         yield scratch
 
@@ -67,12 +67,12 @@ def output_files(folder: Path, stale: Sequence[str] = RUN) -> Iterator[Path]:
 
     Raises OutputError as `output_folder`.
     """
-    with _named(folder, replacing_files(folder, stale)) as scratch:
+    with _name_errors(folder, replacing_files(folder, stale)) as scratch:
         yield scratch
 
 
 @contextmanager
-def _named(target: Path, scratch: AbstractContextManager[Path]) -> Iterator[Path]:
+def _name_errors(target: Path, scratch: AbstractContextManager[Path]) -> Iterator[Path]:
     """Say which folder cannot be written, at the beginning and later."""
     with ExitStack() as stack:
         try:

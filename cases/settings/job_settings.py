@@ -268,7 +268,7 @@ def settings_of(surfaces: Any, hinge: Any, angle: Any, options: Mapping[str, Any
     for name in IN_PYTHON.keys() & options.keys():
         raise InputError(f"unknown setting {name}; did you mean {IN_PYTHON[name]}?")
     given = {name: value for name, value in {"hinge": hinge, "angle": angle, **options}.items() if value is not None}
-    own, rest = _parted(given)
+    own, rest = _split_options(given)
     several = tables_of(surfaces)
     if several and own:
         raise InputError(f"{min(own)} belongs to one surface: put it into the tables of surfaces")
@@ -329,7 +329,7 @@ def with_options(nested: Nested, options: Mapping[str, Any], assignments: Sequen
     Further surfaces turn in their proportion to the first one's angle. An option ``patches`` makes it the only one.
     """
     given = {key: value for key, value in options.items() if value not in (None, ())}
-    own, new = _parted({**given, **assigned(assignments)})
+    own, new = _split_options({**given, **assigned(assignments)})
     for name in ("select", "slide"):
         old, added = (spelled(part.get(name, {}), OF_JOB[name], name) for part in (nested, new))
         if name in new and isinstance(old, Mapping) and isinstance(added, Mapping):
@@ -371,7 +371,7 @@ def _range(text: str) -> tuple[float, ...]:
     return tuple(round(first + i * step, 12) for i in range(min(count, MOST_ANGLES + 1)))
 
 
-def _parted(options: Mapping[str, Any]) -> tuple[Nested, Nested]:
+def _split_options(options: Mapping[str, Any]) -> tuple[Nested, Nested]:
     """Return the settings of the surface, and those of the job; InputError for one that is neither."""
     known = (*OF_JOB, *OF_SURFACE)
     for name in options:

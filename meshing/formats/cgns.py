@@ -167,12 +167,12 @@ class Cgns(Format):
                 found = read_base(file, lambda _: None)
                 index, first = found.index, found.first
             check_points(points, len(first))
-            new = Replaced.of(source, _changed(stored, points, index, first))
+            new = Replaced.of(source, _changes(stored, points, index, first))
         new.copy(source, out, progress)
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """See `Format.write`; each patch is a family and a boundary condition that its family specifies."""
-        with fresh(out) as beside, about(out), _written(beside) as file:
+        with fresh(out) as beside, about(out), _file_to_write(beside) as file:
             return write_base(file, mesh, partial(progress, f"writing {out.name}"))
 
 
@@ -205,7 +205,7 @@ class _Kept(io.FileIO):
 
 
 @contextmanager
-def _written(path: Path) -> Iterator[Any]:
+def _file_to_write(path: Path) -> Iterator[Any]:
     """Open an empty file for HDF5 to write; OSError at the end if any part of it was not written."""
     with _Kept(path, "r+") as kept:
         try:
@@ -231,7 +231,7 @@ def _opened(path: Path) -> Iterator[Any]:
         yield opened
 
 
-def _changed(
+def _changes(
     stored: Sequence[Sequence[Any]], points: FloatArray, index: IntArray, first: IntArray
 ) -> list[Replacement]:
     """Return each array of coordinates with its new values, and which of them change; all others keep their bits.

@@ -103,7 +103,7 @@ def block_border(base: Any, zone: Any, size: Size, left_handed: bool) -> tuple[B
             for plane in list(_planes(node, size)):
                 numbers += len(plane.rows)
                 check_taken(zone, 64 * numbers, "what its boundary conditions name")
-                rows = _taken(plane, free)
+                rows = _take_free(plane, free)
                 if len(rows):
                     found.setdefault(patch, []).append(faces(size, BlockFace(plane.axis, plane.at, rows), left_handed))
     rest = [
@@ -263,7 +263,7 @@ def _planes_of_faces(at: IntArray, where: str, size: Size) -> Iterator[BlockFace
     yield BlockFace(axis, number, np.unique(at[:, _others(size, axis)] @ strides(_faces_along(size, axis))))
 
 
-def _taken(plane: BlockFace, free: Sides) -> IntArray:
+def _take_free(plane: BlockFace, free: Sides) -> IntArray:
     """Return the rows of a plane that are free still, and take them; those within a block are always free."""
     mask = free.get((plane.axis, plane.at))
     if mask is None:

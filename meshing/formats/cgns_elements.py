@@ -206,10 +206,10 @@ def _sides_by_cell(cells: Sequence[ElementSection], numbers: IntArray) -> Sides:
     row, there = places(np.abs(signed), numbers)
     if bad := np.count_nonzero(~there):
         raise MeshFileError(f"{bad} faces of cells are not in the file; the file is damaged")
-    return _paired(row, cell, signed < 0, len(numbers))
+    return _sides_of(row, cell, signed < 0, len(numbers))
 
 
-def _paired(row: IntArray, cell: IntArray, inward: BoolArray, faces: int) -> Sides:
+def _sides_of(row: IntArray, cell: IntArray, inward: BoolArray, faces: int) -> Sides:
     """Owner and neighbour of each face from (face, cell) pairs; the owner is the cell that the normal leaves."""
     order = np.lexsort((inward, row))
     row, cell, inward = row[order], cell[order], inward[order]

@@ -275,7 +275,7 @@ def _points(node: Any, where: str, size: Size, faces: Sequence[NumberedFaces]) -
             if where != "Vertex"
             else at @ strides(size)
         )
-    return _in_zone(values, size) if where == "Vertex" else _corners(_numbered(values, faces))
+    return _in_zone(values, size) if where == "Vertex" else _corners(_nodes_of_faces(values, faces))
 
 
 def _partners(node: Any, size: Size) -> IntArray | None:
@@ -310,7 +310,7 @@ def _two(values: IntArray) -> tuple[int, int]:
     return int(values[0]), int(values[1])
 
 
-def _numbered(values: IntArray, faces: Sequence[NumberedFaces]) -> Iterator[IntArray]:
+def _nodes_of_faces(values: IntArray, faces: Sequence[NumberedFaces]) -> Iterator[IntArray]:
     """Nodes of the faces of these numbers."""
     for part in faces:
         rows, there = places(values, part.numbers)

@@ -61,8 +61,8 @@ def write_base(file: Any, mesh: Mesh, report: Callable[[float], None]) -> tuple[
     lost += unwritten(pair for pair in mesh.periodic if pair.name not in held)
     return (
         *lost,
-        *_renamed("zone", [zone.name for zone in mesh.zones], zones),
-        *_renamed("patch", families, families.values()),
+        *_renamings("zone", [zone.name for zone in mesh.zones], zones),
+        *_renamings("patch", families, families.values()),
     )
 
 
@@ -72,7 +72,7 @@ def _dimensions(mesh: Mesh) -> tuple[int, int]:
     return 2, 3 if mesh.points[:, 2].any() else 2
 
 
-def _renamed(what: str, old: Iterable[str], new: Iterable[str]) -> Iterator[str]:
+def _renamings(what: str, old: Iterable[str], new: Iterable[str]) -> Iterator[str]:
     """Yield a sentence for each name that differs in the file."""
     for before, after in zip(old, new, strict=True):
         if before not in ("", after):

@@ -151,7 +151,7 @@ def fitted(parts: Sequence[ZoneMesh], touching: Iterable[tuple[int, int]], same:
     starts = np.cumsum([0, *(len(part.mesh.points) for part in parts)])
     groups = _groups(len(parts), touching)
     order = np.concatenate([np.arange(starts[i], starts[i + 1]) for group in groups for i in group])
-    index, first = _welded(order, same)
+    index, first = _weld(order, same)
     points = np.concatenate([part.mesh.points for part in parts])[first]
     twice = np.bincount(index, minlength=len(first)) > 1
     zones: list[Zone] = []
@@ -177,7 +177,7 @@ def _groups(count: int, touching: Iterable[tuple[int, int]]) -> list[list[int]]:
     return [np.flatnonzero(label == one).tolist() for one in dict.fromkeys(label.tolist())]
 
 
-def _welded(order: IntArray, same: Sequence[IntArray]) -> tuple[IntArray, IntArray]:
+def _weld(order: IntArray, same: Sequence[IntArray]) -> tuple[IntArray, IntArray]:
     """Return `Fitted.index` and `Fitted.first` for the file's points, numbered in the given order (F,)."""
     count, place = len(order), np.empty_like(order)
     place[order] = np.arange(count)
@@ -225,7 +225,7 @@ def _one(blocks: Sequence[Cells]) -> Cells:
 
 def _patches(parts: Sequence[ZoneMesh], numbers: Sequence[IntArray], common: Set[str]) -> list[Patch]:
     """Return the patches of touching zones; `common` names get the zone's in front, families are joined."""
-    apart = _apart(parts)
+    apart = _separate_names(parts)
     found: dict[str, list[Faces]] = {}
     kinds: list[tuple[str, Constraint]] = []
     for part, index in zip(parts, numbers, strict=True):
@@ -247,7 +247,7 @@ def _without_collapsed(patch: Patch, index: IntArray) -> Iterator[Faces]:
         yield from expanded(faces) if isinstance(faces, Cells) else (faces,)
 
 
-def _apart(parts: Sequence[ZoneMesh]) -> set[str]:
+def _separate_names(parts: Sequence[ZoneMesh]) -> set[str]:
     """Return the names of patches of several zones that stay apart: they are not a family in all of them."""
     having = Counter(name for part in parts for name in part.mesh.names)
     families = Counter(name for part in parts for name in part.families.intersection(part.mesh.names))

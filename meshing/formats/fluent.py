@@ -119,7 +119,7 @@ def read_mesh(mesh: Any, report: Callable[[float], None]) -> Mesh:
     points[:, : stored.shape[1]] = stored
     faces = _faces(mesh)
     report(0.5)
-    cells, rows = _bounded(points, faces, *(_cells(mesh, name, len(faces)) for name in ("c0", "c1")))
+    cells, rows = _cells_within(points, faces, *(_cells(mesh, name, len(faces)) for name in ("c0", "c1")))
     if len(cells) != (count := number(mesh, "cellCount")):
         raise MeshFileError(f"cellCount is {count}, but faces are of {len(cells)} cells; the file is damaged")
     report(0.9)
@@ -166,7 +166,7 @@ def _path(mesh: Any, section: FluentSection) -> str:
 
 def _sections(mesh: Any, path: str, count: int, gaps: bool = False) -> list[FluentSection]:
     """Sections of an array, rising; MeshFileError if they overlap or do not hold the numbers 1 to `count`."""
-    sections, after = _numbered(member(mesh, path)), 1
+    sections, after = _by_number(member(mesh, path)), 1
     for section in sections:
         if section.first < after or (section.first > after and not gaps):
             raise MeshFileError(
@@ -178,7 +178,7 @@ def _sections(mesh: Any, path: str, count: int, gaps: bool = False) -> list[Flue
     return sections
 
 
-def _numbered(group: Any) -> list[FluentSection]:
+def _by_number(group: Any) -> list[FluentSection]:
     nodes = (member(group, name) for name in group if name.isdecimal())
     sections = (FluentSection(number(node, "minId"), number(node, "maxId"), node) for node in nodes)
     return sorted(filter(len, sections), key=lambda section: section.first)
@@ -210,7 +210,7 @@ def _cells(mesh: Any, name: str, faces: int) -> IntArray:
     return cells
 
 
-def _bounded(points: FloatArray, faces: Polygons, c0: IntArray, c1: IntArray) -> tuple[Polyhedra, IntArray]:
+def _cells_within(points: FloatArray, faces: Polygons, c0: IntArray, c1: IntArray) -> tuple[Polyhedra, IntArray]:
     """Cells, and the number in the file (from 0) of each of their faces; faces of no cell are left out.
 
     Normals point out of owners; lines have them on their left. In the file a face's normal points into c0, which a line

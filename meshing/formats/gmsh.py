@@ -235,7 +235,7 @@ def _layout(file: GmshFile, path: Path, in_file: bool) -> MeshInPieces | None:
     points = _points(path, stored)
     plane = not solid and _is_plane(points)
     given, dimension = (elements(file, 1), 2) if plane else (every, 3)
-    mesh = _filled(file, stored, points, given, dimension)
+    mesh = _mesh_of(file, stored, points, given, dimension)
     return replace(mesh, name=path.resolve().name)
 
 
@@ -243,7 +243,7 @@ def _is_plane(points: TablePieces) -> bool:
     return points.points > 0 and not np.ptp(points.coordinates(0, points.points)[:, 2])
 
 
-def _filled(
+def _mesh_of(
     file: GmshFile, stored: Nodes, points: TablePieces, given: Iterable[ElementBlock], dimension: int
 ) -> MeshInPieces:
     """Return the mesh of these elements, of which those of `dimension` are cells."""
@@ -326,7 +326,7 @@ def write_mesh(mesh: Mesh, out: Path) -> tuple[str, ...]:
     import meshio
 
     names = [patch.name.replace('"', "'") for patch in mesh.patches]
-    tagged = _tagged(mesh)
+    tagged = _with_tags(mesh)
     groups = [np.full(len(block), tag, dtype=np.int32) for block, tag in tagged]
     dimension = 2 if mesh.plane else 3
     fields = {name: np.array([tag, dimension - 1]) for tag, name in enumerate(names, 1)}
@@ -334,7 +334,7 @@ def write_mesh(mesh: Mesh, out: Path) -> tuple[str, ...]:
     links = written_pairs(mesh)
     whole = meshio.Mesh(
         mesh.points,
-        [(block.shape, _turned(block)) for block, _ in tagged],
+        [(block.shape, _in_gmsh_order(block)) for block, _ in tagged],
         cell_data={"gmsh:physical": groups, "gmsh:geometrical": groups},
         field_data=fields,
         gmsh_periodic=[_link(mesh, pair) for pair in links] or None,
@@ -349,14 +349,14 @@ def _renamed(mesh: Mesh, names: Sequence[str]) -> list[str]:
     return [f"patch {own} is called {name}" for own, name in pairs if own != name]
 
 
-def _tagged(mesh: Mesh) -> list[tuple[Cells, int]]:
+def _with_tags(mesh: Mesh) -> list[tuple[Cells, int]]:
     """Return the faces of each patch, then the cells, each block with the number of its physical group."""
     faces = [(block, tag) for tag, patch in enumerate(mesh.patches, 1) for block in simple_faces(patch)]
     cells = [(block, len(mesh.patches) + 1) for block in standard_cells(mesh)]
     return [(block, tag) for block, tag in (*faces, *cells) if len(block)]
 
 
-def _turned(block: Cells) -> IntArray:
+def _in_gmsh_order(block: Cells) -> IntArray:
     """Return the nodes (M, k) in the order of Gmsh, whose prisms are mirrored."""
     return mirrored("wedge", block.nodes) if block.shape == "wedge" else block.nodes
 

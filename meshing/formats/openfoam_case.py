@@ -100,7 +100,7 @@ def _pair(patch: FoamPatch, names: tuple[str, str], one: Polygons, other: Polygo
     points = places(nodes[0]), places(nodes[1])
     if len(nodes[0]) == len(nodes[1]) and len(nodes[0]) and np.isfinite(points).all():
         for rotation, shift in _motions(patch, one, other, points, places):
-            found = _matched(one, other, (rotation, shift), places)
+            found = _match(one, other, (rotation, shift), places)
             if found is not None:
                 here, there = (places(side) for side in found.T)
                 if not np.array_equal(rotation, np.eye(3)):
@@ -165,7 +165,7 @@ def _centres(faces: Polygons, places: Places) -> FloatArray:
     return np.asarray(sums / np.diff(faces.offsets)[:, None])
 
 
-def _matched(one: Polygons, other: Polygons, motion: RigidMotion, places: Places) -> IntArray | None:
+def _match(one: Polygons, other: Polygons, motion: RigidMotion, places: Places) -> IntArray | None:
     """Return the nodes of faces and their images among the nodes of other faces (K, 2); None if they do not match.
 
     Faces that differ, as those of a sliding interface, may still have nodes at the same places.
@@ -208,7 +208,7 @@ def _flat_sides(faces: Polygons, places: Places) -> Sides | None:
         if len(heights[0]) == len(heights[1]) and max(map(np.ptp, heights)) <= near:
             shift = np.zeros(3)
             shift[axis] = np.median(heights[1]) - np.median(heights[0])
-            if (found := _matched(one, other, (np.eye(3), shift), places)) is not None:
+            if (found := _match(one, other, (np.eye(3), shift), places)) is not None:
                 return found, np.eye(3), shift
     return None
 
@@ -229,7 +229,7 @@ def _wedge_sides(one: Polygons, other: Polygons, places: Places) -> Sides | None
     size = np.abs(np.vstack(points)).max()
     hinge = Axis(np.where(np.abs(centre) < EXACT * size, 0.0, centre), axis)
     motion = rotation_between(*points, hinge)
-    found = _matched(one, other, motion, places)
+    found = _match(one, other, motion, places)
     return None if found is None else (found, *motion)
 
 

@@ -79,7 +79,7 @@ def open_foam(folder: Path, name: str) -> FoamFile:
     try:
         plain = (folder / name).is_file() or not packed.is_file()
         stored = (folder / name if plain else packed).read_bytes()
-        data = stored if plain else _unpacked(stored)
+        data = stored if plain else _unpack(stored)
     except (OSError, EOFError, zlib.error) as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else "is truncated or damaged"
         raise MeshFileError(f"{name}: {reason}") from error
@@ -96,7 +96,7 @@ def headed(data: bytes, name: str, stored: int) -> FoamFile:
     return FoamFile(data, header.end(), entries, stored)
 
 
-def _unpacked(packed: bytes) -> bytes:
+def _unpack(packed: bytes) -> bytes:
     """Unpack text, of which each byte takes several of memory once it is read."""
     with gzip.GzipFile(fileobj=BytesIO(packed)) as file:
         data = file.read(unpack_limit(len(packed)) // READING + 1)

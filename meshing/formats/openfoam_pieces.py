@@ -175,7 +175,7 @@ def _tables(path: Path, what: str, width: int = 1, lists: int = 1) -> list[FileT
     if not path.is_file():
         return None
     found: list[FileTable] = []
-    with about(path), _mapped(path) as file:
+    with about(path), _memory_map(path) as file:
         if not file.binary or (lists > 1 and file.entries.get("class") != COMPACT):
             return None
         at = file.start
@@ -189,7 +189,7 @@ def _tables(path: Path, what: str, width: int = 1, lists: int = 1) -> list[FileT
 
 
 @contextmanager
-def _mapped(path: Path) -> Iterator[FoamFile]:
+def _memory_map(path: Path) -> Iterator[FoamFile]:
     with path.open("rb") as file:
         if not (size := os.fstat(file.fileno()).st_size):
             yield headed(b"", path.name, 0)

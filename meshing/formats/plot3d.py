@@ -349,7 +349,7 @@ def put_together(points: FloatArray, sizes: Sequence[Size], said: Sequence[MapEn
     touching = np.unique(np.searchsorted(starts, same[-1], side="right") - 1, axis=0).tolist()
     for entry in said:
         if entry.kind in (ONE_TO_ONE, PATCHED) and entry.ranges[0].axis < len(sizes[0]):
-            rows = _paired(points, entry.ranges, sizes, starts) if entry.kind == ONE_TO_ONE else same[-1][:0]
+            rows = _meeting_points(points, entry.ranges, sizes, starts) if entry.kind == ONE_TO_ONE else same[-1][:0]
             if rows is not None:
                 same.append(rows)
                 touching.append([end.block for end in entry.ranges])
@@ -364,7 +364,7 @@ def _block(number: int, size: Size, points: FloatArray, said: Sequence[MapEntry]
     sides = [(axis, at) for axis in range(len(size)) for at in (0, size[axis] - 1)]
     free = {(axis, at): np.ones(prod(np.delete(size, axis) - 1), dtype=np.bool_) for axis, at in sides}
     named: dict[str, list[Cells]] = {}
-    for entry, plane in _bounded(number, size, said):
+    for entry, plane in _boundaries(number, size, said):
         mask = free[plane.axis, plane.at]
         rows = plane.rows[mask[plane.rows]]
         mask[rows] = False
@@ -379,7 +379,7 @@ def _block(number: int, size: Size, points: FloatArray, said: Sequence[MapEntry]
     return ZoneMesh(title, Mesh(points, (turned,), tuple(patches)), frozenset(named), block=True), rest
 
 
-def _bounded(number: int, size: Size, said: Sequence[MapEntry]) -> Iterator[tuple[MapEntry, BlockFace]]:
+def _boundaries(number: int, size: Size, said: Sequence[MapEntry]) -> Iterator[tuple[MapEntry, BlockFace]]:
     """Yield the entries of a map on a block, each with its faces; interfaces are left out."""
     for entry in said:
         for end in () if entry.kind in (ONE_TO_ONE, UNPROCESSED) else entry.ranges:
@@ -387,7 +387,9 @@ def _bounded(number: int, size: Size, said: Sequence[MapEntry]) -> Iterator[tupl
                 yield entry, end.plane(size)
 
 
-def _paired(points: FloatArray, ends: Sequence[IndexRange], sizes: Sequence[Size], starts: IntArray) -> IntArray | None:
+def _meeting_points(
+    points: FloatArray, ends: Sequence[IndexRange], sizes: Sequence[Size], starts: IntArray
+) -> IntArray | None:
     """Return rows (K, 2) of points of two faces that are one; None if they lie elsewhere: the interface is periodic."""
     n = len(sizes[0])
     here, there = (points_in(e.first[:n], e.last[:n], sizes[e.block]) + starts[e.block] for e in ends)

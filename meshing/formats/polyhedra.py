@@ -43,7 +43,7 @@ def bounded(mesh: Mesh) -> Bounded:
     polyhedra.
     """
     keys = node_keys(len(mesh.points))
-    faces, owner, neighbour = _paired(mesh, keys)
+    faces, owner, neighbour = _face_pairs(mesh, keys)
     inner = np.flatnonzero(neighbour >= 0)
     inner = inner[np.lexsort((neighbour[inner], owner[inner]))]
     outer = np.flatnonzero(neighbour < 0)
@@ -61,7 +61,7 @@ def bounded(mesh: Mesh) -> Bounded:
     return Bounded(cells, ranges, tuple(lost))
 
 
-def _paired(mesh: Mesh, keys: Keys) -> tuple[Polygons, IntArray, IntArray]:
+def _face_pairs(mesh: Mesh, keys: Keys) -> tuple[Polygons, IntArray, IntArray]:
     """Every face once, its owner (the lower cell, whose outward normal it has) and its neighbour or -1."""
     if len(mesh.cells) == 1 and isinstance(cells := mesh.cells[0], Polyhedra):
         neighbour = np.full(len(cells.faces), -1, dtype=np.intp)
@@ -73,7 +73,7 @@ def _paired(mesh: Mesh, keys: Keys) -> tuple[Polygons, IntArray, IntArray]:
 
 
 def _met(faces: Polygons, cell: IntArray, keys: Keys) -> tuple[Polygons, IntArray, IntArray]:
-    """Return as `_paired` the faces of all cells, each given with its cell (K,); equal keys are one face."""
+    """Return as `_face_pairs` the faces of all cells, each given with its cell (K,); equal keys are one face."""
     key = face_keys(faces, keys)
     order = np.lexsort((cell, key))
     same = key[order][1:] == key[order][:-1]

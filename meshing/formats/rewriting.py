@@ -107,7 +107,7 @@ def copy_range(files: tuple[Path, Path], item: Item) -> None:
     item : See `item_of`.
     """
     (source, out), (begin, end, changes) = files, item
-    with about(source), source.open("rb") as old, _opened(out) as new:
+    with about(source), source.open("rb") as old, _open_existing(out) as new:
         if not changes:
             _copy(old, new, begin, end)
             return
@@ -119,7 +119,7 @@ def copy_range(files: tuple[Path, Path], item: Item) -> None:
         _write(new, data[begin - low : end - low], begin)
 
 
-def _opened(out: Path) -> BinaryIO:
+def _open_existing(out: Path) -> BinaryIO:
     """Open an existing file to write into it; MeshFileError if it is not seen here: another machine made it."""
     try:
         return out.open("r+b", 0)

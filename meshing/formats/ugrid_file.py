@@ -178,7 +178,7 @@ class UgridFile:
                 own = slice(max(first - begin, 0), max(first + len(lines.values) - begin, 0))
                 part = values.ravel()[own]
                 at = max(begin - first, 0)
-                part[:] = _checked(name, lines.values[at : at + len(part)])
+                part[:] = _check_whole(name, lines.values[at : at + len(part)])
                 begin += values.size
             self.report(min(1.0, (first + len(lines.values)) / wanted))
             if first + len(lines.values) >= wanted:
@@ -273,7 +273,7 @@ def _named(encoding: str) -> str:
     return f".{encoding}{SUFFIX}" if encoding else f"{SUFFIX} (text)"
 
 
-def _checked(name: str, values: Array) -> Array:
+def _check_whole(name: str, values: Array) -> Array:
     """Whole numbers; MeshFileError if some are not and the array is not that of the coordinates."""
     if name == POINTS:
         return values

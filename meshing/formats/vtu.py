@@ -62,7 +62,7 @@ class Vtu(Format):
 
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
         progress(f"reading {path.name}", 0.0)
-        with _opened(path) as grid:
+        with _open_grid(path) as grid:
             mesh = grid.mesh()
             check_faces(mesh)
             return mesh
@@ -96,7 +96,7 @@ def read_vtu(path: Path) -> Mesh:
 
     Raises MeshFileError if the file does not exist, is damaged, or lacks our arrays.
     """
-    with _opened(path) as grid:
+    with _open_grid(path) as grid:
         wide = grid.types == TYPES["tetra"]
         if not (wide | (grid.types == TYPES["triangle"])).all():
             raise MeshFileError("holds cells other than tetrahedra and triangles")
@@ -116,12 +116,12 @@ def vtu_arrays(path: Path) -> dict[str, Array]:
 
     Raises MeshFileError if the file does not exist, or is damaged.
     """
-    with _opened(path) as grid:
+    with _open_grid(path) as grid:
         return {name: grid.array(section, name) for section in ("PointData", "CellData") for name in grid.all(section)}
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator["_Grid"]:
+def _open_grid(path: Path) -> Iterator["_Grid"]:
     """Give a file's grid; MeshFileError, with its name, for whatever is wrong with it."""
     with about(path):
         try:
@@ -203,7 +203,7 @@ class _Grid:
     def solids(self, rows: IntArray) -> Polyhedra:
         """Return polyhedra."""
         stream, ends = (self.array("Cells", name).astype(np.intp) for name in ("faces", "faceoffsets"))
-        heads, count = _walked(stream, [0, *ends[rows].tolist()])
+        heads, count = _face_starts(stream, [0, *ends[rows].tolist()])
         inside = np.ones(len(stream), dtype=np.bool_)
         inside[np.append(0, ends[rows[:-1]])] = inside[heads] = False
         faces = polygons(stream[inside], stream[heads])
@@ -223,7 +223,7 @@ class _Grid:
         return Mesh(self.array("Points", "Points"), tuple(found[0]), patches)
 
 
-def _walked(stream: IntArray, begin: list[int]) -> tuple[IntArray, IntArray]:
+def _face_starts(stream: IntArray, begin: list[int]) -> tuple[IntArray, IntArray]:
     """Where each face's number of nodes stands, and how many faces each cell has."""
     heads, counts, words = [], [], stream.data
     for first, end in pairwise(begin):
@@ -364,7 +364,7 @@ def _write(
         text.append(f"<FieldData>\n{element}</FieldData>\n")
     text.append(f'<Piece NumberOfPoints="{points}" NumberOfCells="{cells}">\n')
     for section, own in sections.items():
-        stored = {name: _stored(values) for name, values in own.items()}
+        stored = {name: _in_file_order(values) for name, values in own.items()}
         text += [f"<{section}>\n", *(_element(name, values) for name, values in stored.items()), f"</{section}>\n"]
         arrays += stored.values()
     text.append('</Piece>\n</UnstructuredGrid>\n<AppendedData encoding="raw">\n_')
@@ -374,14 +374,14 @@ def _write(
     with ThreadPoolExecutor() as pool:
         for values in arrays:
             places.append(file.tell() - len(header))
-            file.writelines(_packed(values, pool))
+            file.writelines(_compress(values, pool))
     file.write(b"\n</AppendedData>\n</VTKFile>\n")
     for found, at in zip(re.finditer(rb'offset="', header), places, strict=True):
         file.seek(found.end())
         file.write(b'%d"' % at)
 
 
-def _stored(values: Array) -> Array:
+def _in_file_order(values: Array) -> Array:
     """The values as the file has them, little-endian; integers with 32 bits where they fit."""
     if values.dtype == np.int64 and np.abs(values).max(initial=0) <= np.iinfo(np.int32).max:
         values = values.astype(np.int32)
@@ -395,7 +395,7 @@ def _element(name: str, values: Array) -> str:
     return f'<DataArray type="{kind}" Name={quoteattr(name)} {columns}format="appended" {place}/>\n'
 
 
-def _packed(values: Array, pool: ThreadPoolExecutor) -> Iterator[bytes]:
+def _compress(values: Array, pool: ThreadPoolExecutor) -> Iterator[bytes]:
     """Number and size of the blocks, size of the last one unless it is whole, sizes as packed; then the blocks."""
     raw = values.reshape(-1).view(np.uint8).data
     blocks = [raw[start : start + BLOCK] for start in range(0, len(raw), BLOCK)]

@@ -140,10 +140,12 @@ def assemble(filling: Filling, surface: InputSurface, model: CadModel, envelope:
     if (face < 0).any():
         raise MeshingError(f"{np.count_nonzero(face < 0)} boundary triangles are near no CAD face")
     points = snapped(filling.points, attach(filling.points, body, face, model), model)
-    return _named(points, filling.tets[fluid], (body, face), triangles[outermost], model)
+    return _named_mesh(points, filling.tets[fluid], (body, face), triangles[outermost], model)
 
 
-def _named(points: FloatArray, tets: IntArray, body: tuple[IntArray, IntArray], far: IntArray, model: CadModel) -> Mesh:
+def _named_mesh(
+    points: FloatArray, tets: IntArray, body: tuple[IntArray, IntArray], far: IntArray, model: CadModel
+) -> Mesh:
     """Mesh of the used points (N, 3), its patches in the order of the CAD faces, the far field (K, 3) last.
 
     `body` holds the triangles (B, 3) on the CAD and the face (B,) of each.

@@ -73,13 +73,13 @@ class MeshParameters(Checked):
 COMPONENTS = tuple(takewhile(lambda name: name != "corner", (field.name for field in fields(MeshParameters))))
 
 
-def _once_refined(base: MeshParameters) -> MeshParameters:
+def _for_refined(base: MeshParameters) -> MeshParameters:
     """Accept a little less quality after a refinement, which puts new nodes on curved faces."""
     return replace(base, refinements=1, accept_min=0.25, accept_mean=0.86, accept_below=5e-4)
 
 
 _SMALL = MeshParameters()
-_MEDIUM = _once_refined(_SMALL)
+_MEDIUM = _for_refined(_SMALL)
 # Edge lengths before refinement. The paper's full model has a coarse aileron and fine tails; growth decides how many
 # points their hexahedra hold, and the rest of the aircraft is as fine as its total asks.
 _PAPER = replace(
@@ -117,7 +117,7 @@ SCALES: Mapping[str, MeshParameters] = MappingProxyType({"small": _SMALL, "mediu
 """Sizes of the aircraft's mesh."""
 
 BLOCK_SCALES: Mapping[str, MeshParameters] = MappingProxyType(
-    {"small": _BLOCK, "medium": _once_refined(_BLOCK), "paper": _PAPER_BLOCK}
+    {"small": _BLOCK, "medium": _for_refined(_BLOCK), "paper": _PAPER_BLOCK}
 )
 """Sizes of a Chimera block's mesh."""
 
