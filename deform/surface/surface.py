@@ -99,6 +99,7 @@ class OnPatches:
             object.__setattr__(self, "names", (self.names,))
 
     def of(self, surface: Surface, hinge: Axis) -> BoolArray:
+        """Return the nodes on the patches, or on any patch beside the surface, as a mask (K,)."""
         del hinge
         if not self.names:
             return surface.on(surface.neighbours)
@@ -124,6 +125,7 @@ class TrailingEdge:
             raise InputError(f"dihedral = {shortened(self.dihedral)} must be degrees between 0 and 180")
 
     def of(self, surface: Surface, hinge: Axis) -> BoolArray:
+        """Return the nodes on edges along the hinge that are sharper than the dihedral angle, as a mask (K,)."""
         points, faces = surface.mesh.points, surface.mesh.faces_of(surface.patches)
         edges = sharp_edges(points, polygons_of(faces), self.dihedral)
         vectors = points[edges[:, 1]] - points[edges[:, 0]]
@@ -157,6 +159,7 @@ class Listed:
             return cls(np.loadtxt(text, dtype=np.intp, ndmin=1))
 
     def of(self, surface: Surface, hinge: Axis) -> BoolArray:
+        """Return the listed nodes as a mask (K,)."""
         del hinge
         return np.isin(surface.mesh.numbers(surface.nodes), self.nodes)
 
