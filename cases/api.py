@@ -261,7 +261,7 @@ class Result:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Warnings, on what is probably wrong though every check holds, and then what else one may not expect."""
+        """Warnings of what is probably wrong although every check holds, then other notes."""
         return (*warnings_of(self.plan), *notes_of(self.plan))
 
     def __repr__(self) -> str:

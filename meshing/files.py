@@ -117,7 +117,7 @@ def fresh_folder(out: Path, source: Path | None = None) -> Iterator[Path]:
 
 @contextmanager
 def replacing(out: Path, stale: Sequence[str] = ()) -> Iterator[Path]:
-    """Give a path that is put in the place of `out` once the block has ended well; `out` itself in a hidden folder.
+    """Give a path that replaces `out` when the block ends well; if `out` is in a hidden folder, it is `out` itself.
 
     Files of an old folder stay, unless the new one has such a name, or it matches a pattern in `stale`, such as
     ``figures/slices*.png``. OSError or MeshFileError if it cannot be written.
@@ -166,7 +166,7 @@ def _put(place: Path, moves: Mapping[Path, Path], stale: Sequence[str]) -> None:
 
 
 def _prepare(new: Path, old: Path) -> None:
-    """Give what is new the permissions of what it replaces, or those permitted, and bring it to the disk."""
+    """Give a new file or folder the permissions of the old one, or those permitted, and flush it to the disk."""
     mode = _permitted.get() & (_permissions(old) if old.is_dir() else 0o7777)
     for path in (new, *new.rglob("*")):
         target = old / path.relative_to(new)

@@ -45,7 +45,7 @@ def _between(block: Volume, bits: np.ndarray) -> IntArray:
 
 
 def some_cells(block: Volume, rows: IntArray) -> Volume:
-    """Return cells of rising rows (R,); faces of polyhedra to others become those of a boundary."""
+    """Return the cells of rising rows (R,); faces between these and other polyhedra become boundary faces."""
     if isinstance(block, Cells):
         return Cells(block.shape, block.nodes[rows])
     place = np.full(len(block), -1, dtype=np.intp)

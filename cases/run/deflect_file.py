@@ -231,7 +231,7 @@ def write_pose(wanted: Targets, deflection: Deflection, out: Path, progress: Pro
 
 
 def plan_figures(plan: Plan) -> Json:
-    """Return what was decided before the fit, as JSON has it.
+    """Return what was decided before the fit, for JSON.
 
     Box and sites are those of the first box; of several all are in `boxes`.
     """

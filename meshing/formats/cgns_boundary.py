@@ -70,7 +70,7 @@ class NumberedFaces:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Border:
-    """Patches of a zone, which of their names are of families, and what could not be read of its conditions."""
+    """Patches of a zone, the families among their names, and the conditions that could not be read."""
 
     patches: list[Patch]
     families: frozenset[str]

@@ -311,7 +311,7 @@ def _two(values: IntArray) -> tuple[int, int]:
 
 
 def _nodes_of_faces(values: IntArray, faces: Sequence[NumberedFaces]) -> Iterator[IntArray]:
-    """Nodes of the faces of these numbers."""
+    """Nodes of the faces with these numbers."""
     for part in faces:
         rows, there = places(values, part.numbers)
         if isinstance(part.faces, Cells):

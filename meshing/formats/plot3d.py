@@ -212,7 +212,7 @@ def _fitting(
 def _sizes(
     whole: Callable[[int, int], IntArray], step: int, mark: int, how: tuple[bool, int], size: int
 ) -> tuple[Size, ...]:
-    """Return the sizes of the blocks in one way of storing them; none if they are no sizes."""
+    """Return the sizes of the blocks in one way of storing them; none if the numbers cannot be sizes."""
     (counted, axes), at, blocks = how, mark, 1
     if counted:
         blocks, at = int(whole(at, 1).max(initial=-1)), at + step + 2 * mark

@@ -1,5 +1,6 @@
-"""Binary files of Gmsh made by hand, version 4.1."""
+"""Files of Gmsh: in binary made by hand, version 4.1, and in every version by Gmsh itself."""
 
+from pathlib import Path
 from struct import pack
 
 import numpy as np
@@ -9,6 +10,7 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.gmsh import FACES, SOLIDS
 from sdm_deflect.meshing.formats.shapes import mirrored
 
+VARIANTS = [(version, binary) for version in (2.2, 4.1) for binary in (0, 1)]
 KINDS = {shape: kind for kind, shape in {**SOLIDS, **FACES}.items()}
 
 
@@ -46,3 +48,21 @@ def gmsh_data(mesh: Mesh, numbers=None, groups=None) -> bytes:
     sections["Elements"] = elements
     text = b"$MeshFormat\n4.1 1 8\n" + pack("<i", 1) + b"\n$EndMeshFormat\n"
     return text + b"".join(b"$%b\n%b\n$End%b\n" % (key.encode(), own, key.encode()) for key, own in sections.items())
+
+
+def by_gmsh(source: Path, out: Path, version: float, binary: int, order: int = 1) -> Path:
+    """Have Gmsh read a file and write it in a version, as text or in binary."""
+    import gmsh
+
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Verbosity", 0)
+        gmsh.open(str(source))
+        if order > 1:
+            gmsh.model.mesh.setOrder(order)
+        gmsh.option.setNumber("Mesh.MshFileVersion", version)
+        gmsh.option.setNumber("Mesh.Binary", binary)
+        gmsh.write(str(out))
+    finally:
+        gmsh.finalize()
+    return out

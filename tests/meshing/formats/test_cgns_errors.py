@@ -233,11 +233,6 @@ def test_damaged_polyhedra_are_named(damage, tmp_path):
     assert message in refused(path)
 
 
-def test_half_a_file_is_truncated(path):
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    assert "truncated" in refused(path)
-
-
 def test_other_content_is_no_cgns_file(tmp_path):
     path = tmp_path / "other.cgns"
     path.write_text("NDIME= 3\n")

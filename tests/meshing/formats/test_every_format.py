@@ -20,8 +20,9 @@ from sdm_deflect.meshing.formats.registry import FORMATS, format_of, read
 from sdm_deflect.meshing.formats.ugrid_file import ENCODINGS
 from tests.deform.blocks import block_with_body
 from tests.meshing.formats import fluent_files, netcdf_files, plot3d_files
+from tests.meshing.formats.alike import content
 from tests.meshing.formats.examples import hybrid, polyhedral
-from tests.meshing.formats.gmsh_files import gmsh_data
+from tests.meshing.formats.gmsh_files import VARIANTS, by_gmsh, gmsh_data
 
 MADE = {
     "su2": "mesh.su2", "cgns": "mesh.cgns", "gmsh": "mesh.msh", "gmsh 4.1": "binary.msh", "ugrid": "mesh.ugrid",
@@ -69,12 +70,19 @@ def test_one_mesh_has_one_quality_in_every_format(tmp_path: Path) -> None:
             np.testing.assert_allclose((quality.min, quality.p01, quality.mean), (own.min, own.p01, own.mean), 1e-12)
 
 
-def stored_otherwise() -> Iterator[tuple[str, Callable[[Path], Path]]]:
-    """Yield every other way to store numbers: a name, and what writes a small mesh into a folder."""
+def encoded() -> Iterator[tuple[str, Callable[[Path], Path]]]:
+    """Yield every other way to store the numbers of a hybrid mesh: a name, and what writes it into a folder."""
     for name in ENCODINGS:
         yield f"mesh.{name}.ugrid", lambda folder, name=name: write(folder / f"mesh.{name}.ugrid")
     for kind in netcdf_files.KINDS:
         yield f"{kind}.grid", lambda folder, kind=kind: netcdf_files.written(hybrid(), folder / f"{kind}.grid", kind)
+
+
+def stored_otherwise() -> Iterator[tuple[str, Callable[[Path], Path]]]:
+    """Yield as `encoded` every other way to store numbers, also of meshes by Gmsh, of faces and of blocks."""
+    yield from encoded()
+    for key in VARIANTS:
+        yield f"gmsh-{key}", lambda folder, key=key: by_gmsh(write(folder / "ours.msh"), folder / "by.msh", *key)
     for own in product(fluent_files.LAYOUTS, ("<f8", ">f8", "<f4")):
         for packed in ({}, fluent_files.PACKED):
             name = "packed.msh.h5" if packed else "mesh.msh.h5"
@@ -127,8 +135,8 @@ def test_a_file_cut_anywhere_is_not_read_in_part(name, tmp_path):
 @pytest.mark.parametrize("name", SINGLE)
 def test_other_content_is_refused(name, tmp_path):
     path = made(name, tmp_path)
-    for content in (b"", b"\n", b"a = 1\n", b"\x89HDF\r\n\x1a\n\0\0" + bytes(range(256)), bytes(4000), b"<a><b>" * 9):
-        path.write_bytes(content)
+    for other in (b"", b"\n", b"a = 1\n", b"\x89HDF\r\n\x1a\n\0\0" + bytes(range(256)), bytes(4000), b"<a><b>" * 9):
+        path.write_bytes(other)
         refused(path)
 
 
@@ -148,6 +156,22 @@ def test_unmoved_points_leave_every_byte(name, tmp_path):
     assert {file.relative_to(out): data for file, data in bytes_of(out).items()} == {
         file.relative_to(path): data for file, data in bytes_of(path).items()
     }
+
+
+BACK = [*((n, partial(made, n)) for n in MADE if n.split()[0] not in ("openfoam", "fluent", "plot3d")), *encoded()]
+
+
+@pytest.mark.parametrize("make", [make for _, make in BACK], ids=[name for name, _ in BACK])
+def test_a_mesh_comes_back(make, tmp_path):
+    path = make(tmp_path)
+    again = read(path)
+    np.testing.assert_array_equal(again.points, hybrid().points.astype(format_of(path).real(path, path)))
+    found, expected = (content(mesh) for mesh in (again, hybrid()))
+    assert found["cells"] == expected["cells"]
+    for name, faces in expected["patches"].items():  # some formats know no blanks, some sort faces by shape
+        own = found["patches"].get(name) or found["patches"][name.replace(" ", "_")]
+        assert sorted(own, key=len) == sorted(faces, key=len)
+    assert len(found["patches"]) == len(expected["patches"])
 
 
 ALL = [*((name, partial(made, name)) for name in MADE), *stored_otherwise()]

@@ -11,8 +11,7 @@ from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.gmsh import Gmsh
 from tests.meshing.formats.alike import content
 from tests.meshing.formats.examples import hybrid
-
-VARIANTS = [(version, binary) for version in (2.2, 4.1) for binary in (0, 1)]
+from tests.meshing.formats.gmsh_files import VARIANTS, by_gmsh
 
 
 @pytest.fixture(scope="module")
@@ -20,22 +19,7 @@ def variants(tmp_path_factory):
     """The hybrid mesh, written by Gmsh in each version."""
     folder = tmp_path_factory.mktemp("gmsh")
     Gmsh().write(hybrid(), folder / "ours.msh")
-    return {key: _by_gmsh(folder / "ours.msh", folder / f"{key[0]}-{key[1]}.msh", *key) for key in VARIANTS}
-
-
-def _by_gmsh(source, out, version, binary, order=1):
-    gmsh.initialize(interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Verbosity", 0)
-        gmsh.open(str(source))
-        if order > 1:
-            gmsh.model.mesh.setOrder(order)
-        gmsh.option.setNumber("Mesh.MshFileVersion", version)
-        gmsh.option.setNumber("Mesh.Binary", binary)
-        gmsh.write(str(out))
-    finally:
-        gmsh.finalize()
-    return out
+    return {key: by_gmsh(folder / "ours.msh", folder / f"{key[0]}-{key[1]}.msh", *key) for key in VARIANTS}
 
 
 @pytest.mark.parametrize("key", VARIANTS)
@@ -43,27 +27,6 @@ def test_what_gmsh_wrote_is_the_mesh_it_read(variants, key):
     found, expected = Gmsh().read(variants[key]), hybrid()
     for kind in ("cells", "patches"):
         assert _places(found, kind) == _places(expected, kind)  # Gmsh numbers nodes anew and rounds to 16 digits
-
-
-@pytest.mark.parametrize("key", VARIANTS)
-def test_only_coordinates_of_moved_nodes_change(variants, key, tmp_path):
-    source, out = variants[key], tmp_path / "out.msh"
-    before = source.read_bytes()
-    mesh = Gmsh().read(source)
-    Gmsh().rewrite(source, mesh.points, out)
-    assert out.read_bytes() == before
-    points = mesh.points.copy()
-    points[3] += np.pi
-    Gmsh().rewrite(source, points, out)
-    np.testing.assert_array_equal(Gmsh().read(out).points, points)
-    assert source.read_bytes() == before
-    if key[1]:
-        old, new = np.frombuffer(before, np.uint8), np.frombuffer(out.read_bytes(), np.uint8)
-        assert len(old) == len(new)
-        assert np.ptp(np.flatnonzero(old != new)) < 24
-    else:
-        lines = zip(before.split(b"\n"), out.read_bytes().split(b"\n"), strict=True)
-        assert sum(a != b for a, b in lines) == 1
 
 
 def test_meshio_reads_the_same_counts_by_name(tmp_path):
@@ -148,7 +111,7 @@ def test_damage_is_named(old, new, said, tmp_path):
 
 
 def test_second_order_elements_are_refused(variants, tmp_path):
-    path = _by_gmsh(variants[4.1, 0], tmp_path / "curved.msh", 4.1, 0, order=2)
+    path = by_gmsh(variants[4.1, 0], tmp_path / "curved.msh", 4.1, 0, order=2)
     with pytest.raises(MeshFileError, match=r"curved\.msh: .* not linear"):
         Gmsh().read(path)
 

@@ -51,17 +51,6 @@ def sorted_faces(mesh: Mesh) -> Mesh:
     return replace(mesh, patches=tuple(patches))
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_round_trip_loses_nothing(kind, tmp_path):
-    mesh = sorted_faces(hybrid())
-    path = written(mesh, tmp_path / "mesh.grid", kind)
-    again = read(path)
-    points = mesh.points.astype("f4") if kind == "single" else mesh.points
-    np.testing.assert_array_equal(again.points, points)
-    assert content(again) == content(mesh)
-    assert [patch.name for patch in again.patches] == [patch.name for patch in mesh.patches]
-
-
 def test_cells_are_written_by_their_shapes_and_what_is_lost_is_said(tmp_path):
     mesh = hybrid(2)
     empty = replace(mesh, patches=(*mesh.patches, Patch("ünused", ())))

@@ -12,14 +12,12 @@ from sdm_deflect.cases.report.folder import folder_of
 from sdm_deflect.cases.run.mesh_files import Targets
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.registry import read
 from sdm_deflect.meshing.formats.shapes import mirrored
 from sdm_deflect.meshing.formats.ugrid import Ugrid
 from sdm_deflect.meshing.formats.ugrid_file import ENCODINGS, UgridFile, encoded
 from tests.deform.blocks import block_with_body
-from tests.meshing.formats.alike import content
 from tests.meshing.formats.examples import grid, hybrid
 from tests.meshing.formats.test_hostile import complaint
 
@@ -39,33 +37,12 @@ PYRAMID = struct.pack(
 """A pyramid in .b8.ugrid, by hand: the apex is its third node, the base 1 4 5 2, which is the surface 8."""
 
 
-def tolerance(suffix: str) -> float:
-    return 1e-7 if "4" in suffix else 0.0
-
-
-def expected(mesh: Mesh) -> dict[str, object]:
-    """Content with the one name that holds a blank changed."""
-    return content(replace(mesh, patches=tuple(Patch(p.name.replace(" ", "_"), p.faces) for p in mesh.patches)))
-
-
-def by_shape(found: dict) -> dict:
-    """Faces of a patch: triangles first, as the format has them."""
-    patches = {name: sorted(rows, key=len) for name, rows in found["patches"].items()}
-    return {**found, "patches": patches}
-
-
-@pytest.mark.parametrize("suffix", SUFFIXES)
-def test_a_mesh_comes_back(suffix, tmp_path):
-    path = tmp_path / f"wing.v2{suffix}"
-    lost = Ugrid().write(hybrid(), path)
+def test_a_new_file_has_names_beside_it_and_says_which_changed(tmp_path):
+    lost = Ugrid().write(hybrid(), tmp_path / "wing.v2.b8.ugrid")
     assert [text for text in lost if text.startswith("patch")] == [
         "patch left wall is called left_wall", "patch right wall is called right_wall",
     ]  # fmt: skip
-    mesh = read(path)
-    assert by_shape(content(mesh)) == by_shape(expected(hybrid()))
-    np.testing.assert_allclose(mesh.points, hybrid().points, atol=tolerance(suffix), rtol=tolerance(suffix))
-    assert mesh.name == path.name
-    assert sorted(p.name for p in tmp_path.iterdir()) == sorted([path.name, "wing.v2.mapbc"])
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["wing.v2.b8.ugrid", "wing.v2.mapbc"]
 
 
 @pytest.mark.parametrize("suffix", TWO)

@@ -16,18 +16,8 @@ from sdm_deflect.deform.mesh.cells import Polyhedra
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.vtu import Vtu, write_vtu
-from tests.meshing.formats.alike import content
 from tests.meshing.formats.examples import hybrid
 from tests.meshing.formats.wing import wing
-
-
-def test_round_trip_loses_nothing(tmp_path):
-    mesh = hybrid()
-    assert Vtu().write(mesh, tmp_path / "mesh.vtu") == ()
-    again = Vtu().read(tmp_path / "mesh.vtu")
-    np.testing.assert_array_equal(again.points, mesh.points)
-    assert content(again) == content(mesh)
-    assert [patch.name for patch in again.patches] == [patch.name for patch in mesh.patches]
 
 
 def test_vtk_reads_the_same_cells(tmp_path):
