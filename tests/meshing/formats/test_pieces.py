@@ -12,8 +12,7 @@ from sdm_deflect.meshing.formats import rewriting, tables
 from sdm_deflect.meshing.formats.registry import format_of, in_pieces, read
 from tests.meshing.formats.alike import content, replace_data, zone_of
 from tests.meshing.formats.examples import hybrid, with_gmsh
-from tests.meshing.formats.gmsh_files import gmsh_data
-from tests.meshing.formats.test_gmsh import _by_gmsh
+from tests.meshing.formats.gmsh_files import by_gmsh, gmsh_data
 
 SUFFIXES = [".cgns", ".su2", ".msh", ".grid", ".b8.ugrid", ".lr4.ugrid", ".lb8l.ugrid"]
 BINARY = [".cgns", ".msh", ".grid", ".b8.ugrid", ".lr4.ugrid"]
@@ -109,7 +108,7 @@ def test_text_is_read_as_a_whole_by_ugrid_and_gmsh(tmp_path):
 @pytest.mark.parametrize("version", [2.2, 4.1])
 def test_a_file_by_gmsh_itself(version, tmp_path):
     with_gmsh(tmp_path / "text.msh")
-    path = _by_gmsh(tmp_path / "text.msh", tmp_path / "mesh.msh", version, 1)
+    path = by_gmsh(tmp_path / "text.msh", tmp_path / "mesh.msh", version, 1)
     if version == 4.1:
         check_same(path)
     else:
