@@ -104,7 +104,7 @@ def result_table(done: "Outcome", whole: bool) -> Group:
     if whole:
         further = [summary.seconds for summary in done.poses[1:]]
         mean = f", {sum(further) / len(further):.2f} s for each further one" if further else ""
-        texts.append(f"first {done.poses[0].seconds:.2f} s{mean}")
+        texts.append(f"deflected in {done.poses[0].seconds:.2f} s{mean}")
     if done.files:
         unfit = "" if done.passed else "; do not use the mesh as it is"
         texts.append(f"wrote {short_list(map(str, (*done.files, *done.reports)))}{unfit}")

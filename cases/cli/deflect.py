@@ -76,9 +76,13 @@ moved = partial(click.option, cls=options.Grouped, group="What moves")
 @options.output_option("--dry-run", is_flag=True, help="Print what would be done, and write nothing.")
 @options.json_option
 @options.progress_options
-@options.cluster_option("--workers", "count", type=click.IntRange(0), default=0, metavar="N", help="Dask processes.")
-@options.cluster_option("--scheduler", default="", metavar="ADDRESS|FILE", help="Dask scheduler: tcp://HOST:PORT.")
-@options.cluster_option("--worker-memory", "memory", default="", metavar="SIZE", help="Of each process, such as 2GB.")
+@options.cluster_option(
+    "--workers", "count", type=click.IntRange(0), default=0, metavar="N", help="Dask processes to start here."
+)
+@options.cluster_option("--scheduler", default="", metavar="ADDRESS|FILE", help="Dask scheduler to join.")
+@options.cluster_option(
+    "--worker-memory", "memory", default="", metavar="SIZE", help="Memory of each of the --workers, such as 2GB."
+)
 @click.option("--config", type=options.FILE, help="Settings in a TOML file; several surfaces as [[surface]].")
 @options.set_option
 def deflect(
