@@ -185,7 +185,7 @@ BUDGETS = {
     "deform/volume": (3178, 12),
     "geometry": (2114, 13),
     "meshing": (573, 5),
-    "meshing/formats": (8961, 37),
+    "meshing/formats": (8941, 36),
     "meshing/generate": (1564, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""

@@ -1,18 +1,21 @@
-"""SU2 meshes (.su2) in two and three dimensions."""
+"""SU2 meshes (.su2) in two and three dimensions: found by keywords such as ``NPOIN=``, read, rewritten, written."""
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
+from io import BufferedReader
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import short_list
 from sdm_deflect.deform.base.threads import HERE, Progress, Runner, silent
-from sdm_deflect.deform.mesh.cells import Polyhedra, Zone
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.cells import CORNERS, Cells, Patch, Polyhedra, Zone
+from sdm_deflect.deform.mesh.mesh import Mesh, Warned
 from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.deform.mesh.precision import DOUBLE
 from sdm_deflect.meshing.files import fresh
@@ -20,14 +23,271 @@ from sdm_deflect.meshing.files import fresh
 from .format import MeshFileError, about, check_points, fitting_names
 from .known import registered
 from .layout import Format, whole
-from .numbers import copy_text, table
+from .numbers import COMMENT, NumberLines, Placed, chunks, copy_text, numbers, table
 from .shapes import simple_faces
-from .su2_read import FACES, PARALLEL, SOLIDS, KeywordBlock, Su2File, notes_of, patches_of, points_of, zone_of, zones_of
-from .table_pieces import TablePieces
+from .table_pieces import CellTable, PointRange, TablePieces
+from .tables import FileTable, Held, gathered
 
+LARGE = 1 << 24
+"""Bytes of a section from which on compiled code is worth its loading."""
+SOLIDS = {10: "tetra", 12: "hexahedron", 13: "wedge", 14: "pyramid"}
+FACES = {5: "triangle", 9: "quad"}
+KINDS = {3: (SOLIDS, FACES), 2: (FACES, {3: "line"})}
+"""Cells and boundary faces, by dimension."""
+PARALLEL = "SEND_RECEIVE"
+"""Marker of points that other processes hold; it is no boundary."""
+BOXES = (
+    "the free-form boxes of the file ({}) are those of the undeflected mesh, and SU2_DEF would put the surface back: "
+    "make them again by SU2_DEF with DV_KIND= FFD_SETTING"
+)
+HALO = (
+    "the file has points beyond its periodic markers (SEND_RECEIVE), whose images are not read; take the mesh from "
+    "before SU2_MSH, and name the markers by --periodic"
+)
 NUMBERS = {shape: number for number, shape in (SOLIDS | FACES | {3: "line"}).items()}
 UNFIT = r"[\s(),%=]"
 """SU2 drops blanks, and its lists of markers are separated by commas and parentheses."""
+Blocks = list[tuple[str, IntArray]]
+Read = Callable[[bytes, type[np.float64 | np.int64]], NumberLines]
+Rows = TypeVar("Rows", Placed, Blocks)
+
+
+@dataclass(frozen=True, slots=True)
+class KeywordBlock:
+    """A line ``KEYWORD= value``, and the lines after it up to the next one: bytes begin to end - 1."""
+
+    keyword: str
+    value: str
+    begin: int
+    end: int
+
+    @property
+    def count(self) -> int:
+        """The first number of the value, as in ``NPOIN= 14 14``; MeshFileError if there is none."""
+        first = self.value.split()[:1]
+        if not first or not first[0].isdecimal():
+            raise MeshFileError(f"{self.keyword}= {self.value} is not a count")
+        return int(first[0])
+
+
+def sections(file: BinaryIO) -> list[KeywordBlock]:
+    """Find all keyword lines of a file, in its order."""
+    found: list[tuple[str, str, int, int]] = []
+    size = file.seek(0, 2)
+    for start, text in chunks(file, 0, size):
+        found += [(keyword, value, start + line, start + after) for keyword, value, line, after in _keywords(text)]
+    ends = [*(line for _, _, line, _ in found[1:]), size]
+    return [
+        KeywordBlock(keyword, value, begin, end) for (keyword, value, _, begin), end in zip(found, ends, strict=False)
+    ]
+
+
+def _keywords(text: bytes) -> Iterator[tuple[str, str, int, int]]:
+    at = text.find(b"=")
+    while at >= 0:
+        begin = text.rfind(b"\n", 0, at) + 1
+        end = text.find(b"\n", at) + 1 or len(text)
+        keyword, equals, value = COMMENT.sub(b"", text[begin:end]).decode("utf-8", "replace").partition("=")
+        if equals:
+            yield keyword.strip().upper(), value.strip(), begin, end
+        at = text.find(b"=", end)
+
+
+@dataclass(frozen=True, slots=True)
+class Su2File:
+    """An open file, where its sections lie, its dimension; `report` is told the fraction of it that has been read."""
+
+    file: BufferedReader
+    sections: tuple[KeywordBlock, ...]
+    dimension: int
+    report: Callable[[float], None]
+
+    @classmethod
+    def opened(cls, file: BufferedReader, report: Callable[[float], None]) -> Su2File:
+        """Find the sections of a file; MeshFileError if it is no SU2 mesh, or of another dimension than 2 or 3."""
+        file.seek(0)
+        if b"\0" in file.read(4096):
+            raise MeshFileError("this is a binary file; an SU2 mesh is text")
+        found = tuple(sections(file))
+        dimensions = [section.count for section in found if section.keyword == "NDIME"]
+        if not dimensions:
+            raise MeshFileError("no NDIME= line; this is not an SU2 mesh, or it is truncated")
+        if dimensions[0] not in KINDS or len(set(dimensions)) > 1:
+            raise MeshFileError(f"NDIME= {', '.join(map(str, dimensions))}; it must be 2 or 3, the same for all zones")
+        return cls(file, found, dimensions[0], report)
+
+    def placed(self, sections: Sequence[KeywordBlock]) -> Iterator[tuple[int, bytes, Placed]]:
+        """Yield where a piece of the text of sections begins, the piece, and the coordinates (R, d) on its lines.
+
+        MeshFileError if a line has another number of coordinates; after a section if it has other than its `count`.
+        """
+        for section in sections:
+            yield from self._tables(section, np.float64, partial(_coordinates, dimension=self.dimension))
+
+    def elements(self, section: KeywordBlock, shapes: Mapping[int, str], points: int) -> Iterator[tuple[str, IntArray]]:
+        """Yield shapes and nodes (R, k) of elements, some at a time; the order within a shape is the file's.
+
+        MeshFileError if a type is not among the `shapes`, or a node is not below `points`; at the end if there are
+        other than `section.count` elements.
+        """
+        for _, _, blocks in self._tables(section, np.int64, partial(_blocks, shapes=shapes, points=points)):
+            yield from blocks
+
+    def _tables(
+        self, section: KeywordBlock, kind: type[np.float64 | np.int64], rows_of: Callable[[NumberLines], Rows]
+    ) -> Iterator[tuple[int, bytes, Rows]]:
+        """Yield where a piece of the text of a section begins, the piece, and the rows of the numbers on its lines."""
+        texts = (text for _, text in chunks(self.file, section.begin, section.end))
+
+        def work(text: bytes, read: Read = numbers) -> tuple[bytes, int, Rows]:
+            lines = read(text, kind)
+            return text, len(lines), rows_of(lines)
+
+        found: Iterator[tuple[bytes, int, Rows]] = map(work, texts)
+        if section.end - section.begin > LARGE:
+            from .numbers import ahead, many_numbers  # loads the compiler
+
+            found = ahead(partial(work, read=many_numbers), texts)
+        total, at = 0, section.begin
+        for text, count, rows in found:
+            total += count
+            yield at, text, rows
+            at += len(text)
+            self.report(at / self.sections[-1].end)
+        if total != section.count:
+            cause = "truncated or damaged" if total < section.count else "damaged"
+            raise MeshFileError(
+                f"{section.keyword}= {section.count}, but {total} lines of numbers follow; the file is {cause}"
+            )
+
+
+def _coordinates(lines: NumberLines, dimension: int) -> Placed:
+    """Coordinates (R, d) on lines; SU2 reads no further, whatever follows."""
+    if (np.diff(lines.first) < dimension).any():
+        raise MeshFileError(
+            f"lines of points have fewer than {dimension} coordinates; the file is truncated or damaged"
+        )
+    return Placed(*(lines.columns(each, 0, dimension) for each in (lines.values, lines.begin, lines.end)))
+
+
+def _blocks(lines: NumberLines, shapes: Mapping[int, str], points: int) -> Blocks:
+    """One block of each shape, in the order in which shapes first appear."""
+    kinds = np.asarray(lines.values[lines.first[:-1]], dtype=np.int64)
+    found = []
+    for kind in dict.fromkeys([*kinds[:1].tolist(), *kinds[1:][np.diff(kinds) != 0].tolist()]):
+        rows = np.flatnonzero(kinds == kind)
+        if kind not in shapes:
+            wanted = ", ".join(f"{number} ({shape})" for number, shape in shapes.items())
+            raise MeshFileError(f"{len(rows)} elements of type {kind} where there can be {wanted}")
+        found.append((shapes[kind], _nodes(lines, rows, shapes[kind], points)))
+    return found
+
+
+def notes_of(found: Sequence[KeywordBlock]) -> tuple[str, ...]:
+    """Return sentences on points beyond periodic markers, as SU2 made them before version 7, and on free-form boxes."""
+    moved = [own for own in found if own.keyword == "NPERIODIC" and own.value.split()[:1] not in ([], ["0"], ["1"])]
+    boxes = [own.value for own in found if own.keyword == "FFD_TAG"]
+    return (*([HALO] if moved else []), *(Warned(BOXES.format(short_list(boxes))) for _ in boxes[:1]))
+
+
+def zones_of(found: Sequence[KeywordBlock]) -> dict[str, list[KeywordBlock]]:
+    """Return sections by zone; in a file without zones, all sections of a zone without a name."""
+    zones: dict[str, list[KeywordBlock]] = {}
+    name = ""
+    for section in found:
+        if section.keyword == "IZONE":
+            name = f"zone {section.count}"
+            if name in zones:
+                raise MeshFileError(f"IZONE= {section.count} is there twice")
+        zones.setdefault(name, []).append(section)
+    if len(zones) > 1:
+        zones.pop("", None)
+    announced = [section.count for section in found if section.keyword == "NZONE"]
+    if announced and announced[0] != len(zones):
+        counts = f"NZONE= {announced[0]}, but there are {len(zones)} zones"
+        raise MeshFileError(f"{counts}; the file is truncated or damaged")
+    return zones
+
+
+def zone_of(source: Su2File, own: Sequence[KeywordBlock], scratch: Path | None) -> TablePieces:
+    """Return the points and cells of a zone in tables: of an empty folder, or in memory if it is None."""
+    points = points_of(source, [only(own, "NPOIN")])
+    place = gathered([("points", points)], lambda _: len(points), scratch)["points"]
+    kind = np.int32 if scratch and len(points) <= np.iinfo(np.int32).max else np.intp
+    found = elements_of(source, only(own, "NELEM"), KINDS[source.dimension][0], len(points), scratch, kind)
+    cells = tuple(CellTable(shape, table, 0) for shape, table in found.items())
+    return TablePieces("", len(points), (PointRange(0, len(points), place),), cells).oriented()
+
+
+def only(own: Sequence[KeywordBlock], keyword: str) -> KeywordBlock:
+    """Return the section of that keyword; MeshFileError if there are none or several."""
+    found = [section for section in own if section.keyword == keyword]
+    if len(found) != 1:
+        raise MeshFileError(f"{len(found)} lines {keyword}= where there must be one; the file is truncated or damaged")
+    return found[0]
+
+
+def points_of(source: Su2File, sections: Sequence[KeywordBlock]) -> FloatArray:
+    """Return the points (N, 3) of sections."""
+    possible = sum(min(own.count, (own.end - own.begin) // len("0 0") + 1) for own in sections)
+    points = np.zeros((possible, 3))  # a damaged count may be any number
+    start = 0
+    for _, _, placed in source.placed(sections):
+        own = placed.values[: len(points) - start]
+        points[start : start + len(own), : source.dimension] = own
+        start += len(own)
+    return points
+
+
+def patches_of(source: Su2File, own: Sequence[KeywordBlock], points: int) -> tuple[Patch, ...]:
+    """Return the markers among a zone's sections."""
+    patches = []
+    tags = [i for i, section in enumerate(own) if section.keyword == "MARKER_TAG"]
+    announced = only(own, "NMARK").count
+    if announced != len(tags):
+        raise MeshFileError(f"NMARK= {announced}, but there are {len(tags)} markers; the file is truncated or damaged")
+    for i in tags:
+        name = own[i].value
+        if name == PARALLEL:
+            continue
+        if own[i + 1 : i + 2] == [] or own[i + 1].keyword != "MARKER_ELEMS":
+            raise MeshFileError(f"marker {name} has no MARKER_ELEMS= line; the file is truncated or damaged")
+        try:
+            faces = elements_of(source, own[i + 1], KINDS[source.dimension][1], points)
+            patches.append(Patch(name, tuple(Cells(shape, table.integers()) for shape, table in faces.items())))
+        except MeshFileError as error:
+            raise MeshFileError(f"marker {name}: {error}") from error
+    return tuple(patches)
+
+
+def elements_of(
+    source: Su2File,
+    section: KeywordBlock,
+    shapes: Mapping[int, str],
+    points: int,
+    scratch: Path | None = None,
+    kind: type[np.signedinteger[Any]] = np.intp,
+) -> dict[str, FileTable | Held]:
+    """Return a table of each shape, in the order in which shapes first appear; within a shape it is the file's."""
+
+    def most(shape: str) -> int:
+        return min(section.count, (section.end - section.begin) // (2 * CORNERS[shape] + 2) + 1)
+
+    parts = ((shape, nodes.astype(kind, copy=False)) for shape, nodes in source.elements(section, shapes, points))
+    return gathered(parts, most, scratch)
+
+
+def _nodes(lines: NumberLines, rows: IntArray, shape: str, points: int) -> IntArray:
+    """Nodes (R, k) on lines of one shape: its type, k nodes, and what SU2 ignores, such as the element's number."""
+    corners = CORNERS[shape]
+    if (np.diff(lines.first)[rows] <= corners).any():
+        raise MeshFileError(f"lines of {shape} elements have fewer than {corners} nodes")
+    nodes: IntArray = lines.columns(lines.values, 1, corners + 1, rows).astype(np.intp, copy=False)
+    if nodes.min() < 0 or nodes.max() >= points:
+        missing = np.count_nonzero(((nodes < 0) | (nodes >= points)).any(axis=1))
+        known = f"the {points} (0 to {points - 1})"
+        raise MeshFileError(f"{missing} {shape} elements name points that are not among {known}")
+    return nodes
 
 
 @registered("su2", ".su2")

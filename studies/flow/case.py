@@ -9,8 +9,7 @@ from sdm_deflect.geometry.datum import SURFACES, hinge_line
 from sdm_deflect.geometry.parameters import Fighter, reference_values
 from sdm_deflect.meshing.formats.format import fitting_names
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of
-from sdm_deflect.meshing.formats.su2 import UNFIT
-from sdm_deflect.meshing.formats.su2_read import PARALLEL
+from sdm_deflect.meshing.formats.su2 import PARALLEL, UNFIT
 from studies.flow.openfoam import write_case
 from studies.flow.setup import FreeStream, Hinge, Setup
 from studies.flow.su2 import check_name, configuration

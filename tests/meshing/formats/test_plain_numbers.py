@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from sdm_deflect.meshing.formats import numbers as module
 from sdm_deflect.meshing.formats import numbers as words
-from sdm_deflect.meshing.formats import su2_read
+from sdm_deflect.meshing.formats import su2
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.numbers import ahead, many_numbers, numbers, plain_numbers
 from sdm_deflect.meshing.formats.su2 import Su2
@@ -139,7 +139,7 @@ def test_large_files_are_read_and_rewritten_as_small_ones(chunk, tmp_path, monke
     Su2().rewrite(tmp_path / "mesh.su2", moved, tmp_path / "moved.su2")
     plain = []
     monkeypatch.setattr(module, "plain_numbers", lambda *given: plain.append(plain_numbers(*given)) or plain[-1])
-    monkeypatch.setattr(su2_read, "LARGE", 0)
+    monkeypatch.setattr(su2, "LARGE", 0)
     monkeypatch.setattr(words, "CHUNK", chunk)
     again = Su2().read(tmp_path / "mesh.su2")
     assert content(again) == content(whole)
