@@ -20,6 +20,16 @@ from .finished import finished
 
 FEWEST, MOST = 2, 8
 """Numbers of runs that are compared."""
+Value = float | int | str | None
+SAME = 1e-9
+"""Numbers that differ by no more than this share are the same."""
+FACTOR = 2.0
+"""From here on a change is told as a factor, below as a percentage."""
+LEAST = 5e-4
+"""Smallest change that is told as a percentage."""
+LONGEST = 60
+"""Letters of a text that is shown."""
+DIRECTIONS = "xyz"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,18 +91,6 @@ def _same_mesh(one: Mesh, other: Mesh) -> bool:
     return (
         one.names == other.names and one.cell_counts == other.cell_counts and np.array_equal(one.points, other.points)
     )
-
-
-Value = float | int | str | None
-SAME = 1e-9
-"""Numbers that differ by no more than this share are the same."""
-FACTOR = 2.0
-"""From here on a change is told as a factor, below as a percentage."""
-LEAST = 5e-4
-"""Smallest change that is told as a percentage."""
-LONGEST = 60
-"""Letters of a text that is shown."""
-DIRECTIONS = "xyz"
 
 
 @dataclass(frozen=True, slots=True)

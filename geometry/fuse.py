@@ -24,6 +24,8 @@ ORDER_DECIMALS = 7
 
 # A quadrilateral is skew if the volume that its corners span exceeds this share of that of its sides as a box.
 RULED, SKEW = 4, 1e-9
+_ORIGIN = cq.Vector(0, 0, 0)
+_AXIS = cq.Vector(1, 0, 0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,10 +149,6 @@ def ordered(faces: Sequence[CadFace]) -> list[CadFace]:
         return face.patch, centre.tolist()
 
     return sorted(faces, key=key)
-
-
-_ORIGIN = cq.Vector(0, 0, 0)
-_AXIS = cq.Vector(1, 0, 0)
 
 
 def fuselage_parts(fuselage: Fuselage) -> list[NamedSolid]:

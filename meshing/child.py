@@ -23,16 +23,14 @@ from sdm_deflect.meshing.formats.format import write_errors
 
 from .files import hidden_folder
 
+Array = NDArray[np.generic]
+Arrays = Mapping[str, Array]
+CHILD, PR_SET_PDEATHSIG = "sdm_deflect.meshing.child", 1
+QUESTION, ANSWER = "question.npz", "answer.npz"
+
 
 class MeshingError(RuntimeError):
     """No usable mesh could be made; the message says which step failed and why."""
-
-
-Array = NDArray[np.generic]
-Arrays = Mapping[str, Array]
-
-CHILD, PR_SET_PDEATHSIG = "sdm_deflect.meshing.child", 1
-QUESTION, ANSWER = "question.npz", "answer.npz"
 
 
 def end_with(parent: int) -> None:

@@ -121,6 +121,21 @@ def product():
         yield name, path, ast.parse(path.read_text(encoding="utf-8"))
 
 
+def test_constants_stand_above_the_first_definition():
+    """Those that are made of what the file defines stand below it; so may the options of commands."""
+    wrong = []
+    for name, _, tree in product():
+        kinds = (ast.FunctionDef, ast.ClassDef)
+        own = {node.name for node in tree.body if isinstance(node, kinds)}
+        first = next((i for i, node in enumerate(tree.body) if isinstance(node, kinds)), len(tree.body))
+        for node in tree.body[first:] if name not in ("cases.cli.options", "meshing.generate.parameters") else ():
+            if isinstance(node, (ast.Assign, ast.AnnAssign)):
+                made = {one.id for one in ast.walk(node) if isinstance(one, ast.Name)}
+                wrong += [] if made & own else [f"{name}:{node.lineno}"]
+                own |= made if made & own else set()
+    assert wrong == []
+
+
 def test_a_method_without_a_docstring_has_one_in_another_class():
     classes = [node for *_, tree in product() for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
     methods = [one for own in classes for one in own.body if isinstance(one, ast.FunctionDef) and one.name[0] != "_"]
@@ -168,11 +183,11 @@ def test_no_class_has_the_name_of_another():
 
 
 BUDGETS = {
-    "cases": (926, 7),
-    "cases/aircraft": (2047, 13),
-    "cases/cli": (1492, 7),
-    "cases/report": (2236, 11),
-    "cases/run": (2354, 11),
+    "cases": (924, 7),
+    "cases/aircraft": (2046, 13),
+    "cases/cli": (1490, 7),
+    "cases/report": (2224, 11),
+    "cases/run": (2349, 11),
     "cases/settings": (1293, 6),
     "deform": (1188, 7),
     "deform/around": (618, 6),
@@ -183,10 +198,10 @@ BUDGETS = {
     "deform/repair": (1574, 6),
     "deform/surface": (2015, 11),
     "deform/volume": (3178, 12),
-    "geometry": (2114, 13),
-    "meshing": (573, 5),
-    "meshing/formats": (8941, 36),
-    "meshing/generate": (1564, 12),
+    "geometry": (2112, 13),
+    "meshing": (571, 5),
+    "meshing/formats": (8927, 36),
+    "meshing/generate": (1551, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
 MOST_COMPLEXITY, LONGEST = 9_108, 450

@@ -25,6 +25,13 @@ from .rigid import Shape, closest, corners_of, distance, plane_normal, predicted
 if TYPE_CHECKING:
     from sdm_deflect.geometry.model import CadModel
 
+ON_PLANE = 1e-9
+"""Largest distance (m) of nodes that slid on a planar CAD face from it."""
+ANGLE_LIMIT = 1e-9
+"""Largest deviation (deg) of the trailing edge from its angle: rounding only."""
+ON_CYLINDER = 1e-12
+"""Largest distance (m) of panel nodes from the cylinder: rounding only."""
+
 
 def validate(
     case: Case,
@@ -98,14 +105,6 @@ def slid_on_surfaces(mesh: Mesh, deflected: Mesh, slid: IntArray, reference: Ref
                 limit = limit if np.isfinite(cad.normal).all() else FREE_FORM
     off[~np.isin(slid, mesh.on(*reference.still), assume_unique=True)] = np.inf
     return Check("slid_on_surfaces", float(off.max()), limit, "m", worst(off, deflected.points[slid]))
-
-
-ON_PLANE = 1e-9
-"""Largest distance (m) of nodes that slid on a planar CAD face from it."""
-ANGLE_LIMIT = 1e-9
-"""Largest deviation (deg) of the trailing edge from its angle: rounding only."""
-ON_CYLINDER = 1e-12
-"""Largest distance (m) of panel nodes from the cylinder: rounding only."""
 
 
 def surface_checks(shape: Shape, reference: Reference) -> Iterator[Check]:

@@ -53,6 +53,8 @@ EXAMPLES = {
 """What each mesh of `sdm example` is, and how to deflect it."""
 """Options of work that others do."""
 moved = partial(click.option, cls=options.Grouped, group="What moves")
+Found = tuple["Search", "RepairMode", Path, dict[str, Any]]
+"""What is tried, how cells are repaired, where the files go, and figures of it."""
 
 
 @click.command(cls=options.DeflectCommand, params=options.settings_options(BY_NAME.values()))
@@ -287,10 +289,6 @@ def quality(mesh: Path, select: tuple[str, ...], slot: tuple[str, ...] | None, a
         options.print_json(inspected(mesh, selections_of(select), slot or ()))
     else:
         click.echo(inspect(mesh, selections_of(select), slot or ()))
-
-
-Found = tuple["Search", "RepairMode", Path, dict[str, Any]]
-"""What is tried, how cells are repaired, where the files go, and figures of it."""
 
 
 def _search_of_case(case: str, watch: "Stopwatch", given: dict[str, Any]) -> Found:

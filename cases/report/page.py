@@ -31,6 +31,57 @@ LARGEST = 4_000_000
 """Bytes of a page."""
 SHARES = (1.0, 0.7, 0.5, 0.35)
 """Width of its pictures, by their own: the first with which the page is small enough."""
+CHECKS = {
+    "slid_on_surfaces": "nodes of fixed surfaces that the repair moved, from the undeflected surface",
+    "outside_moved": "largest displacement outside the boxes",
+    "inverted_cells": "cells turned inside out",
+    "surfaces_crossed": "faces that moved and now go through another surface, or through their own",
+    "fixed_surfaces_moved": "largest displacement of a surface that must not move",
+    "quality_min": "worst cell by its measure (1 is ideal): of a type at the box, or of the whole mesh",
+    "non_orthogonality_max": "largest angle between a face's normal and the line between the centres of its two cells",
+    "skewness_max": "largest distance of a face's centre from that line, over the size of the face",
+    "left_behind": "nodes that stay where moving nodes were: another holder of the same surface",
+    "held_moved": "largest displacement of a node of a moving patch that is to stay",
+    "repair_elsewhere": "largest displacement by the repair of nodes that it must not move",
+    "surface_kept": "nodes that the repair moved on the control surface, from its triangles",
+    "planarity": "nodes of planar CAD faces from their best plane",
+    "surface_to_cad": "all nodes of the surface from the deflected CAD, built again (of hinged surfaces: blended)",
+    "exact_to_cad": "the same, beyond a strip beside a closed rib and a tail's root line",
+    "surface_to_rigid_cad": "all nodes from the surface's CAD faces turned rigidly, and back; the limit is predicted",
+    "rigid_cad_predicted": "the same in each part, from what is predicted without the mesh's own law",
+    "site_error": "error at the data sites: the fit ends as soon as it is below the limit; surface nodes are exact",
+    "first_layer": "change of the height of the first layer of cells, as a share of it",
+    "trailing_edge_angle": "trailing edge from the angle that was asked",
+    "hinge_offset": "hinge edges from where fixed hinge edges must be beside a wedge turned rigidly",
+    "cylindricity": "nodes of the fuselage panel from the cylinder",
+    "root_on_cylinder": "root line from cylinder and tail",
+    "chimera_face_in_plane": "nodes of the Chimera face from its plane",
+    "orphans": "nodes of the overset meshes without a donor cell",
+}
+OF_PATCHES = {
+    "on": "nodes of a sliding patch from its shape",
+    "periodic": "nodes of a periodic pair from the images of their partners, over the largest coordinate",
+    "plane": "nodes on the sides of a case one cell thick from their partners' images and their side, the same",
+}
+"""What a check measures that ends with the name of a patch, or of a pair."""
+REMEDIES = {
+    "inverted_cells": "Try a smaller angle, a larger --margin, or a wider --strip.",
+    "surfaces_crossed": "Try a smaller angle, or move the hinge away from the other surface.",
+    "quality_min": "Try a smaller angle, a larger --margin, or --repair always.",
+    "left_behind": "Name the other patch or zone, too.",
+    "site_error": "Raise max_centers, or the tolerance.",
+    "first_layer": "Try a wider --strip, or a smaller angle.",
+    "non_orthogonality_max": "Try a smaller angle or a larger --margin.",
+    "skewness_max": "Try a smaller angle or a larger --margin.",
+    "rounding": "Write a format of double precision.",
+}
+"""What helps where a check fails."""
+STATES = {
+    "before": "undeflected",
+    "interpolated": "deflected, before the repair",
+    "after": "deflected",
+    "after_pinned": "deflected, Chimera face pinned instead of sliding",
+}
 
 
 def write_report(data: ReportData, gallery: Gallery, folder: Path) -> None:
@@ -138,59 +189,6 @@ def pixels(exhibit: Exhibit) -> tuple[int, int]:
     """Return width and height of a picture, so that the page does not jump while it loads."""
     with Image.open(exhibit.path) as image:
         return image.size
-
-
-CHECKS = {
-    "slid_on_surfaces": "nodes of fixed surfaces that the repair moved, from the undeflected surface",
-    "outside_moved": "largest displacement outside the boxes",
-    "inverted_cells": "cells turned inside out",
-    "surfaces_crossed": "faces that moved and now go through another surface, or through their own",
-    "fixed_surfaces_moved": "largest displacement of a surface that must not move",
-    "quality_min": "worst cell by its measure (1 is ideal): of a type at the box, or of the whole mesh",
-    "non_orthogonality_max": "largest angle between a face's normal and the line between the centres of its two cells",
-    "skewness_max": "largest distance of a face's centre from that line, over the size of the face",
-    "left_behind": "nodes that stay where moving nodes were: another holder of the same surface",
-    "held_moved": "largest displacement of a node of a moving patch that is to stay",
-    "repair_elsewhere": "largest displacement by the repair of nodes that it must not move",
-    "surface_kept": "nodes that the repair moved on the control surface, from its triangles",
-    "planarity": "nodes of planar CAD faces from their best plane",
-    "surface_to_cad": "all nodes of the surface from the deflected CAD, built again (of hinged surfaces: blended)",
-    "exact_to_cad": "the same, beyond a strip beside a closed rib and a tail's root line",
-    "surface_to_rigid_cad": "all nodes from the surface's CAD faces turned rigidly, and back; the limit is predicted",
-    "rigid_cad_predicted": "the same in each part, from what is predicted without the mesh's own law",
-    "site_error": "error at the data sites: the fit ends as soon as it is below the limit; surface nodes are exact",
-    "first_layer": "change of the height of the first layer of cells, as a share of it",
-    "trailing_edge_angle": "trailing edge from the angle that was asked",
-    "hinge_offset": "hinge edges from where fixed hinge edges must be beside a wedge turned rigidly",
-    "cylindricity": "nodes of the fuselage panel from the cylinder",
-    "root_on_cylinder": "root line from cylinder and tail",
-    "chimera_face_in_plane": "nodes of the Chimera face from its plane",
-    "orphans": "nodes of the overset meshes without a donor cell",
-}
-OF_PATCHES = {
-    "on": "nodes of a sliding patch from its shape",
-    "periodic": "nodes of a periodic pair from the images of their partners, over the largest coordinate",
-    "plane": "nodes on the sides of a case one cell thick from their partners' images and their side, the same",
-}
-"""What a check measures that ends with the name of a patch, or of a pair."""
-REMEDIES = {
-    "inverted_cells": "Try a smaller angle, a larger --margin, or a wider --strip.",
-    "surfaces_crossed": "Try a smaller angle, or move the hinge away from the other surface.",
-    "quality_min": "Try a smaller angle, a larger --margin, or --repair always.",
-    "left_behind": "Name the other patch or zone, too.",
-    "site_error": "Raise max_centers, or the tolerance.",
-    "first_layer": "Try a wider --strip, or a smaller angle.",
-    "non_orthogonality_max": "Try a smaller angle or a larger --margin.",
-    "skewness_max": "Try a smaller angle or a larger --margin.",
-    "rounding": "Write a format of double precision.",
-}
-"""What helps where a check fails."""
-STATES = {
-    "before": "undeflected",
-    "interpolated": "deflected, before the repair",
-    "after": "deflected",
-    "after_pinned": "deflected, Chimera face pinned instead of sliding",
-}
 
 
 def remedies(checks: Sequence[Check]) -> tuple[str, ...]:

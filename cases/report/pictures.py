@@ -26,6 +26,8 @@ SHARP = 92
 """Dots per inch of a picture for a page that may be printed."""
 WHITE = 252
 """Colours (0 to 255) from which on white was meant."""
+Drawn = tuple[str, str, Figure, str]
+"""Part of the page, name of a surface, figure, and what it shows in words."""
 
 
 def write_png(figure: Figure, path: Path) -> None:
@@ -46,10 +48,6 @@ def pixels_of(figure: Figure, dpi: int) -> ImageFile.Image:
     canvas: Any = FigureCanvasAgg(figure)
     canvas.draw()
     return ImageFile.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
-
-
-Drawn = tuple[str, str, Figure, str]
-"""Part of the page, name of a surface, figure, and what it shows in words."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -61,6 +61,26 @@ GREY: Colour = (190, 190, 190)
 MAGENTA: Colour = (204, 0, 204)  # of boxes, too
 ORANGE: Colour = (213, 94, 0)
 BLUE: Colour = (0, 114, 178)
+CHANGE_MAP = "RdBu"
+CHANGE_RANGE = Normalize(-0.2, 0.2)
+"""From cells that lose quality, red, to those that gain it."""
+MOVED_MAP = "YlOrRd"
+"""From nodes that stay to those that move farthest."""
+BOX_EDGES = np.array(hexahedron.EDGES)
+AXES = "xyz"
+AROUND = 0.06
+"""Margin around the box, by its size."""
+BESIDE = 0.03
+"""Nodes of a section are at most so far from it, as a share of the span."""
+CLOSE = 0.128
+"""Half the width and height of what is seen of the hinge, by the size of the box."""
+BAR = (0.89, 0.2, 0.025, 0.6)
+"""Where the bar of colours stands in the figure: left, bottom, width, height."""
+EDGES = {
+    shape: sorted({(min(ends), max(ends)) for face in faces for ends in zip(face, face[1:] + face[:1], strict=True)})
+    for shape, faces in FACES.items()
+}
+"""Edges of each shape."""
 
 
 def component(patch: str) -> str:
@@ -80,18 +100,6 @@ def patch_colour(patch: str, moving: bool = False) -> Colour:
 def hexadecimal(colour: Colour) -> str:
     """Return a colour as a web page wants it."""
     return "#{:02x}{:02x}{:02x}".format(*colour)
-
-
-CHANGE_MAP = "RdBu"
-CHANGE_RANGE = Normalize(-0.2, 0.2)
-"""From cells that lose quality, red, to those that gain it."""
-
-
-MOVED_MAP = "YlOrRd"
-"""From nodes that stay to those that move farthest."""
-
-
-BOX_EDGES = np.array(hexahedron.EDGES)
 
 
 def by_size(faces: Iterable[Faces]) -> list[IntArray]:
@@ -116,22 +124,6 @@ def triangles_of(faces: Iterable[Faces]) -> IntArray:
             parts.append(cells[:, [0, 1, 1]])
         parts += [cells[:, [0, i, i + 1]] for i in range(1, cells.shape[1] - 1)]
     return np.concatenate(parts)
-
-
-AXES = "xyz"
-AROUND = 0.06
-"""Margin around the box, by its size."""
-BESIDE = 0.03
-"""Nodes of a section are at most so far from it, as a share of the span."""
-CLOSE = 0.128
-"""Half the width and height of what is seen of the hinge, by the size of the box."""
-BAR = (0.89, 0.2, 0.025, 0.6)
-"""Where the bar of colours stands in the figure: left, bottom, width, height."""
-EDGES = {
-    shape: sorted({(min(ends), max(ends)) for face in faces for ends in zip(face, face[1:] + face[:1], strict=True)})
-    for shape, faces in FACES.items()
-}
-"""Edges of each shape."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -26,6 +26,9 @@ from sdm_deflect.meshing.formats.registry import ending, format_of, in_pieces
 SENSITIVITY = "d_points_d_angle"
 SETTINGS = "settings.toml"
 """In the folder of a report, by which it is told from others."""
+HEAD = b"file,verdict,least_quality,"
+"""Beginning of the table of several poses."""
+DIFFERS = "{}: what was written does not read back as what was judged, and is discarded: {}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -304,11 +307,6 @@ def _is_ours(path: Path) -> bool:
             return begin.startswith(HEAD) if path.suffix == ".csv" else f'Name="{SENSITIVITY}'.encode() in begin
     except (OSError, ValueError, zipfile.BadZipFile):
         return False
-
-
-HEAD = b"file,verdict,least_quality,"
-"""Beginning of the table of several poses."""
-DIFFERS = "{}: what was written does not read back as what was judged, and is discarded: {}"
 
 
 def check_written(mesh: Mesh, points: FloatArray, staged: Path, out: Path) -> None:

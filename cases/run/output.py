@@ -22,13 +22,29 @@ from sdm_deflect.deform.volume.deflection import BoxDeflection
 from sdm_deflect.meshing.files import replacing, replacing_files
 from sdm_deflect.meshing.formats.format import FULL
 
-
-class OutputError(ValueError):
-    """The output folder cannot be written."""
-
-
 PARTS = ("convergence", "quality", "slices", "cad_map", "rigid_cad_map")
 """Parts of the page, with which the names of its pictures begin."""
+FORMULA = ("=", "+", "-", "@", "\t", "\r", "'")
+"""What text begins with that a spreadsheet runs, and our mark of it."""
+LIBRARIES = ("numpy", "scipy", "numba", "h5py", "click", "rich", "threadpoolctl", "tomli-w", "platformdirs")
+"""What every command needs."""
+OPTIONAL = (
+    "cadquery", "cadquery-ocp", "gmsh", "pymeshlab", "pytetwild", "trimesh", "rtree", "vtk", "pyvista", "meshio",
+    "matplotlib", "pillow", "jinja2",
+)  # fmt: skip
+"""What extras bring."""
+EXTRAS = {
+    "report": ("jinja2", "markupsafe", "matplotlib", "PIL"),
+    "aircraft": ("cadquery", "OCP", "gmsh", "meshio", "pymeshlab", "pytetwild", "pyvista", "rtree", "trimesh"),
+    "cluster": ("cryptography", "dask", "distributed"),
+}
+"""Modules that an installation may lack, by the extra that brings them."""
+BRINGS = {
+    "report": "a report, or a page of sdm view",
+    "aircraft": "making and measuring the SDM's CAD and meshes (sdm run, geometry, limit CASE)",
+    "cluster": "work by others (--workers, --scheduler)",
+}
+"""What needs an extra."""
 PAGE = ("report.html", *(f"figures/{part}*.{form}" for part in PARTS for form in ("png", "pdf", "svg")))
 """A page and its pictures, as patterns."""
 RUN = (
@@ -37,8 +53,10 @@ RUN = (
     "undeflected.vtu", "deflected.vtu", "background.vtu", *PAGE,
 )  # fmt: skip
 """Everything that a run folder may hold of ours."""
-FORMULA = ("=", "+", "-", "@", "\t", "\r", "'")
-"""What text begins with that a spreadsheet runs, and our mark of it."""
+
+
+class OutputError(ValueError):
+    """The output folder cannot be written."""
 
 
 @contextmanager
@@ -142,27 +160,6 @@ def _cell(value: object) -> object:
 def text_of(cell: str) -> str:
     """Return the text that `write_table` wrote as a cell."""
     return cell[1:] if cell.startswith("'") and cell[1:].startswith(FORMULA) else cell
-
-
-LIBRARIES = ("numpy", "scipy", "numba", "h5py", "click", "rich", "threadpoolctl", "tomli-w", "platformdirs")
-"""What every command needs."""
-OPTIONAL = (
-    "cadquery", "cadquery-ocp", "gmsh", "pymeshlab", "pytetwild", "trimesh", "rtree", "vtk", "pyvista", "meshio",
-    "matplotlib", "pillow", "jinja2",
-)  # fmt: skip
-"""What extras bring."""
-EXTRAS = {
-    "report": ("jinja2", "markupsafe", "matplotlib", "PIL"),
-    "aircraft": ("cadquery", "OCP", "gmsh", "meshio", "pymeshlab", "pytetwild", "pyvista", "rtree", "trimesh"),
-    "cluster": ("cryptography", "dask", "distributed"),
-}
-"""Modules that an installation may lack, by the extra that brings them."""
-BRINGS = {
-    "report": "a report, or a page of sdm view",
-    "aircraft": "making and measuring the SDM's CAD and meshes (sdm run, geometry, limit CASE)",
-    "cluster": "work by others (--workers, --scheduler)",
-}
-"""What needs an extra."""
 
 
 def lacks(extra: str) -> str:

@@ -33,6 +33,17 @@ Corner = tuple[float, ...]
 Shape = Literal["plane", "cylinder", "surface"]
 MOST_ANGLES = 1000
 SHAPES = "NAME:plane|cylinder|surface"
+GONE = {
+    "history": "motions in time are not written; deflect to each angle by --angles, a mesh for each",
+    "field": "--plan FILE replaces it: with --angle alone the plan is that of one amount; sdm apply FILE --angle A",
+    "port": "nothing is served any more; the page is a file, which any browser opens",
+    "page": "there is no page any more; the tables are printed, and --json has their numbers",
+    "to_solver": "in a clone, `python -m studies case MESH OUT` writes the deflected mesh as a case for a flow solver",
+    "cpacs": "`python docs/examples/cpacs_hinge.py FILE UID` prints the hinge line",
+}
+"""Settings that are no more, and the ways out."""
+IN_PYTHON = {"surface": "surfaces", "patches": "surfaces", "amount": "angle"}
+"""Settings of files that are arguments of another name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,22 +235,11 @@ class _Angles:
     angles: tuple[float, ...]
 
 
-GONE = {
-    "history": "motions in time are not written; deflect to each angle by --angles, a mesh for each",
-    "field": "--plan FILE replaces it: with --angle alone the plan is that of one amount; sdm apply FILE --angle A",
-    "port": "nothing is served any more; the page is a file, which any browser opens",
-    "page": "there is no page any more; the tables are printed, and --json has their numbers",
-    "to_solver": "in a clone, `python -m studies case MESH OUT` writes the deflected mesh as a case for a flow solver",
-    "cpacs": "`python docs/examples/cpacs_hinge.py FILE UID` prints the hinge line",
-}
-"""Settings that are no more, and the ways out."""
 OF_SURFACE, OF_JOB = settings_in(SurfaceSettings), settings_in(JobSettings)
 BY_NAME = OF_SURFACE | {name: setting for name, setting in OF_JOB.items() if name != "surface"}
 """All settings of a job with one surface."""
 IDLE = {name: only for name, setting in OF_SURFACE.items() if (only := setting.note(Only))}
 """Settings of a surface that not every motion has a use for."""
-IN_PYTHON = {"surface": "surfaces", "patches": "surfaces", "amount": "angle"}
-"""Settings of files that are arguments of another name."""
 
 
 def job_settings(nested: Mapping[str, Any]) -> JobSettings:

@@ -43,6 +43,8 @@ if TYPE_CHECKING:
 RENUMBERED = 3.05
 """Version of CGNS, about, from which types of elements have their numbers; 3.0 has others."""
 CELLS = {number: shape for number, shape in SHAPES.items() if shape in VOLUMES}
+ADF = b"ADF Database"
+"""Mark at the beginning of files in ADF."""
 
 
 def in_pieces(path: Path, file: Any) -> MeshInPieces | None:
@@ -121,10 +123,6 @@ def _faces(found: Sequence[ElementSection], points: int) -> list[NumberedFaces] 
                 return None
             faces.append(NumberedFaces(section.name, block, numbers))
     return faces
-
-
-ADF = b"ADF Database"
-"""Mark at the beginning of files in ADF."""
 
 
 @registered("cgns", ".cgns")

@@ -30,6 +30,9 @@ from .zones import written_pairs
 
 PROPERTY, PERIODIC = "GridConnectivityProperty_t", "Periodic_t"
 VECTORS = ("RotationCenter", "RotationAngle", "Translation")
+NEAR = 2e-6
+"""Of the distance from the origin: points nearer than this are one, in single precision too."""
+LABELS = ("GridConnectivity1to1_t", "GridConnectivity_t")
 
 
 def motions(node: Any) -> tuple[RigidMotion, ...] | None:
@@ -101,11 +104,6 @@ def _vectors(pair: Periodic) -> tuple[FloatArray, FloatArray, FloatArray]:
     part = np.eye(3) - pair.rotation
     centre = np.asarray(np.linalg.lstsq(part, pair.shift, rcond=1e-9)[0])
     return centre, np.asarray(angles), pair.shift - part @ centre
-
-
-NEAR = 2e-6
-"""Of the distance from the origin: points nearer than this are one, in single precision too."""
-LABELS = ("GridConnectivity1to1_t", "GridConnectivity_t")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

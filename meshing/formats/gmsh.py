@@ -34,6 +34,13 @@ from .zones import Listed, pairs_of, unwritten, written_pairs
 
 CORNERS = {15: 1, 1: 2, 2: 3, 3: 4, 4: 4, 5: 8, 6: 6, 7: 5}
 """Number of nodes of each type of element: point, line, triangle, quad, tetrahedron, hexahedron, prism, pyramid."""
+MOST = 10_000
+"""Parts of elements: files of more are read as a whole."""
+SOLIDS = {4: "tetra", 5: "hexahedron", 6: "wedge", 7: "pyramid"}
+FACES = {2: "triangle", 3: "quad"}
+KINDS = {3: (SOLIDS, FACES), 2: (FACES, {1: "line"})}
+"""Cells and boundary faces, by the mesh's dimension."""
+PHYSICAL = re.compile(rb'^[ \t]*(\d+)\s+(\d+)\s+"(.*)"\s*$', re.MULTILINE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,15 +164,6 @@ def _alike(cursor: ByteCursor, width: int) -> IntArray:
     other = (table[:, :3] != table[0, :3]).any(axis=1)
     count = int(np.argmax(other)) if other.any() else len(table)
     return cursor.ints(count * row).reshape(count, row)[:, 3:]
-
-
-MOST = 10_000
-"""Parts of elements: files of more are read as a whole."""
-SOLIDS = {4: "tetra", 5: "hexahedron", 6: "wedge", 7: "pyramid"}
-FACES = {2: "triangle", 3: "quad"}
-KINDS = {3: (SOLIDS, FACES), 2: (FACES, {1: "line"})}
-"""Cells and boundary faces, by the mesh's dimension."""
-PHYSICAL = re.compile(rb'^[ \t]*(\d+)\s+(\d+)\s+"(.*)"\s*$', re.MULTILINE)
 
 
 @registered("gmsh", ".msh")

@@ -29,6 +29,8 @@ AFFINE = re.compile(rb"^[ \t]*Affine[^\n]*\n(?:[^\n]*\.[^\n]*\n)*", re.MULTILINE
 """A transformation in version 2.2; Gmsh breaks its line after 255 letters where it copies it, within a number."""
 NAME = re.compile(rb"\s*\$(\w+)[ \t\r]*\n")
 VERSIONS = {"2": 22, "2.0": 22, "2.1": 22, "2.2": 22, "4.1": 41}
+Link = tuple[list[int], IntArray]
+"""Dimension of two entities, tag of the one and of its source; numbers (K, 2) of its nodes and those of the source."""
 
 
 class TextCursor:
@@ -303,10 +305,6 @@ def periodic(file: GmshFile, dimension: int) -> Iterator[tuple[str, IntArray]]:
     for (own, entity, source), nodes in links:
         if own == dimension:
             yield f"{'curve' if own == 1 else 'surface'}s {source} and {entity}", nodes[:, ::-1]
-
-
-Link = tuple[list[int], IntArray]
-"""Dimension of two entities, tag of the one and of its source; numbers (K, 2) of its nodes and those of the source."""
 
 
 def _links22(file: GmshFile) -> Iterator[Link]:

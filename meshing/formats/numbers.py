@@ -31,6 +31,18 @@ CHUNK = 1 << 18
 """Bytes of text handled at a time."""
 ROWS = 1 << 15
 """Lines written at a time."""
+Bytes = NDArray[np.uint8]
+Result = TypeVar("Result")
+MOST_DIGITS = 19
+"""So many digits are a whole number below 2^64, one less is below 2^63."""
+MOST_POWER = 9999
+LARGEST_POWER = 64
+SPLIT = 2.0**27 + 1.0
+DOUBT = 2.0**-98
+"""More than the relative error of `_scaled` before it rounds, which is below 2^-102."""
+TEN = [Fraction(10) ** power for power in range(-LARGEST_POWER, LARGEST_POWER + 1)]
+POWERS = np.array([(float(power), float(power - Fraction(float(power)))) for power in TEN])
+"""10^-64 to 10^64 (129, 2): the nearest number, and the one nearest to what is left."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -181,20 +193,6 @@ def table(prefix: str, rows: FloatArray | IntArray, number: int | None) -> Itera
         if number is not None:
             values[width - 1 :: width] = range(number + start, number + start + len(own))
         yield (line * len(own)) % tuple(values)
-
-
-Bytes = NDArray[np.uint8]
-Result = TypeVar("Result")
-MOST_DIGITS = 19
-"""So many digits are a whole number below 2^64, one less is below 2^63."""
-MOST_POWER = 9999
-LARGEST_POWER = 64
-TEN = [Fraction(10) ** power for power in range(-LARGEST_POWER, LARGEST_POWER + 1)]
-POWERS = np.array([(float(power), float(power - Fraction(float(power)))) for power in TEN])
-"""10^-64 to 10^64 (129, 2): the nearest number, and the one nearest to what is left."""
-SPLIT = 2.0**27 + 1.0
-DOUBT = 2.0**-98
-"""More than the relative error of `_scaled` before it rounds, which is below 2^-102."""
 
 
 def ahead(work: Callable[[bytes], Result], texts: Iterable[bytes]) -> Iterator[Result]:

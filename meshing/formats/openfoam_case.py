@@ -56,6 +56,29 @@ EXACT = 1e-12
 Places = Callable[[IntArray], FloatArray]
 Sides = tuple[IntArray, FloatArray, FloatArray]
 """Pairs of nodes (K, 2), and the motion from one to the other."""
+Read = TypeVar("Read")
+POINTS = ("points", "points.gz")
+PART = re.compile(r"processor(0|[1-9]\d{0,8})")
+COLLATED = re.compile(r"processors\d{0,9}(_\d{1,9}-\d{1,9})?")
+BETWEEN = ("processor", "processorCyclic")
+"""Types of patches between the parts of a decomposed case."""
+STALE = ("processor*",)
+"""Parts of a decomposed case: their meshes would be the old ones, so they are not copied."""
+OF_PARTS = (
+    "is decomposed: join it by `reconstructParMesh -constant`, deflect the whole with --plan FILE, and move the parts "
+    "by `sdm apply FILE --angle A {}/processor* --out CASE`"
+)
+OF_COLLATED = "is collated: decompose it with `-fileHandler uncollated`"
+OF_TIMES = (
+    "{} is not deflected, and a solver that starts at that time reads it in place of constant/polyMesh: remove it, or "
+    "move it to constant/polyMesh and deflect that"
+)
+OF_REGIONS = "the meshes of the regions {} are not deflected: name one as constant/{}/polyMesh to deflect it by itself"
+OF_HOLDERS = (
+    "beside points there is {}, which is not deflected: what takes it for points, such as a mesh motion or a script, "
+    "undoes the deflection; copy the deflected points over it"
+)
+BESIDE = "the parts of the case are neither read nor copied; `sdm apply` moves them by a plan of --plan FILE"
 
 
 def pairs_of(foam: Sequence[FoamPatch], patches: Sequence[Patch], places: Places) -> tuple[Periodic, ...]:
@@ -231,31 +254,6 @@ def _wedge_sides(one: Polygons, other: Polygons, places: Places) -> Sides | None
     motion = rotation_between(*points, hinge)
     found = _match(one, other, motion, places)
     return None if found is None else (found, *motion)
-
-
-Read = TypeVar("Read")
-POINTS = ("points", "points.gz")
-PART = re.compile(r"processor(0|[1-9]\d{0,8})")
-COLLATED = re.compile(r"processors\d{0,9}(_\d{1,9}-\d{1,9})?")
-BETWEEN = ("processor", "processorCyclic")
-"""Types of patches between the parts of a decomposed case."""
-STALE = ("processor*",)
-"""Parts of a decomposed case: their meshes would be the old ones, so they are not copied."""
-OF_PARTS = (
-    "is decomposed: join it by `reconstructParMesh -constant`, deflect the whole with --plan FILE, and move the parts "
-    "by `sdm apply FILE --angle A {}/processor* --out CASE`"
-)
-OF_COLLATED = "is collated: decompose it with `-fileHandler uncollated`"
-OF_TIMES = (
-    "{} is not deflected, and a solver that starts at that time reads it in place of constant/polyMesh: remove it, or "
-    "move it to constant/polyMesh and deflect that"
-)
-OF_REGIONS = "the meshes of the regions {} are not deflected: name one as constant/{}/polyMesh to deflect it by itself"
-OF_HOLDERS = (
-    "beside points there is {}, which is not deflected: what takes it for points, such as a mesh motion or a script, "
-    "undoes the deflection; copy the deflected points over it"
-)
-BESIDE = "the parts of the case are neither read nor copied; `sdm apply` moves them by a plan of --plan FILE"
 
 
 @contextmanager

@@ -19,6 +19,10 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from .shapes import Faces, chosen
 
 Block = TypeVar("Block", bound=Cells | Polygons | Polyhedra)
+Listed = tuple[str, IntArray]
+"""What messages call a pair, and its nodes (K, 2): a node, and its image."""
+Places = Callable[[IntArray], FloatArray]
+"""Returns the coordinates (K, 3) of nodes (K,)."""
 
 
 def joined(names: Sequence[str], parts: Sequence[Mesh]) -> Mesh:
@@ -123,12 +127,6 @@ def renumbered(block: Block, index: IntArray) -> Block:
 
 def _within(faces: Cells | Polygons, zone: Zone) -> BoolArray:
     return (faces.nodes >= zone.start) & (faces.nodes < zone.stop)
-
-
-Listed = tuple[str, IntArray]
-"""What messages call a pair, and its nodes (K, 2): a node, and its image."""
-Places = Callable[[IntArray], FloatArray]
-"""Returns the coordinates (K, 3) of nodes (K,)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -21,6 +21,10 @@ if TYPE_CHECKING:
 TET_FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 TET_EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 TRIANGLE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])
+# Nodes within this distance (metres) beyond the nearest one compete for a CAD vertex, so many at most: on
+# needle-shaped faces the mesher pulls the right node up to 4 mm away.
+RIVALRY = 5e-3
+RIVALS = 24
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,12 +90,6 @@ def _canonical(triangles: IntArray) -> IntArray:
     turn = (np.argmin(triangles, axis=1)[:, None] + np.arange(3)) % 3
     rotated = np.take_along_axis(triangles, turn, axis=1)
     return np.asarray(rotated[np.lexsort(rotated.T[::-1])])
-
-
-# Nodes within this distance (metres) beyond the nearest one compete for a CAD vertex, so many at most: on
-# needle-shaped faces the mesher pulls the right node up to 4 mm away.
-RIVALRY = 5e-3
-RIVALS = 24
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -28,6 +28,16 @@ DIAGONALS = np.array([[4, 9], [5, 8], [6, 7]])
 RINGS = np.array([[5, 6, 8, 7], [4, 7, 9, 6], [4, 5, 9, 8]])
 # Nodes 0 ... 2 are the parent's, 3 ... 5 the midpoints of TRIANGLE_EDGES.
 TRIANGLE_CHILDREN = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
+# By how much the mesher's aim is raised after a failure, and where that ends.
+EFFORT = 0.05
+HIGHEST_AIM = 0.5
+# Low and high corner (3,); points (S, 3) and the edge lengths (S,) wanted there; metres.
+Box = tuple[FloatArray, FloatArray]
+Finer = tuple[FloatArray, FloatArray]
+# Where the flow is inside the solid the mesher's box exceeds it by this share.
+ALLOWANCE = 0.05
+# And the far field is this share further away than asked for.
+SLACK = 0.01
 
 
 def split(mesh: Mesh) -> Mesh:
@@ -76,20 +86,6 @@ def _children(points: FloatArray, parents: IntArray) -> IntArray:
     children[:, 4:, 2] = ring
     children[:, 4:, 3] = np.roll(ring, -1, axis=1)
     return children.reshape(-1, 4)
-
-
-# By how much the mesher's aim is raised after a failure, and where that ends.
-EFFORT = 0.05
-HIGHEST_AIM = 0.5
-
-# Low and high corner (3,); points (S, 3) and the edge lengths (S,) wanted there; metres.
-Box = tuple[FloatArray, FloatArray]
-Finer = tuple[FloatArray, FloatArray]
-
-# Where the flow is inside the solid the mesher's box exceeds it by this share.
-ALLOWANCE = 0.05
-# And the far field is this share further away than asked for.
-SLACK = 0.01
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,6 +32,21 @@ SPACING = 1.9
 JITTER = 0.05
 # How far seed points stay from the surface and from the box's sides, in target lengths.
 CLEARANCE = 0.7
+# Chord error in metres of the triangulation that samples are drawn from, and samples per squared edge length.
+DEFLECTION = 5e-4
+DENSITY = 4.0
+FEWEST = 40
+# Degrees. Interior angles of faces below it ask for small cells.
+SHARP_CORNER = 25.0
+# Cells from where a sharp edge ends on a face to the border of that face.
+TO_BORDER = 2.5
+# Two faces face each other across a gap if their normals oppose and the line between them is near the normal.
+OPPOSED = -0.7
+AHEAD = 0.8
+# No gap and no curvature asks for cells smaller than this many envelopes.
+ENVELOPES = 10.0
+# Points (S, 3) on CAD faces, normals (S, 3) into the fluid, and target edge lengths (S,) in metres.
+Samples = tuple[FloatArray, FloatArray, FloatArray]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,26 +148,6 @@ def _cube_corners(cubes: FloatArray, edges: FloatArray) -> FloatArray:
     corners = (cubes[:, None] + edges[:, None, None] * CORNERS).reshape(-1, 3)
     grain = edges.min() / 64.0
     return np.asarray(grain * np.unique(np.round(corners / grain), axis=0))
-
-
-# Chord error in metres of the triangulation that samples are drawn from, and samples per squared edge length.
-DEFLECTION = 5e-4
-DENSITY = 4.0
-FEWEST = 40
-# Degrees. Interior angles of faces below it ask for small cells.
-SHARP_CORNER = 25.0
-# Cells from where a sharp edge ends on a face to the border of that face.
-TO_BORDER = 2.5
-
-# Two faces face each other across a gap if their normals oppose and the line between them is near the normal.
-OPPOSED = -0.7
-AHEAD = 0.8
-# No gap and no curvature asks for cells smaller than this many envelopes.
-ENVELOPES = 10.0
-
-
-# Points (S, 3) on CAD faces, normals (S, 3) into the fluid, and target edge lengths (S,) in metres.
-Samples = tuple[FloatArray, FloatArray, FloatArray]
 
 
 def sources(model: CadModel, parameters: MeshParameters) -> tuple[FloatArray, FloatArray]:

@@ -20,6 +20,10 @@ from .sizing import SizeField, background, seeds
 SECONDS = 600.0
 # Nodes of a CAD face's mesh further off that face (metres) show that faces were mixed up.
 ASTRAY = 1e-5
+# fTetWild gains nothing from more.
+MOST_THREADS = 8
+# The background mesh must cover the box that the mesher puts around its input.
+PADDING = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,12 +84,6 @@ def _outward(model: CadModel, points: FloatArray, triangles: IntArray, face: Int
         if np.einsum("ij,ij->", normals, cad.normal_at(corners.mean(axis=1))) < 0.0:
             turned[own] = triangles[own][:, ::-1]
     return turned
-
-
-# fTetWild gains nothing from more.
-MOST_THREADS = 8
-# The background mesh must cover the box that the mesher puts around its input.
-PADDING = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
