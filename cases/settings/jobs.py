@@ -235,10 +235,6 @@ def _rows(angles: Any, settings: JobSettings) -> tuple[Amounts, ...]:
     return tuple(map(tuple, given.tolist()))
 
 
-def _is_row(value: Any) -> bool:
-    return isinstance(value, Iterable) and not isinstance(value, str)
-
-
 def _columns(path: Path, names: Sequence[tuple[str, ...]]) -> FloatArray:
     """Read a table with a column for each surface, in the order of the surfaces' patch `names`."""
     titles, given = read_rows(path, "table of amounts")
