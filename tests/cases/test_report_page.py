@@ -14,7 +14,7 @@ from sdm_deflect.cases.aircraft.metrics import metrics
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.aircraft.report import report_data_of
 from sdm_deflect.cases.aircraft.run_folder import FinishedCase
-from sdm_deflect.cases.report.page import LARGEST, page
+from sdm_deflect.cases.report.page import LARGEST, page, policy
 from sdm_deflect.cases.report.pictures import drawn
 from sdm_deflect.cases.report.slices import triangles_of
 from sdm_deflect.cases.report.turnable import thinned, turnable
@@ -60,6 +60,13 @@ def test_pictures_shrink_where_the_page_would_be_too_large(aileron_run, tmp_path
     assert sizes[1] == [pytest.approx(0.7 * width, abs=2) for width in sizes[0]]
     places = [re.findall(r'width="\d+" height="\d+"', text) for text in (whole, small)]
     assert places[0] == places[1]
+
+
+def test_the_policy_of_a_page_allows_no_network():
+    allowed = dict(one.strip().split(" ", 1) for one in policy(["let a = 1;"]).split(";"))
+    assert allowed["default-src"] == "'none'"
+    sources = " ".join(allowed.values()).split()
+    assert {one for one in sources if not one.startswith("'sha256-")} == {"'none'", "'unsafe-inline'", "data:", "blob:"}
 
 
 def test_page_is_offline_complete_and_turnable(aileron_run, opened):
