@@ -1,6 +1,5 @@
 """The aileron with gaps all around is rigidly rotated CAD, node by node, whatever a repair does around it."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -10,8 +9,9 @@ import rigid_cad
 from sdm_deflect.cases.aircraft.cad import deflected_cad, undeflected_cad
 from sdm_deflect.cases.aircraft.job import axis_of
 from sdm_deflect.cases.aircraft.registry import case_named
+from sdm_deflect.cases.aircraft.run_folder import FinishedCase, undeflected_models
 from sdm_deflect.meshing.formats.vtu import read_vtu, write_vtu
-from tests.calls import sdm
+from tests.cases.sdm.deflected_cad import built
 
 pytestmark = pytest.mark.mesher
 CASE = case_named("aileron-free")
@@ -52,21 +52,21 @@ def test_other_angles_pass_as_well(turned, angle):
     assert next(check.value for check in checks if check.name == "surface_to_rigid_cad") < 1e-14
 
 
-def test_a_nanometre_is_seen_in_every_direction(free_run, tmp_path, capsys):
+def test_a_nanometre_is_seen_in_every_direction(free_run, tmp_path):
     """Along a face no distance from the CAD sees it; from node to node it is seen."""
     run, folder = free_run
     for name in ("case.toml", "metrics.json", "interpolant.npz", "convergence.csv", "undeflected.vtu"):
         (tmp_path / name).write_bytes((folder / name).read_bytes())
-    undeflected_cad(run.case).write(tmp_path / "sdm.brep")
+    models = undeflected_models(run.case)
+    models[0].write(tmp_path / "sdm.brep")
     mesh, nodes = read_vtu(folder / "deflected.vtu"), run.mesh.patch("aileron_left").nodes
     assert max(rigid_cad.distances(folder, "aileron_left", tmp_path / "sdm.brep").values()) < rigid_cad.LIMIT
     for axis in range(3):
         points = mesh.points.copy()
         points[nodes[100], axis] += 1e-9
         write_vtu(tmp_path / "deflected.vtu", mesh.with_points(points))
-        assert sdm("validate", tmp_path, "--json", "--quiet") == 1
-        checks = json.loads(capsys.readouterr().out)["checks"]
-        assert "surface_to_rigid_cad" in {one["name"] for one in checks if not one["passed"]}
+        checks = FinishedCase.of(tmp_path).checked(lambda: built(run.case), lambda _: models)
+        assert "surface_to_rigid_cad" in {one.name for one in checks if not one.passed}
         found = rigid_cad.distances(tmp_path, "aileron_left", tmp_path / "sdm.brep")
         assert found["node by node"] == pytest.approx(1e-9, rel=1e-6)
         assert found["node by node"] > rigid_cad.LIMIT
