@@ -336,8 +336,12 @@ def difference(mesh: Mesh, points: FloatArray, path: Path) -> str:
 
 
 def _points_in(mesh: Mesh, path: Path) -> FloatArray:
-    if not (whole := mesh.whole):
-        return format_of(path).read_copy(path, Path(mesh.source)).points
+    form, source, whole = format_of(path), Path(mesh.source), mesh.whole
+    if not whole:
+        return form.read_copy(path, source).points
+    points = form.points_of_copy(path, source)
+    if points is not None:
+        return points[whole.nodes] if len(points) == mesh.point_count else points
     with in_pieces(path) as back:
         if back is None or back.pieces.blocks != whole.pieces.blocks or back.pieces.points != mesh.point_count:
             raise MeshFileError("it has other points or cells")

@@ -86,6 +86,13 @@ class Format:
         """Return the mesh in a copy of a file; what stands beside the source, such as names, belongs to it."""
         return self.read(path)
 
+    def points_of_copy(self, path: Path, source: Path) -> FloatArray | None:
+        """Return the points (N, 3) of a copy of a file of text that was read in pieces.
+
+        None for other formats. MeshFileError if more than the points differs.
+        """
+        return None
+
     def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
         """Return the type of the coordinates in a file `out`: of a copy of `source`, or of a mesh from elsewhere.
 

@@ -23,7 +23,7 @@ from sdm_deflect.meshing.files import fresh
 from .format import MeshFileError, about, check_points, fitting_names
 from .known import registered
 from .layout import Format, whole
-from .numbers import COMMENT, NumberLines, Placed, chunks, copy_text, numbers, table
+from .numbers import CHUNK, COMMENT, NumberLines, Placed, chunks, copy_text, numbers, table
 from .shapes import simple_faces
 from .table_pieces import CellTable, PointRange, TablePieces
 from .tables import FileTable, Held, gathered
@@ -329,6 +329,15 @@ class Su2(Format):
             check_points(points, sum(section.count for section in sections))
             copy_text(file, text.placed(sections), points[:, : text.dimension].ravel(), copy)
 
+    def points_of_copy(self, path: Path, source: Path) -> FloatArray:
+        """See `Format.points_of_copy`; cells are those of the source, then, and need not be made numbers of again."""
+        with about(path), path.open("rb") as new, source.open("rb") as old:
+            texts = [Su2File.opened(file, lambda _: None) for file in (new, old)]
+            for own, other in zip(*map(_around, texts), strict=True):
+                if not _same(new, old, own, other):
+                    raise MeshFileError("its text differs from the source, not in its points alone")
+            return points_of(texts[0], _points(texts[0]))
+
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """See `Format.write`; polyhedra that are no usual cells, or faces of five corners, are a MeshFileError."""
         from .polyhedra import standard_cells
@@ -376,6 +385,21 @@ def _layout(
 
 def _points(source: Su2File) -> list[KeywordBlock]:
     return [section for section in source.sections if section.keyword == "NPOIN"]
+
+
+def _around(source: Su2File) -> list[tuple[int, int]]:
+    """Return the bytes before, between and after the points."""
+    points = _points(source)
+    return list(
+        zip([0, *(own.end for own in points)], [*(own.begin for own in points), source.sections[-1].end], strict=True)
+    )
+
+
+def _same(new: BinaryIO, old: BinaryIO, own: tuple[int, int], other: tuple[int, int]) -> bool:
+    for file, (begin, _) in ((new, own), (old, other)):
+        file.seek(begin)
+    size = max(own[1] - own[0], other[1] - other[0])
+    return all(new.read(min(CHUNK, size - at)) == old.read(min(CHUNK, size - at)) for at in range(0, size, CHUNK))
 
 
 def write_mesh(mesh: Mesh, out: BinaryIO, report: Callable[[float], None]) -> dict[str, str]:
