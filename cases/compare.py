@@ -24,9 +24,9 @@ Value = float | int | str | None
 SAME = 1e-9
 """Numbers that differ by no more than this share are the same."""
 FACTOR = 2.0
-"""From here on a change is told as a factor, below as a percentage."""
+"""From here on a change is shown as a factor, below as a percentage."""
 LEAST = 5e-4
-"""Smallest change that is told as a percentage."""
+"""Smallest change that is shown as a percentage."""
 LONGEST = 60
 """Letters of a text that is shown."""
 DIRECTIONS = "xyz"

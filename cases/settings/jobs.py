@@ -91,7 +91,7 @@ def _condition(name: str, word: str) -> "Condition":
 
 
 def _point(of: FloatArray, z: float) -> Point:
-    """Return a point; one of two numbers gets that z."""
+    """Return a point; z is used where it has only x and y."""
     x, y, *rest = of.tolist()
     return x, y, rest[0] if rest else z
 

@@ -237,7 +237,7 @@ def _flat_sides(faces: Polygons, places: Places) -> Sides | None:
 
 
 def _wedge_sides(one: Polygons, other: Polygons, places: Places) -> Sides | None:
-    """Return as `_flat_sides` the two sides of a wedge, which meet on its axis."""
+    """Return what `_flat_sides` does, for the two sides of a wedge, which meet on its axis."""
     points = places(union(one.nodes)), places(union(other.nodes))
     if len(points[0]) != len(points[1]) or len(points[0]) < 3 or not np.isfinite(points).all():
         return None

@@ -73,7 +73,7 @@ def _face_pairs(mesh: Mesh, keys: Keys) -> tuple[Polygons, IntArray, IntArray]:
 
 
 def _met(faces: Polygons, cell: IntArray, keys: Keys) -> tuple[Polygons, IntArray, IntArray]:
-    """Return as `_face_pairs` the faces of all cells, each given with its cell (K,); equal keys are one face."""
+    """Return what `_face_pairs` does, from the faces of all cells and their cells (K,); equal keys are one face."""
     key = face_keys(faces, keys)
     order = np.lexsort((cell, key))
     same = key[order][1:] == key[order][:-1]

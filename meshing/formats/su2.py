@@ -95,7 +95,7 @@ def _keywords(text: bytes) -> Iterator[tuple[str, str, int, int]]:
 
 @dataclass(frozen=True, slots=True)
 class Su2File:
-    """An open file, where its sections lie, its dimension; `report` is told the fraction of it that has been read."""
+    """An open file, where its sections lie, its dimension; `report` is called with the fraction read so far."""
 
     file: BufferedReader
     sections: tuple[KeywordBlock, ...]

@@ -178,7 +178,7 @@ def stands_otherwise(source: Path, out: Path) -> bool:
 
 @contextmanager
 def names_copied(source: Path, out: Path) -> Iterator[None]:
-    """Copy the names of the source's surfaces to the copy `out` that the block writes.
+    """Copy the names of surfaces, stored beside the source, to the mesh `out` that the block writes.
 
     MeshFileError if a ``.mapbc`` that is there says otherwise.
     """

@@ -17,7 +17,7 @@ MESHES = {
     "plate.su2": (lambda: plate(shape="triangle"), ["--surface", "hole", "--hinge", "0.2,0", "--margin", "0.5"]),
     "bodies.cgns": (two_bodies, ["--surface", "left", "--hinge", "-1.25,0,0", "-1.25,1,0", "--margin", "0.4"]),
     "wing.lb8.ugrid": (
-        lambda: wing(flap=(0.0, 0.5), cells=3).mesh,
+        lambda: wing(flap=(0.0, 0.5), cells=4).mesh,
         ["--surface", "flap_*", "--fixed", "wing_*", "--slide", "symmetry:plane", "--hinge", "0.75,0,0", "0.75,1,0",
          "--motion", "blended"],
     ),
