@@ -27,7 +27,7 @@ from sdm_deflect.cases.run.cluster import workers
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
-from sdm_deflect.deform.volume.step import evaluated
+from sdm_deflect.deform.volume.step import evaluate
 
 OPTIONS = ("--surface", "flap", "--fixed", "wall", "--margin", "0.17", "--no-report", "--repair", "off")
 WARM = 500_000
@@ -62,11 +62,11 @@ def sums(count: int, centers: int, rounds: int) -> None:
     with ExitStack() as stack:
         one, two = (stack.enter_context(workers(Stopwatch(), here, here, count=number)) for number in (1, 2))
         for runner in (one, two):
-            same = np.array_equal(evaluated(interpolant, points[:WARM], runner), interpolant(points[:WARM]))
+            same = np.array_equal(evaluate(interpolant, points[:WARM], runner), interpolant(points[:WARM]))
             print(f"same bits as without workers: {same}")
         actions = {
-            "one": lambda: evaluated(interpolant, points, one),
-            "two": lambda: evaluated(interpolant, points, two),
+            "one": lambda: evaluate(interpolant, points, one),
+            "two": lambda: evaluate(interpolant, points, two),
             "one thread": lambda: interpolant(points, threads=1),
             "two threads": lambda: interpolant(points, threads=2),
         }

@@ -23,7 +23,7 @@ from sdm_deflect.cases.settings.jobs import jobs_of, swept
 from sdm_deflect.cases.settings.keywords import Options
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, shortened
-from sdm_deflect.deform.base.schema import described
+from sdm_deflect.deform.base.schema import describe
 from sdm_deflect.deform.base.threads import Progress, Threads, silent
 from sdm_deflect.deform.checks import Check, checks_of
 from sdm_deflect.deform.loop import run
@@ -290,7 +290,7 @@ def _with_settings(function: F) -> F:
         setting for name, setting in BY_NAME.items() if name not in IN_PYTHON and name not in ("hinge", "angle")
     )
     if function.__doc__:  # not with python -OO
-        function.__doc__ = function.__doc__.replace("{settings}", described(list(settings), " " * 8))
+        function.__doc__ = function.__doc__.replace("{settings}", describe(list(settings), " " * 8))
     return function
 
 
@@ -379,7 +379,7 @@ def plan(
         with about_files(), in_pieces(path_of(mesh), progress) as large:
             mesh = excerpt(large, jobs, (), Threads(), progress) if large else mesh
     if any(moving.range for job in jobs for moving in job.surfaces):
-        return HeldPlan.of(_planned(mesh, jobs, (), progress)[0], progress).judged(progress)
+        return HeldPlan.of(_plan_jobs(mesh, jobs, (), progress)[0], progress).judged(progress)
     (found,) = _run(mesh, jobs, (), progress)
     if not found.passed:
         raise InputError(found.title)
@@ -424,15 +424,15 @@ def _run(mesh: Any, jobs: Sequence[Job], poses: Sequence[Amounts], progress: Pro
     if not callable(progress):
         raise InputError(f"progress = {shortened(progress)} must be a function of a text and a fraction")
     progress = of_notebook() if progress is silent else progress
-    plan, given = _planned(mesh, jobs, poses, progress)
+    plan, given = _plan_jobs(mesh, jobs, poses, progress)
     judged = run(plan, lambda _: nullcontext(progress))
     found = {one.amounts: Result(one, given.with_points(one.points), checks) for one, checks in judged}
     return tuple(found[pose] for pose in plan.poses)
 
 
-def _planned(mesh: Any, jobs: Sequence[Job], poses: Sequence[Amounts], progress: Progress) -> tuple[Plan, Any]:
+def _plan_jobs(mesh: Any, jobs: Sequence[Job], poses: Sequence[Amounts], progress: Progress) -> tuple[Plan, Any]:
     """Plan jobs for all poses, and warn of what is probably wrong; return the mesh as it was given, too."""
-    given = adapters.accepted(read(mesh, progress) if isinstance(mesh, str | PathLike) else mesh)
+    given = adapters.accept(read(mesh, progress) if isinstance(mesh, str | PathLike) else mesh)
     plan = Plan.of(given.mesh, jobs, poses, progress)
     for text in warnings_of(plan):
         warnings.warn(text, stacklevel=4)

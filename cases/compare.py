@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.cases.report.data import RUN, ReportData, shown
+from sdm_deflect.cases.report.data import RUN, ReportData, as_text
 from sdm_deflect.cases.run.metrics import Json
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.base.unpacking import damaged
 from sdm_deflect.deform.mesh.mesh import Mesh
 
-from .finished import finished
+from .finished import read_run
 
 FEWEST, MOST = 2, 8
 """Numbers of runs that are compared."""
@@ -63,7 +63,7 @@ def read_runs(folders: Sequence[Path], progress: Progress = silent) -> tuple[Com
     found = []
     for i, (folder, name) in enumerate(zip(folders, names, strict=True)):
         progress(str(folder), i / len(folders))
-        data = finished(folder).report_data()
+        data = read_run(folder).report_data()
         with damaged(folder, RUN):
             sum(check.passed and len(check.name) for check in data.checks)  # InputError for a check of another kind
         found.append(ComparedRun(name if alone else str(folder), folder, data))
@@ -149,7 +149,7 @@ def tables(runs: Sequence[ComparedRun]) -> tuple[FigureTable, ...]:
     return tuple(one for one in kept if one.rows)
 
 
-def printed(runs: Sequence[ComparedRun], whole: bool) -> dict[str, list[tuple[str, ...]]]:
+def rows_by_table(runs: Sequence[ComparedRun], whole: bool) -> dict[str, list[tuple[str, ...]]]:
     """Return the rows of names and texts that differ between runs, by table; with `whole` also the same figures."""
     found = (*tables(runs), FigureTable("Settings that differ", differing_settings(runs)))
     return {one.title: [(row.label, *row.texts) for row in one.rows if whole or not row.same] for one in found}
@@ -268,7 +268,7 @@ def _flat(table: Any, name: str = "") -> Iterator[tuple[str, Value]]:
         for i, one in enumerate(table):
             yield from _flat(one, f"{name}[{i}]")
     else:
-        yield name, table if _is_number(table) else shown(table)
+        yield name, table if _is_number(table) else as_text(table)
 
 
 def _alike(one: Value, other: Value) -> bool:

@@ -15,7 +15,7 @@ from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, shortened
 from sdm_deflect.deform.mesh.cells import Patch
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import Quality, by_shape, oriented
+from sdm_deflect.deform.mesh.quality import Quality, by_shape, find_orientation
 from sdm_deflect.deform.mesh.standard import parts_of
 from sdm_deflect.meshing.formats.format import MeshFileError
 
@@ -39,7 +39,7 @@ class FileMesh(Mesh):
 
     def quality(self) -> tuple[Quality, ...]:
         """Return the quality of all cells, by type."""
-        signs = (oriented(self.points, block)[0] for block in self.cells)
+        signs = (find_orientation(self.points, block)[0] for block in self.cells)
         return by_shape(self.points, zip(self.cells, repeat(None), signs, strict=False))
 
     def save(self, path: str | PathLike[str]) -> Path:

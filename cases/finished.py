@@ -8,10 +8,10 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.meshing.files import permitted_as
 from sdm_deflect.meshing.formats.registry import FORMATS
-from sdm_deflect.meshing.formats.zones import joined
+from sdm_deflect.meshing.formats.zones import join_zones
 
 
-def finished(folder: Path) -> FinishedRun:
+def read_run(folder: Path) -> FinishedRun:
     """Read the folder of `sdm run`, or that beside a mesh of `sdm deflect`.
 
     Raises InputError or MeshFileError if it is none, a file is missing or damaged, or the files do not belong together.
@@ -53,6 +53,6 @@ def export_run(
         raise InputError(f"--out {target} is a file of the run; export to another name")
     mesh = run.plan.mesh if which == "undeflected" else run.plan.mesh.with_points(run.points)
     if known.zoned and (background := run.background) is not None:
-        mesh = joined(("block", "background"), (mesh, background))
+        mesh = join_zones(("block", "background"), (mesh, background))
     with permitted_as(folder):
         return target, known.write(mesh, target, progress)

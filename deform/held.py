@@ -74,7 +74,7 @@ class PlacedFields(NamedTuple):
 
     def on(self, points: FloatArray) -> FloatArray:
         """Return the fields (k, N, 3) at undeflected points (N, 3)."""
-        return combined(self.weights, points, [one.apply(points) for one in self.fields])
+        return combine(self.weights, points, [one.apply(points) for one in self.fields])
 
     def move(self, points: FloatArray, values: FloatArray, out: FloatArray) -> None:
         """Add the displacement of undeflected points (N, 3) to `out` (N, 3), at values (k,) of the functions."""
@@ -390,7 +390,7 @@ class OnMesh:
         for own in self.readings:
             rows.append(own.box.changed)
             ends = [one.exact[rows[-1]] for one in own.deflections]
-            fields.append(combined(own.weights, start[rows[-1]], ends))
+            fields.append(combine(own.weights, start[rows[-1]], ends))
         return Modes(tuple(own.control for own in self.readings), start, tuple(rows), tuple(fields))
 
     @cached_property
@@ -435,7 +435,7 @@ def _name(moving: Moving, surface: Surface) -> str:
     return name_of([name for name in surface.named if name not in following])
 
 
-def combined(weights: FloatArray | None, points: FloatArray, ends: Sequence[FloatArray]) -> FloatArray:
+def combine(weights: FloatArray | None, points: FloatArray, ends: Sequence[FloatArray]) -> FloatArray:
     """Return the fields (k, M, 3) at points (M, 3), given their places (M, 3) in each reading.
 
     A plan for one amount has two fields; with the points they add up exactly to the final places.

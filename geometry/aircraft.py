@@ -11,7 +11,7 @@ from OCP import Standard, StdFail
 from .assemble import assemble, preflight
 from .confinement import BlockParameters, block_corners
 from .datum import SURFACES, ends, hinge_line, hinged, ribs
-from .deflected import CadTurn, deflected_wedge, turned, wedge
+from .deflected import CadTurn, deflected_wedge, turned_surface, wedge
 from .fuse import (
     NamedSolid,
     both_sides,
@@ -117,7 +117,7 @@ def _surface(fighter: Fighter, name: str, deflection: CadTurn | None, notch: flo
     if hinged(name) and not free:
         gap = fighter.aileron.gap if name != "rudder" else 0.0
         return deflected_wedge(inner, outer, axis, deflection, 0 if gap else len(ribs(fighter, name)))
-    return [turned(whole, axis, deflection.angle)]
+    return [turned_surface(whole, axis, deflection.angle)]
 
 
 def chimera_block(fighter: Fighter, parameters: BlockParameters, surface: str = "aileron_left") -> CadModel:

@@ -31,7 +31,7 @@ class CadTurn(Checked):
     strip: float = quantity(0.0, "m", 0.0, 0.5, "width of the strip beside a rib without a gap")
 
 
-def rotated(points: FloatArray, axis: FloatArray, degrees: float) -> FloatArray:
+def rotate(points: FloatArray, axis: FloatArray, degrees: float) -> FloatArray:
     """Points (..., 3) turned right-handed about the line from `axis[0]` to `axis[1]`, (2, 3)."""
     direction = axis[1] - axis[0]
     turn = Rotation.from_rotvec(np.radians(degrees) * direction / np.linalg.norm(direction)).as_matrix()
@@ -52,12 +52,12 @@ def deflected_wedge(
     """
     if deflection.mode == "blended":
         return _blended(inner, outer, axis, deflection, ribs)
-    return [tuple(rotated(loop, axis, deflection.angle) for loop in _with_nose(inner, outer))]
+    return [tuple(rotate(loop, axis, deflection.angle) for loop in _with_nose(inner, outer))]
 
 
-def turned(loops: Loops, axis: FloatArray, angle: float) -> Loops:
+def turned_surface(loops: Loops, axis: FloatArray, angle: float) -> Loops:
     """A whole surface turned rigidly about `axis` (2, 3)."""
-    return tuple(rotated(loop, axis, angle) for loop in loops)
+    return tuple(rotate(loop, axis, angle) for loop in loops)
 
 
 def _blended(inner: FloatArray, outer: FloatArray, axis: FloatArray, turn: CadTurn, ribs: int) -> list[Loops]:
@@ -71,7 +71,7 @@ def _blended(inner: FloatArray, outer: FloatArray, axis: FloatArray, turn: CadTu
     rings = []
     for station, follows in sorted(set(stations)):
         at = inner + station * (outer - inner)
-        trailing = rotated(at[TE], axis, turn.angle) if follows else at[TE]
+        trailing = rotate(at[TE], axis, turn.angle) if follows else at[TE]
         rings.append(np.array([at[HINGE_UPPER], trailing, at[HINGE_LOWER]]))
     return [prism(first, last) for first, last in pairwise(rings)]
 

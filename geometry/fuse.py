@@ -127,7 +127,7 @@ def skin(all_walls: Sequence[Wall], flow: str | None = None) -> list[CadFace]:
         if len(inner) == 1:
             shape = wall.shape if inner[0] is wall.cells[0] else Face(wall.shape.wrapped.Reversed())
             faces.append(CadFace(shape, (outer or inner)[0].patch))
-    return ordered(faces)
+    return sort_faces(faces)
 
 
 def partitions(all_walls: Sequence[Wall], flow: str | None = None) -> list[CadFace]:
@@ -138,10 +138,10 @@ def partitions(all_walls: Sequence[Wall], flow: str | None = None) -> list[CadFa
         for wall, first, second in pairs
         if first.owner != second.owner and (flow is None or (first.patch == flow) == (second.patch == flow))
     ]
-    return ordered(faces)
+    return sort_faces(faces)
 
 
-def ordered(faces: Sequence[CadFace]) -> list[CadFace]:
+def sort_faces(faces: Sequence[CadFace]) -> list[CadFace]:
     """Faces sorted by patch and centre, so that their order does not depend on the kernel's."""
 
     def key(face: CadFace) -> tuple[str, list[float]]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from sdm_deflect.cases.aircraft.case import Case
 from sdm_deflect.cases.aircraft.job import fuselage_cylinder, panel_of
-from sdm_deflect.cases.aircraft.pipeline import meshed
+from sdm_deflect.cases.aircraft.pipeline import mesh_of_case
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.output import write_table
 from sdm_deflect.cases.run.progress import Stopwatch
@@ -240,7 +240,7 @@ def write_trials(scale: str, folder: Path, watch: Stopwatch, cache: bool = True)
     """
     tables, path = paper().tables, folder / "centres.csv"
     cases = {n: replace(case_named(tables[n].case, scale), angle=tables[n].rows[0].setting.angle) for n in TABLES}
-    meshes = {name: meshed(case, watch, cache)[0] for name, case in cases.items()}
+    meshes = {name: mesh_of_case(case, watch, cache)[0] for name, case in cases.items()}
     rows: list[list[object]] = [list(HEADS)]
     if path.exists():
         with path.open(newline="", encoding="utf-8") as file:

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from numba import get_num_threads
 
 from sdm_deflect.cases.aircraft.metrics import Run
-from sdm_deflect.cases.aircraft.pipeline import mesh_parameters, meshed, run_case
+from sdm_deflect.cases.aircraft.pipeline import mesh_of_case, mesh_parameters, run_case
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.report.pictures import write_png
 from sdm_deflect.cases.run.progress import Stopwatch
@@ -49,7 +49,7 @@ class Sources:
 
     def mesh(self, name: str) -> Mesh:
         """Return the undeflected mesh of a case."""
-        return meshed(case_named(name, self.scale), Stopwatch(self.show), self.cache)[0]
+        return mesh_of_case(case_named(name, self.scale), Stopwatch(self.show), self.cache)[0]
 
     def run(self, name: str, angle: float, strategy: Strategy = "squv") -> Run:
         """Return a finished run with the paper's rule of adding centres, unrepaired, validated like every run."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from sdm_deflect.cases.aircraft.case import Case, Confinement
 from sdm_deflect.cases.aircraft.job import job_of
-from sdm_deflect.cases.aircraft.pipeline import meshed
+from sdm_deflect.cases.aircraft.pipeline import mesh_of_case
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.arrays import IndexArray
@@ -265,7 +265,7 @@ def run_study(name: str, scale: str, watch: Stopwatch, cache: bool = True) -> Re
     """
     table = paper().tables[name]
     case = replace(case_named(table.case, scale), angle=table.rows[0].setting.angle)
-    mesh, _ = meshed(case, watch, cache)
+    mesh, _ = mesh_of_case(case, watch, cache)
     with watch.stage(name) as progress:
         return carry_out(name, case, mesh, progress)
 

@@ -8,7 +8,7 @@ from filelock import FileLock
 from hypothesis import settings
 
 from sdm_deflect.cases.aircraft.case import Case
-from sdm_deflect.cases.aircraft.pipeline import meshed
+from sdm_deflect.cases.aircraft.pipeline import mesh_of_case
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.compiled import CODE_VARIABLE, FOLDER_VARIABLE, code_folder
@@ -72,7 +72,7 @@ def make_mesh(shared_folder: Path, mesh_cache: Path):
 
     def make(case: Case):
         with FileLock(shared_folder / "meshing.lock"):
-            return meshed(case, Stopwatch())
+            return mesh_of_case(case, Stopwatch())
 
     return make
 

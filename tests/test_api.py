@@ -17,7 +17,7 @@ from nbclient import NotebookClient
 import sdm_deflect as sd
 from sdm_deflect.cases.settings.job_settings import BY_NAME, IN_PYTHON
 from sdm_deflect.meshing.formats.adapters import to_meshio, to_pyvista
-from sdm_deflect.meshing.formats.polyhedra import bounded
+from sdm_deflect.meshing.formats.polyhedra import polyhedral_cells
 from tests.deform.blocks import block_with_body, two_bodies
 
 ROOT = Path(__file__).parents[1]
@@ -260,7 +260,7 @@ def test_pyvista_and_meshio_take_a_result(result):
 
 
 def test_polyhedra_keep_their_faces(block):
-    mesh = sd.Mesh(block.points, (bounded(block).cells,), block.patches)
+    mesh = sd.Mesh(block.points, (polyhedral_cells(block).cells,), block.patches)
     still = np.zeros_like(block.points)
     grids = [to_pyvista(one, still, (1.0,)) for one in (mesh, block)]
     volumes = [grid.compute_cell_sizes()["Volume"][: len(block.cells[0])] for grid in grids]

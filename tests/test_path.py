@@ -55,7 +55,7 @@ def arrive(monkeypatch):
 def test_sdm_run(arrive, monkeypatch, tmp_path):
     from sdm_deflect.cases.aircraft import pipeline
 
-    monkeypatch.setattr(pipeline, "meshed", lambda *_: (frozen_tets("aircraft"), MeshOrigin(0.0, 1, 0.0)))
+    monkeypatch.setattr(pipeline, "mesh_of_case", lambda *_: (frozen_tets("aircraft"), MeshOrigin(0.0, 1, 0.0)))
     files = arrive(["run", "aileron", "--angle", "-12", "--no-report", "-q", "--out", str(tmp_path / "run")])
     assert len(files) == len(set(files)) <= MOST, files
 
@@ -113,6 +113,6 @@ def test_files_of_a_deflection(tmp_path, monkeypatch):
 def test_files_of_a_run(aileron_mesh, tmp_path, monkeypatch):
     from sdm_deflect.cases.aircraft import pipeline
 
-    monkeypatch.setattr(pipeline, "meshed", lambda *_: aileron_mesh)
+    monkeypatch.setattr(pipeline, "mesh_of_case", lambda *_: aileron_mesh)
     files = entered(["run", "aileron", "--no-report", "-q", "--out", str(tmp_path / "run")])
     assert 40 < len(files) <= MOST_ENTERED["run"], files

@@ -32,17 +32,17 @@ def deflected_cad(case: Case) -> CadModel:
     return build(case.fighter, turns, notch=case.notch)
 
 
-def undeflected(case: Case, watch: Stopwatch) -> Generated:
+def generate_undeflected(case: Case, watch: Stopwatch) -> Generated:
     """Build and mesh the aircraft, or the Chimera block."""
-    return _meshed(partial(undeflected_cad, case), case.mesh, watch)
+    return _generate(partial(undeflected_cad, case), case.mesh, watch)
 
 
 def around_block(case: Case, finer: Finer, watch: Stopwatch) -> Generated:
     """Build and mesh the aircraft that surrounds the Chimera block."""
-    return _meshed(partial(background_cad, case), case.background, watch, finer)
+    return _generate(partial(background_cad, case), case.background, watch, finer)
 
 
-def _meshed(
+def _generate(
     built: Callable[[], CadModel], parameters: MeshParameters, watch: Stopwatch, finer: Finer | None = None
 ) -> Generated:
     with watch.stage("geometry") as progress:

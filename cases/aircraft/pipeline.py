@@ -10,7 +10,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING
 
 from sdm_deflect.cases.report.folder import plan_around, written_plan
-from sdm_deflect.cases.run.deflect_file import held_by
+from sdm_deflect.cases.run.deflect_file import held_plan
 from sdm_deflect.cases.run.limit import Search
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.compiled import default_folder
@@ -45,20 +45,20 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, rep
         # Matplotlib, pyvista and trimesh load while the CAD is being built.
         from .validation import validate
 
-        mesh, origin = meshed(case, watch, cache)
+        mesh, origin = mesh_of_case(case, watch, cache)
         background = background_mesh(case, watch, cache) if case.domain == "block" else None
         with watch.stage("deformation") as progress:
             plan = plan_of(case, mesh, progress=progress)
-            held = held_by(plan, lambda _: nullcontext(progress))
+            held = held_plan(plan, lambda _: nullcontext(progress))
             ((deflection, mesh_checks),) = carried_out(plan, lambda _: nullcontext(progress), "m", held)
             moved = mesh.with_points(deflection.points)
             whole = whole_mesh_seconds(deflection)
             stiff = pinned_quality(case, mesh, progress) if case.domain == "block" else None
-            progress(adapted(deflection), 1.0)
+            progress(adaptation_text(deflection), 1.0)
         with watch.stage("plan") as progress:
             around = held or plan_around(deflection, progress)
         if report:
-            shown, gallery = drawn_report(case, deflection, folder, watch)
+            shown, gallery = draw_report(case, deflection, folder, watch)
         with watch.stage("files") as progress:
             write_deformation(folder, case, deflection, background)
             progress(f"{sum(path.stat().st_size for path in folder.glob('*.*')) / 1e6:.1f} MB", 1.0)
@@ -71,38 +71,38 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, rep
     if report:
         from sdm_deflect.cases.report.page import write_report
 
-        from .report import compared
+        from .report import draw_distances
 
         with watch.stage("report") as progress:
             data = replace(shown, held=around).with_verdict(checks, metrics(run) | planned)
-            write_report(data, gallery.with_more(compared(data, folder / "figures")), folder)
+            write_report(data, gallery.with_more(draw_distances(data, folder / "figures")), folder)
             progress(f"{(folder / 'report.html').stat().st_size / 1e6:.1f} MB", 1.0)
     (folder / "metrics.json").write_text(json.dumps(metrics(run) | planned, indent=2) + "\n", encoding="utf-8")
     return run
 
 
-def drawn_report(case: Case, deflection: Deflection, folder: Path, watch: Stopwatch) -> tuple["ReportData", "Gallery"]:
+def draw_report(case: Case, deflection: Deflection, folder: Path, watch: Stopwatch) -> tuple["ReportData", "Gallery"]:
     """Return what the report shows, and its pictures, which are in `folder`."""
-    from sdm_deflect.cases.report.pictures import drawn
+    from sdm_deflect.cases.report.pictures import draw_pictures
 
     from .report import report_data_of
 
     with watch.stage("pictures") as progress:
         shown = report_data_of(case, deflection)
-        gallery = drawn(shown, folder / "figures")
+        gallery = draw_pictures(shown, folder / "figures")
         progress(f"{len(gallery.exhibits)} pictures", 1.0)
     return shown, gallery
 
 
-def meshed(case: Case, watch: Stopwatch, cache: bool = True) -> tuple[Mesh, MeshOrigin]:
+def mesh_of_case(case: Case, watch: Stopwatch, cache: bool = True) -> tuple[Mesh, MeshOrigin]:
     """Return the undeflected mesh of the case, from the cache if it is there and whole."""
 
     def generate() -> "Generated":
-        from .cad import undeflected  # loads the CAD kernel: seconds that a cached mesh spares
+        from .cad import generate_undeflected  # loads the CAD kernel: seconds that a cached mesh spares
 
-        return undeflected(case, watch)
+        return generate_undeflected(case, watch)
 
-    mesh, origin = cached(mesh_parameters(case), generate, watch, cache)
+    mesh, origin = cached_mesh(mesh_parameters(case), generate, watch, cache)
     return replace(mesh, name=case.name), origin
 
 
@@ -122,7 +122,7 @@ def background_mesh(case: Case, watch: Stopwatch, cache: bool = True) -> Mesh:
 
         return around_block(case, finer_background(case), watch)
 
-    return cached(background_parameters(case), generate, watch, cache)[0]
+    return cached_mesh(background_parameters(case), generate, watch, cache)[0]
 
 
 def background_parameters(case: Case) -> dict[str, object]:
@@ -133,7 +133,7 @@ def background_parameters(case: Case) -> dict[str, object]:
     }  # fmt: skip
 
 
-def cached(
+def cached_mesh(
     parts: dict[str, object], generate: "Callable[[], Generated]", watch: Stopwatch, cache: bool
 ) -> tuple[Mesh, MeshOrigin]:
     """Return the mesh of these parameters from the cache, or generate it and keep it."""
@@ -158,7 +158,7 @@ def cached(
     return made.mesh, origin
 
 
-def adapted(deflection: Deflection) -> str:
+def adaptation_text(deflection: Deflection) -> str:
     """Say how many centres all adaptations took and the largest residual that is left."""
     fits = [fit for box in deflection.boxes for step in box.steps for fit in step.fits.adaptations]
     centres, residual = sum(len(fit.chosen) for fit in fits), max(fit.max_error for fit in fits)

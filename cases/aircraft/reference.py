@@ -78,7 +78,7 @@ def reference(case: Case, cache: bool = True) -> Iterator[Callable[[], Reference
     with suppress(MeshFileError):  # a damaged entry is built again
         kept = store.read(key) if cache else None
     if kept is not None:
-        faces = decoded(kept)
+        faces = decode(kept)
         yield lambda: faces
         return
     with started("sdm_deflect.cases.aircraft.reference", question(case)) as pending:
@@ -91,7 +91,7 @@ def reference(case: Case, cache: bool = True) -> Iterator[Callable[[], Reference
             if cache:
                 with suppress(MeshFileError):  # built again by the next run
                     store.write(key, found)
-            return decoded(found)
+            return decode(found)
 
         yield wait
 
@@ -99,10 +99,10 @@ def reference(case: Case, cache: bool = True) -> Iterator[Callable[[], Reference
 def parameters(case: Case) -> dict[str, object]:
     """Return what the CAD of a case depends on; the sources of the geometry are among it."""
     sources = "".join(path.read_text(encoding="utf-8") for path in sorted(Path(geometry.__path__[0]).glob("*.py")))
-    return {"fighter": case.fighter, "notch": case.notch, "turned": turned(case), "sources": sources}
+    return {"fighter": case.fighter, "notch": case.notch, "turned": surface_turns(case), "sources": sources}
 
 
-def turned(case: Case) -> dict[str, CadTurn]:
+def surface_turns(case: Case) -> dict[str, CadTurn]:
     """Return how the CAD's surfaces turn where it is built as the mesh is: tails can only turn rigidly."""
     return {
         one.surface: CadTurn(one.factor * case.angle, "blended", case.blending.strip)
@@ -114,7 +114,7 @@ def turned(case: Case) -> dict[str, CadTurn]:
 
 def question(case: Case) -> Arrays:
     """Return the question to the process that builds."""
-    packed = pickle.dumps((case.fighter, turned(case), case.notch))
+    packed = pickle.dumps((case.fighter, surface_turns(case), case.notch))
     return {"packed": np.frombuffer(packed, dtype=np.uint8)}
 
 
@@ -134,7 +134,7 @@ def answer(question: Arrays) -> Arrays:
     }
 
 
-def decoded(answer: Arrays) -> Reference:
+def decode(answer: Arrays) -> Reference:
     """Return the reference that an answer holds."""
     found: dict[str, dict[str, list[dict[str, Any]]]] = {field.name: {} for field in fields(Reference)}
     for path, array in answer.items():

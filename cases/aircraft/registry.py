@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from sdm_deflect.cases.settings.conversion import Nested, assigned, changed, merged, read_toml
+from sdm_deflect.cases.settings.conversion import Nested, merge, parse_assignments, read_toml, with_values
 from sdm_deflect.deform.base.errors import InputError, nearest
 from sdm_deflect.geometry.parameters import Aileron, Fighter
 from sdm_deflect.meshing.generate.parameters import BACKGROUND_SCALES, BLOCK_SCALES, SCALES
@@ -98,13 +98,13 @@ def resolve(
 
     Raises InputError: one sentence: what is wrong, which value, what would be right.
     """
-    tables, changes = read_toml(config) if config else {}, _move_kernel(assigned(assignments))
+    tables, changes = read_toml(config) if config else {}, _move_kernel(parse_assignments(assignments))
     options: Nested = {name: value for name, value in chosen.items() if value is not None}
     if "strategy" in options:
         options["adaptation"] = {"strategy": options.pop("strategy")}
     if "range" in options:
         options["range"] = list(options["range"])
-    changes = merged(options, changes)
+    changes = merge(options, changes)
     name = name or str(tables.get("name", ""))
     if not name:
         raise InputError("no case given; name one (see sdm list), or give the case.toml of a run")
@@ -114,7 +114,7 @@ def resolve(
     if size not in (None, tables.get("scale", size)):
         raise InputError(f"scale = {size!r}: {config} holds the sizes of {tables['scale']}; leave one of them out")
     case = case_named(name, str(size or tables.get("scale", "small")))
-    case = changed(case, merged(tables, changes))
+    case = with_values(case, merge(tables, changes))
 
     from .job import check_case  # compiled code: a mistake needs none
 
@@ -126,4 +126,4 @@ def _move_kernel(changes: Nested) -> Nested:
     """Put the kernel where a case has it: it may be named as for `sdm deflect`, without ``adaptation.``."""
     own = {name: changes[name] for name in KERNEL if name in changes}
     rest = {name: value for name, value in changes.items() if name not in own}
-    return merged({"adaptation": own} if own else {}, rest)
+    return merge({"adaptation": own} if own else {}, rest)

@@ -12,8 +12,8 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
-from sdm_deflect.cases.report.data import METRES, Box, FitRows, MovedSurface, ReportData, Rows, shown, unrepaired
-from sdm_deflect.cases.report.pictures import Exhibit, saved
+from sdm_deflect.cases.report.data import METRES, Box, FitRows, MovedSurface, ReportData, Rows, as_text, before_repair
+from sdm_deflect.cases.report.pictures import Exhibit, save_figure
 from sdm_deflect.cases.report.slices import triangles_of
 from sdm_deflect.cases.run.metrics import amounts
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
@@ -68,7 +68,7 @@ def case_data(
         drawn=tuple(name for name in mesh.names if name not in (FAR_FIELD, BLOCK)),
         hidden=tuple(name for name in mesh.names if name == BLOCK),
         quality_limit=case.limits.quality_min,
-        interpolated=unrepaired(points, repair),
+        interpolated=before_repair(points, repair),
     )
 
 
@@ -79,10 +79,10 @@ def _box(plan: BoxPlan, fits: FitRows) -> Box:
     return replace(box, surfaces=(own,))
 
 
-def compared(data: ReportData, folder: Path) -> list[Exhibit]:
+def draw_distances(data: ReportData, folder: Path) -> list[Exhibit]:
     """Draw the distances from the CAD that the validation found into `folder`."""
     return [
-        saved(folder, part, surface.name, *map_drawn)
+        save_figure(folder, part, surface.name, *map_drawn)
         for surface in data.surfaces
         for part in COMPARED
         for map_drawn in cad_map(data, surface, part)
@@ -171,4 +171,4 @@ def parameter_tables(case: Case) -> dict[str, Rows]:
 
 def _row(table: Any, setting: Setting) -> tuple[str, str, str, str]:
     within = setting.note(Range)
-    return setting.name, shown(setting.of(table)), within.unit if within else "", setting.doc.text
+    return setting.name, as_text(setting.of(table)), within.unit if within else "", setting.doc.text

@@ -142,7 +142,7 @@ def rigid_checks(shape: Shape, rigid: Faces) -> Iterator[Check]:
     A surface that turns rigidly must be there, node by node.
     """
     nodes, triangles, corners = shape.nodes, shape.rows, corners_of(rigid)
-    points, (samples, areas), (places, parts) = shape.deflected.points[nodes], lattice(corners), predicted(shape)
+    points, (samples, areas), (places, parts) = shape.deflected.points[nodes], lattice(corners), prediction(shape)
     there, back = distance(points, corners), distance(samples, points[triangles])
     shares, expected = nodal_areas(points, triangles), _closest(places, corners)
     figures = {name: _figures(there[rows], expected[rows], shares[rows]) for name, rows in parts.items() if rows.any()}
@@ -195,7 +195,7 @@ def parts_of(shape: Shape) -> dict[str, BoolArray]:
     return {"strip": strip, "hinge_edges": hinge, "faces": ~(strip | hinge | trailing), "trailing_edge": trailing}
 
 
-def predicted(shape: Shape) -> tuple[FloatArray, dict[str, BoolArray]]:
+def prediction(shape: Shape) -> tuple[FloatArray, dict[str, BoolArray]]:
     """Return where the nodes (K, 3) must be, and the parts (K,) that they are in.
 
     Nodes that a repair slid must be on the surface of the others. They belong to the first part if they came into it.
@@ -212,7 +212,7 @@ def predicted(shape: Shape) -> tuple[FloatArray, dict[str, BoolArray]]:
     return expected, parts
 
 
-def blended(shape: Shape) -> FloatArray:
+def blended_law(shape: Shape) -> FloatArray:
     """Return the displacement (K, 3) of a hinged surface: affine behind the hinge plane, blended beside a rib."""
     points, fighter = shape.mesh.points[shape.nodes], shape.case.fighter
     (first, second), lower = datum.hinge_edges(fighter, shape.surface)
@@ -224,12 +224,12 @@ def blended(shape: Shape) -> FloatArray:
         rows = np.flatnonzero(~strip & ~held)
         known = np.concatenate([np.flatnonzero(held), rows[farthest(points[rows], STRIP_SITES)]])
         values = np.where(held[known, None], 0.0, out[known])
-        out[strip] = _solved(points[known], values, shape.case.blending.epsilon, points[strip])
+        out[strip] = _multiquadric(points[known], values, shape.case.blending.epsilon, points[strip])
     out[held] = 0.0
     return out
 
 
-def extended(shape: Shape) -> FloatArray:
+def tail_law(shape: Shape) -> FloatArray:
     """Return the displacement (K, 3) of a tail: turned rigidly, its root stretched along rays to its apex."""
     case, points, region = shape.case, shape.mesh.points[shape.nodes], root_region(shape)
     axis, root = axis_of(case.fighter, shape.surface), root_of(shape)
@@ -243,16 +243,16 @@ def extended(shape: Shape) -> FloatArray:
     still = low + region.still * (high - low)
     sites, values = np.vstack([turned[root], still]), np.concatenate([way, np.zeros(len(still))])[:, None]
     inside = region.inside
-    turned[inside] += _solved(sites, values, case.blending.epsilon, turned[inside]) * rays[inside]
+    turned[inside] += _multiquadric(sites, values, case.blending.epsilon, turned[inside]) * rays[inside]
     return turned - points
 
 
-def turned(shape: Shape) -> FloatArray:
+def rigid_law(shape: Shape) -> FloatArray:
     """Return the displacement (K, 3) of a surface that turns rigidly."""
     return shape.axis.displacement(shape.mesh.points[shape.nodes], shape.angle)
 
 
-LAWS: dict[Law, Callable[[Shape], FloatArray]] = {"blended": blended, "rigid": turned, "rooted": extended}
+LAWS: dict[Law, Callable[[Shape], FloatArray]] = {"blended": blended_law, "rigid": rigid_law, "rooted": tail_law}
 """Displacement of a surface, by law."""
 
 
@@ -267,7 +267,7 @@ def root_region(shape: Shape) -> RootRegion:
     return RootRegion.of(turned, turned[root_of(shape)], shape.case.blending.root)
 
 
-def _solved(sites: FloatArray, values: FloatArray, epsilon: float, points: FloatArray) -> FloatArray:
+def _multiquadric(sites: FloatArray, values: FloatArray, epsilon: float, points: FloatArray) -> FloatArray:
     """Interpolate values (S, k) at sites (S, 3) by SciPy's multiquadric with a linear polynomial."""
     solved = RBFInterpolator(sites, values, kernel="multiquadric", epsilon=epsilon, degree=1)
     return np.asarray(solved(points), dtype=np.float64)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sdm_deflect.cases.report.data import FitRows, ReportData, measured, read_figures
+from sdm_deflect.cases.report.data import FitRows, ReportData, read_figures, stored_checks
 from sdm_deflect.cases.report.finished import FinishedRun, moved_by_repair
 from sdm_deflect.cases.report.folder import write_arrays
 from sdm_deflect.cases.run.output import lacks
@@ -91,9 +91,9 @@ class FinishedCase(FinishedRun):
 
     def further_pictures(self, data: ReportData, folder: Path) -> "Sequence[Exhibit]":
         """Draw the distances from the CAD."""
-        from .report import compared
+        from .report import draw_distances
 
-        return compared(data, folder)
+        return draw_distances(data, folder)
 
     @property
     def lacks(self) -> str:
@@ -113,7 +113,7 @@ class FinishedCase(FinishedRun):
     def validated(self) -> tuple[Check, ...]:
         """Return the checks that the run made, against CAD built afresh if it can be, and those of its files."""
         if self.lacks:
-            return (*self.verdict(None, lambda: None), *measured(read_figures(self.folder)[1]))
+            return (*self.verdict(None, lambda: None), *stored_checks(read_figures(self.folder)[1]))
         with reference(self.case, cache=False) as deflected_cad:
             return self.checked(deflected_cad, undeflected_models)
 
@@ -129,7 +129,7 @@ class FinishedCase(FinishedRun):
         meshes, grids = (mesh, *([background] if background else ())), (case.mesh, case.background)
         parts = zip(("undeflected_mesh", "background_mesh"), meshes, models(case), grids, strict=False)
         own = tuple(mesh_check(*part) for part in parts)
-        return (*self.verdict(background, deflected_cad), *measured(stored), *own)
+        return (*self.verdict(background, deflected_cad), *stored_checks(stored), *own)
 
 
 def undeflected_models(case: Case) -> "tuple[CadModel, ...]":

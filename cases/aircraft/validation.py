@@ -20,7 +20,7 @@ from .case import Case
 from .job import Wedge, fuselage_cylinder, panel_of
 from .overset import overset_checks
 from .reference import Faces, Reference
-from .rigid import Shape, closest, corners_of, distance, plane_normal, predicted, rigid_checks
+from .rigid import Shape, closest, corners_of, distance, plane_normal, prediction, rigid_checks
 
 if TYPE_CHECKING:
     from sdm_deflect.geometry.model import CadModel
@@ -145,7 +145,7 @@ def surface_to_cad(shape: Shape, cad: Faces) -> Iterator[Check]:
         exact = np.setdiff1d(exact, shape.mesh.on(panel_of(shape.surface)), assume_unique=True)
     rows, points = np.isin(nodes, exact, assume_unique=True), shape.deflected.points[nodes]
     away, limit = distance(points, corners), shape.case.limits.surface_to_cad
-    largest = limit + float(distance(predicted(shape)[0], corners).max())
+    largest = limit + float(distance(prediction(shape)[0], corners).max())
     yield Check("surface_to_cad", float(away.max()), largest, "m", worst(away, points), nodes=nodes, distances=away)
     yield Check("exact_to_cad", float(away[rows].max()), limit, "m", worst(away[rows], points[rows]))
 

@@ -101,7 +101,7 @@ def deflect(
 
     sdm deflect wing.su2 --surface flap --fixed wing --hinge 0.7,0,0 0.7,1,0 --angle 10 --motion blended
     """
-    from sdm_deflect.cases.run.deflect_file import deflect_file, figures, planned
+    from sdm_deflect.cases.run.deflect_file import deflect_file, figures, plan_file
     from sdm_deflect.cases.run.mesh_files import Targets
 
     as_json, quiet, verbose = (given.pop(name) for name in ("as_json", "quiet", "verbose"))
@@ -125,7 +125,7 @@ def deflect(
         _runner(helpers, watch, mesh, wanted.out.absolute().parent) as runner,
     ):
         if dry_run:
-            decided = planned(wanted, jobs, watch, runner)
+            decided = plan_file(wanted, jobs, watch, runner)
         else:
             done = deflect_file(wanted, jobs, watch, runner)
     if dry_run:
@@ -283,10 +283,10 @@ def example(folder: Path, fighter: bool) -> None:
 @options.json_option
 def quality(mesh: Path, select: tuple[str, ...], slot: tuple[str, ...] | None, as_json: bool) -> None:
     """List the patches of a mesh, its sizes and its cell quality."""
-    from sdm_deflect.cases.run.inspection import inspect, inspected
+    from sdm_deflect.cases.run.inspection import file_figures, inspect
 
     if as_json:
-        options.print_json(inspected(mesh, selections_of(select), slot or ()))
+        options.print_json(file_figures(mesh, selections_of(select), slot or ()))
     else:
         click.echo(inspect(mesh, selections_of(select), slot or ()))
 
@@ -304,9 +304,9 @@ def _search_of_case(case: str, watch: "Stopwatch", given: dict[str, Any]) -> Fou
     resolved = resolve(case, **{**chosen, "scale": chosen["scale"] or "small"})
     check_installed("aircraft")
 
-    from sdm_deflect.cases.aircraft.pipeline import case_search, meshed
+    from sdm_deflect.cases.aircraft.pipeline import case_search, mesh_of_case
 
-    search = case_search(resolved, meshed(resolved, watch)[0], threshold, resolution)
+    search = case_search(resolved, mesh_of_case(resolved, watch)[0], threshold, resolution)
     figures = {"case": case, "scale": resolved.scale, "quality": threshold, "resolution_deg": resolution}
     return search, resolved.repair, Path("runs") / f"{case}-limit", figures
 

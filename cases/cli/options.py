@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, get_args, get_origin
 import click
 from click.shell_completion import CompletionItem
 
-from sdm_deflect.cases.settings.conversion import spelled
+from sdm_deflect.cases.settings.conversion import parse_spelling
 from sdm_deflect.cases.settings.job_settings import BY_NAME, GONE
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.schema import GROUPS, ONLY_SET, Setting, choices_of, kind_of
@@ -72,7 +72,7 @@ def _option(setting: Setting) -> Grouped:
 
     def read(ctx: click.Context, param: click.Parameter, text: Any) -> Any:
         """Parse the value first, so that its error comes before that of an unexpected argument."""
-        return spelled(text, setting, setting.name) if text else text
+        return parse_spelling(text, setting, setting.name) if text else text
 
     return Grouped([flag(setting), setting.name], help=_help(setting), group=setting.doc.group, callback=read, **given)
 
@@ -157,9 +157,9 @@ def progress_options(command: Command) -> Command:
 @contextmanager
 def watched(quiet: bool = False, verbose: bool = False) -> Iterator["Stopwatch"]:
     """Show stages on the standard error output."""
-    from sdm_deflect.cases.run.progress import Stopwatch, process_start, shown
+    from sdm_deflect.cases.run.progress import Stopwatch, process_start, show_stages
 
-    with shown(quiet=quiet, verbose=verbose) as display:
+    with show_stages(quiet=quiet, verbose=verbose) as display:
         yield Stopwatch(display, start=process_start())
 
 

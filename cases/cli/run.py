@@ -124,13 +124,13 @@ def validate(folder: Path, as_json: bool, quiet: bool, verbose: bool) -> int:
 
     The run may also be the folder beside a deflected mesh.
     """
-    from sdm_deflect.cases.finished import finished
+    from sdm_deflect.cases.finished import read_run
     from sdm_deflect.cases.run.metrics import verdict_figures
 
     from .console import check_table, outcome, rigid_lines
 
     with options.watched(quiet, verbose) as watch, watch.stage("validation"):
-        run = finished(folder)
+        run = read_run(folder)
         checks = run.validated()
     skipped = run.skipped(checks)
     notes = [f"not measured again: {', '.join(skipped)}; {run.lacks}"] if skipped else []
@@ -148,12 +148,12 @@ def report(folder: Path, form: str | None, quiet: bool, verbose: bool) -> int:
 
     The run may also be the folder beside a deflected mesh. The command writes report.html and figures/ into it.
     """
-    from sdm_deflect.cases.finished import finished
+    from sdm_deflect.cases.finished import read_run
     from sdm_deflect.cases.run.output import check_installed
 
     check_installed("report")
     with options.watched(quiet, verbose) as watch, watch.stage("report"):
-        data = finished(folder).report(form or "")
+        data = read_run(folder).report(form or "")
     click.echo(f"{folder / 'report.html'}: {(folder / 'report.html').stat().st_size / 1e6:.1f} MB")
     return options.code_of(data.passed)
 
@@ -168,14 +168,14 @@ def compare(folders: tuple[Path, ...], as_json: bool, quiet: bool, verbose: bool
 
     A run may also be the folder beside a deflected mesh. The tables have what differs; with --verbose all figures.
     """
-    from sdm_deflect.cases.compare import comparison, printed, read_runs
+    from sdm_deflect.cases.compare import comparison, read_runs, rows_by_table
 
     from .console import comparison_tables
 
     with options.watched(quiet or as_json, verbose) as watch, watch.stage("read") as progress:
         runs = read_runs(folders, progress)
     names = [run.name for run in runs]
-    options.print_either(as_json, comparison(runs), *comparison_tables(names, printed(runs, verbose)))
+    options.print_either(as_json, comparison(runs), *comparison_tables(names, rows_by_table(runs, verbose)))
 
 
 @click.command()
@@ -194,13 +194,13 @@ def view(place: Path, out: Path | None, show: bool, quiet: bool, verbose: bool) 
 
     with options.watched(quiet, verbose) as watch, watch.stage("page") as progress:
         if place.is_dir() and not (place / "constant").is_dir():
-            from sdm_deflect.cases.finished import finished
+            from sdm_deflect.cases.finished import read_run
 
             page = place / "report.html"
             if out:
                 raise InputError(f"--out {out} is of a mesh; {place} has its page")
             if not page.exists():
-                run = finished(place)
+                run = read_run(place)
                 check_installed("report")
                 run.report()
         else:
@@ -238,10 +238,10 @@ def export(place: Path, form: str, which: str, out: Path | None, quiet: bool, ve
             files = plan_to_case(place, out, progress)
         click.echo("\n".join(map(str, files)))
         return
-    from sdm_deflect.cases.finished import export_run, finished
+    from sdm_deflect.cases.finished import export_run, read_run
 
     with options.watched(quiet, verbose) as watch, watch.stage("export") as progress:
-        target, lost = export_run(finished(place), form, which, out, progress)
+        target, lost = export_run(read_run(place), form, which, out, progress)
     for sentence in lost:
         click.echo(f"{target}: {sentence}", err=True)
     click.echo(f"{target}")

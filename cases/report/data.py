@@ -224,7 +224,7 @@ class ReportData:
     @cached_property
     def near(self) -> "ReportData":
         """The same data with only the cells that touch a box, or that a slice through one can show."""
-        around = [_grown(box.hexahedron.corners) for box in self.boxes]
+        around = [_bounds_of_slices(box.hexahedron.corners) for box in self.boxes]
         touched = with_near_cells(self.mesh, [box.touched for box in self.boxes], around)
         boxes = tuple(replace(box, touched=own) for box, own in zip(self.boxes, touched, strict=True))
         return replace(self, mesh=touched[0].mesh, boxes=boxes)
@@ -266,14 +266,14 @@ class ReportData:
         return replace(self, checks=checks, figures=figures)
 
 
-def _grown(corners: FloatArray) -> FloatArray:
+def _bounds_of_slices(corners: FloatArray) -> FloatArray:
     """Return two corners (2, 3) of what slices show around a hexahedron (8, 3)."""
     low, high = corners.min(axis=0), corners.max(axis=0)
     margin = AROUND * float((high - low).max())
     return np.array([low - margin, high + margin])
 
 
-def unrepaired(points: FloatArray, moved: FloatArray | None) -> FloatArray | None:
+def before_repair(points: FloatArray, moved: FloatArray | None) -> FloatArray | None:
     """Return where the interpolant put nodes (N, 3) that a repair has `moved` (N, 3); None if it moved none."""
     return None if moved is None or not moved.any() else points - moved
 
@@ -300,7 +300,7 @@ def qualities(touched: TouchedCells, states: Sequence[FloatArray]) -> dict[str, 
     return {shape: np.concatenate(own, axis=1) for shape, own in parts.items()}
 
 
-def drawn_measure(boxes: Sequence[Box]) -> str:
+def measure_in_words(boxes: Sequence[Box]) -> str:
     """Return what the colours of the cells that touch boxes mean, in words."""
     shapes: dict[str, set[str]] = {}
     for shape, _ in (pair for box in boxes for pair in box.touched.by_shape()):
@@ -360,7 +360,7 @@ def read_figures(folder: Path) -> tuple[Json, tuple[Check, ...], list[FitRows]]:
         return figures, tuple(_check(row) for row in figures["validation"]["checks"]), fits
 
 
-def measured(checks: Sequence[Check]) -> tuple[Check, ...]:
+def stored_checks(checks: Sequence[Check]) -> tuple[Check, ...]:
     """Return the checks of the fits, which only the run could make, and mark them so."""
     errors = (check for check in checks if check.name.startswith("site_error"))
     return tuple(replace(check, where=f"{check.where}; measured by the run") for check in errors)
@@ -373,17 +373,17 @@ def _check(row: Json) -> Check:
 
 def rows_of(settings: Mapping[str, Any]) -> Rows:
     """Return settings as rows of a table, without units and meanings."""
-    return [(name, shown(value), "", "") for name, value in settings.items()]
+    return [(name, as_text(value), "", "") for name, value in settings.items()]
 
 
-def shown(value: Any) -> str:
+def as_text(value: Any) -> str:
     """Return the value of a setting in words; of a long list the beginning."""
     if isinstance(value, dict):
         return ", ".join(f"{name}: {one}" for name, one in value.items()) or "none"
     if isinstance(value, list | tuple):
-        return ", ".join(map(shown, value[:9])) + (", ..." if len(value) > 9 else "") or "none"
+        return ", ".join(map(as_text, value[:9])) + (", ..." if len(value) > 9 else "") or "none"
     if is_dataclass(value):
-        return " ".join(shown(getattr(value, one.name)) for one in fields(value))
+        return " ".join(as_text(getattr(value, one.name)) for one in fields(value))
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 

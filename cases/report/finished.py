@@ -23,7 +23,7 @@ from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.meshing.formats.registry import format_of, read
 from sdm_deflect.meshing.formats.vtu import vtu_arrays
 
-from .data import RUN, FitRows, ReportData, measured, read_figures, read_json
+from .data import RUN, FitRows, ReportData, read_figures, read_json, stored_checks
 from .folder import PLAN, job_data, part_of
 
 if TYPE_CHECKING:
@@ -96,12 +96,12 @@ class FinishedRun:
         with damaged(self.folder, RUN):
             names = [Path(name).name for name in figures["files"]]
         if not names:
-            return (*checks_of(Deflection.at(self.plan, self.points, self.repair)), *measured(stored))
+            return (*checks_of(Deflection.at(self.plan, self.points, self.repair)), *stored_checks(stored))
         out = self.folder.resolve().with_name(names[0])
         plan = self.plan.keeping(precision_of(Path(self.plan.mesh.source), out, self.plan.mesh))
         text = difference(self.plan.mesh, self.points, out) if out.exists() else "it is not there"
         whole = Check("mesh_file", float(bool(text)), 0.0, "faults", f"{out.name}: {text}" if text else out.name)
-        return (*checks_of(Deflection.at(plan, self.points, self.repair)), *measured(stored), whole)
+        return (*checks_of(Deflection.at(plan, self.points, self.repair)), *stored_checks(stored), whole)
 
     @property
     def lacks(self) -> str:
@@ -124,12 +124,12 @@ class FinishedRun:
     def report(self, form: str = "") -> ReportData:
         """Make report.html and the figures again, these also in a form for a paper (pdf, svg, png)."""
         from .page import write_report
-        from .pictures import drawn
+        from .pictures import draw_pictures
 
         data = self.fresh_report_data()
         with output_files(self.folder, PAGE) as scratch:
             figures = scratch / "figures"
-            gallery = drawn(data, figures).with_more(self.further_pictures(data, figures))
+            gallery = draw_pictures(data, figures).with_more(self.further_pictures(data, figures))
             write_report(data, gallery, scratch)
             for exhibit in gallery.exhibits if form else ():
                 exhibit.write(form)

@@ -37,7 +37,7 @@ from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.held import HeldPlan
 from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.cells import Cells, Faces, Patch, Polyhedra, taken
+from sdm_deflect.deform.mesh.cells import Cells, Faces, Patch, Polyhedra, take_faces
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import quality_of
 from sdm_deflect.deform.options import JobOptions
@@ -53,7 +53,7 @@ from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 from sdm_deflect.meshing.formats.registry import ending
 from sdm_deflect.meshing.formats.vtu import write_vtu
 
-from .data import MESH_UNITS, Box, FitRows, ReportData, in_view, rows_of, unrepaired
+from .data import MESH_UNITS, Box, FitRows, ReportData, before_repair, in_view, rows_of
 from .near import some_cells
 
 PLAN = "plan.npz"
@@ -102,9 +102,9 @@ def write_run_folder(
     data = replace(data_of(deflection, settings, place.name), held=held).with_verdict(checks, figures)
     if not lacks("report"):
         from .page import write_report
-        from .pictures import drawn
+        from .pictures import draw_pictures
 
-        write_report(data, drawn(data, folder / "figures"), folder)
+        write_report(data, draw_pictures(data, folder / "figures"), folder)
     return data
 
 
@@ -171,7 +171,7 @@ def job_data(
         middle=0.5 * (places.min(axis=0) + places.max(axis=0)),
         drawn=shown,
         hidden=tuple(name for name in mesh.names if name not in shown),
-        interpolated=unrepaired(points, repair),
+        interpolated=before_repair(points, repair),
     )
 
 
@@ -364,7 +364,7 @@ def part_of(mesh: Mesh, rows: Sequence[IntArray], nodes: IntArray) -> tuple[Mesh
 def _with_node(block: Faces, chosen: np.ndarray) -> Faces:
     if isinstance(block, Cells):
         return Cells(block.shape, block.nodes[chosen[block.nodes].any(axis=1)])
-    return taken(block, np.flatnonzero(np.logical_or.reduceat(chosen[block.nodes], block.offsets[:-1])))
+    return take_faces(block, np.flatnonzero(np.logical_or.reduceat(chosen[block.nodes], block.offsets[:-1])))
 
 
 def _renumber(block: Any, place: IntArray) -> Any:

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray, union
-from sdm_deflect.deform.mesh.cells import Cells, Polyhedra, Volume, taken
+from sdm_deflect.deform.mesh.cells import Cells, Polyhedra, Volume, take_faces
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.touched import TouchedCells
-from sdm_deflect.meshing.formats.shapes import turned
+from sdm_deflect.meshing.formats.shapes import turn_faces
 
 EVERY_SIDE = 0b111111
 
@@ -54,5 +54,5 @@ def some_cells(block: Volume, rows: IntArray) -> Volume:
     other[: len(block.neighbour)] = place[block.neighbour]
     inner, outer = np.flatnonzero((own >= 0) & (other >= 0)), np.flatnonzero((own >= 0) != (other >= 0))
     order = np.concatenate([inner, outer])
-    faces = turned(taken(block.faces, order), own[order] < 0)
+    faces = turn_faces(take_faces(block.faces, order), own[order] < 0)
     return Polyhedra(faces, np.where(own < 0, other, own)[order], other[inner])

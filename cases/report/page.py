@@ -20,9 +20,9 @@ from sdm_deflect.deform.base.unpacking import damaged
 from sdm_deflect.deform.checks import Check, verdict
 from sdm_deflect.deform.mesh.quality import Quality
 
-from .data import ReportData, drawn_measure
+from .data import ReportData, measure_in_words
 from .pictures import Exhibit, Gallery
-from .turnable import packed, turnable
+from .turnable import pack, turnable
 
 HERE = "sdm_deflect.cases.report"
 LIBRARY = "three.min.js.gz"
@@ -102,7 +102,7 @@ def picture(data: ReportData, scene: Json) -> Json:
     return {
         "data": data,
         "turn": scene["turn"],
-        "scene": dict(zip(("data", "arrays"), packed(scene), strict=True)),
+        "scene": dict(zip(("data", "arrays"), pack(scene), strict=True)),
         "touched": sum(box.touched.count for box in data.boxes),
         "shown": scene["cells"]["shown"],
         "style": style(),
@@ -122,7 +122,7 @@ def page(data: ReportData, gallery: Gallery) -> str:
         **picture(data, turnable(data)),
         "figures": data.figures,
         "gallery": gallery,
-        "measure": drawn_measure(data.boxes),
+        "measure": measure_in_words(data.boxes),
         "toml_file": b64encode(data.settings.encode()).decode("ascii"),
         "surroundings": surroundings(),
         "versions": versions(),

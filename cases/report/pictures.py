@@ -82,10 +82,10 @@ class Gallery:
         return replace(self, exhibits=(*self.exhibits, *exhibits))
 
 
-def drawn(data: ReportData, folder: Path) -> Gallery:
+def draw_pictures(data: ReportData, folder: Path) -> Gallery:
     """Draw every picture that needs no verdict into `folder`."""
     folder.mkdir(parents=True, exist_ok=True)
-    return Gallery(tuple(saved(folder, *drawing) for drawing in plots(data.near)))
+    return Gallery(tuple(save_figure(folder, *drawing) for drawing in plots(data.near)))
 
 
 def plots(data: ReportData) -> Iterator[Drawn]:
@@ -98,7 +98,7 @@ def plots(data: ReportData) -> Iterator[Drawn]:
                 yield "slices", surface.name, *slices.slices(data, own, surface)
 
 
-def saved(folder: Path, part: str, name: str, figure: Figure, alternative: str) -> Exhibit:
+def save_figure(folder: Path, part: str, name: str, figure: Figure, alternative: str) -> Exhibit:
     """Write a figure of one part of the page, such as of one surface, into a folder."""
     harmless = re.sub(r"[^\w.+-]", "_", f"{part}_{name}" if name else part)
     path = folder / f"{harmless}.png"

@@ -26,7 +26,7 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.polyhedra import corner_edges
 from sdm_deflect.deform.mesh.quality import quality_of
 
-from .data import Box, MovedSurface, ReportData, drawn_measure
+from .data import Box, MovedSurface, ReportData, measure_in_words
 
 Colour = tuple[int, int, int]
 Direction = tuple[float, float, float]
@@ -192,7 +192,7 @@ def slices(data: ReportData, box: Box, surface: MovedSurface) -> tuple[Figure, s
         before, after = (draw_slice(one, data, points, box, plane, name) for one, (name, points) in pairs)
         place = f"{plane.what.capitalize()}, {AXES[plane.axis]} = {data.length.text(plane.station)}"
         texts.append(f"{place}: smallest of its cells {before:.3f} before, {after:.3f} after.")
-    shades, measure = ScalarMappable(QUALITY_RANGE, QUALITY_MAP), drawn_measure(data.boxes)
+    shades, measure = ScalarMappable(QUALITY_RANGE, QUALITY_MAP), measure_in_words(data.boxes)
     figure.colorbar(shades, cax=figure.add_axes(BAR), label=f"{measure} of a cell", extend="min")
     figure.suptitle(surface.name, fontsize="medium")
     return figure, (

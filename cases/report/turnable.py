@@ -23,7 +23,7 @@ from sdm_deflect.deform.surface.motions import Fixed, Powers, Turn
 from sdm_deflect.deform.volume.modes import Control, Modes
 from sdm_deflect.meshing.formats.polyhedra import faces_by_cell
 
-from .data import Box, ReportData, drawn_measure
+from .data import Box, ReportData, measure_in_words
 from .slices import (
     BLUE,
     BOX_COLOUR,
@@ -154,7 +154,7 @@ def turnable(data: ReportData, most_cells: int = 0, most_triangles: int = MOST_T
             "change": shades(CHANGE_MAP),
             "changes": [CHANGE_RANGE.vmin, CHANGE_RANGE.vmax],
         },
-        "measure": drawn_measure(data.boxes),
+        "measure": measure_in_words(data.boxes),
         "plane": data.mesh.plane,
         "unit": data.length.shown,
         "factor": data.length.factor,
@@ -188,7 +188,7 @@ def patches(data: ReportData, most: int, turning: Turning) -> Iterator[Json]:
         if patch.name not in (*data.drawn, *data.hidden) or not patch.faces:
             continue
         whole = triangles_of(patch.faces)
-        shown = thinned(data.mesh, patch, inside, most) if len(whole) > most else whole
+        shown = thin_patch(data.mesh, patch, inside, most) if len(whole) > most else whole
         thin = len(shown) < len(whole)
         yield {
             "name": f"{patch.name} (thinned)" if thin else patch.name,
@@ -207,7 +207,7 @@ def _edges(patch: Patch) -> IntArray | None:
     return np.unique(np.sort(edges_of(polygons_of(patch.faces))[0], axis=1), axis=0)
 
 
-def thinned(mesh: Mesh, patch: Patch, keep: IntArray, most: int = MOST_TRIANGLES) -> IntArray:
+def thin_patch(mesh: Mesh, patch: Patch, keep: IntArray, most: int = MOST_TRIANGLES) -> IntArray:
     """Return about `most` triangles (F, 3) of a patch: nodes in one box of a lattice become the one in its middle.
 
     The nodes `keep` (K,) stay, and all on creases and on what the patch shares with others.
@@ -360,7 +360,7 @@ def integers(values: IntArray) -> str:
     return b64encode(values.astype("<u4").tobytes()).decode("ascii")
 
 
-def packed(scene: Json) -> tuple[str, str]:
+def pack(scene: Json) -> tuple[str, str]:
     """Return a scene as two texts, base64 of compressed ones: the JSON with places of arrays, and the arrays.
 
     A place is where an array starts, and how many numbers it has. Of each array the first bytes of all numbers come
@@ -383,10 +383,10 @@ def packed(scene: Json) -> tuple[str, str]:
         return [start, len(numbers)]
 
     content = json.dumps(placed(scene)).encode()
-    return encoded(content), encoded(b"".join(parts))
+    return encode(content), encode(b"".join(parts))
 
 
-def encoded(content: bytes) -> str:
+def encode(content: bytes) -> str:
     """Return bytes compressed, in base64."""
     return b64encode(compress(content, 9, mtime=0)).decode("ascii")
 

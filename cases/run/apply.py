@@ -17,7 +17,7 @@ from sdm_deflect.deform.mesh.cells import Zone
 from sdm_deflect.deform.mesh.precision import DOUBLE
 from sdm_deflect.meshing.files import permitted_as
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.openfoam_case import is_part, parts_moved
+from sdm_deflect.meshing.formats.openfoam_case import is_part, move_parts
 from sdm_deflect.meshing.formats.registry import files_of, format_of
 
 from .mesh_files import Targets
@@ -178,7 +178,7 @@ def _writers(meshes: Sequence[Path], out: Path | None) -> Iterator[list[Write]]:
     with ExitStack() as stack:
         if cases:
             (case,) = cases
-            move = stack.enter_context(parts_moved(case, out or case.with_name(f"{case.name}-deflected")))
+            move = stack.enter_context(move_parts(case, out or case.with_name(f"{case.name}-deflected")))
             yield [move] * len(meshes)
         else:
             yield [stack.enter_context(_writer(mesh, out)) for mesh in meshes]

@@ -116,7 +116,7 @@ def workers(
             with suppress(ValueError):  # not the main thread
                 # Python's own setting, which Gmsh undoes: else a connection that is closed would end this process
                 signal.signal(signal.SIGPIPE, signal.SIG_IGN)
-            client = stack.enter_context(_joined(scheduler) if scheduler else _started(count, memory))
+            client = stack.enter_context(_joined(scheduler) if scheduler else _local_scheduler(count, memory))
             cluster, said = Cluster(client), f"{len(client.nthreads())} workers"
             if scheduler:
                 cluster.check(source, out)
@@ -126,7 +126,7 @@ def workers(
 
 
 @contextmanager
-def _started(count: int, wanted: str) -> Iterator[Any]:
+def _local_scheduler(count: int, wanted: str) -> Iterator[Any]:
     """Start processes on this machine; they end with this one, however it ends, and accept no other user."""
     from dask.utils import parse_bytes
     from distributed import Client, LocalCluster, Security
@@ -145,7 +145,7 @@ def _started(count: int, wanted: str) -> Iterator[Any]:
         own: dict[str, Any] = {"local_directory": str(folder), "memory_limit": memory, "security": Security.temporary()}
         own |= {"dashboard_address": None, "scheduler_kwargs": {"dashboard_address": "127.0.0.1:0"}}
         try:
-            with _interrupts_kept():
+            with _block_interrupts():
                 cluster = LocalCluster(n_workers=count, threads_per_worker=1, **own)
         except RuntimeError as error:
             raise LostError(f"workers cannot be started: {error.__cause__ or error}; start fewer") from None
@@ -203,7 +203,7 @@ def _missing(source: Path, size: int, out: Path) -> str:
 
 
 @contextmanager
-def _interrupts_kept() -> Iterator[None]:
+def _block_interrupts() -> Iterator[None]:
     """Keep interruptions from the terminal away from threads and processes that begin here."""
     shown = os.environ.get("PYTHONWARNINGS", "")
     os.environ["PYTHONWARNINGS"] = f"{shown},ignore:resource_tracker".lstrip(",")  # what it says when we are killed

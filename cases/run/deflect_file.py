@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from sdm_deflect.deform.base import threads
 from sdm_deflect.deform.base.errors import InputError, short_list
-from sdm_deflect.deform.base.states import check_unchanged, held
+from sdm_deflect.deform.base.states import check_unchanged, hold_open
 from sdm_deflect.deform.base.threads import HERE, Progress, Runner, Stage
 from sdm_deflect.deform.checks import Check, layers_of, verdict
 from sdm_deflect.deform.loop import run
@@ -85,7 +85,7 @@ class Outcome:
         return all(summary.passed for summary in self.poses)
 
 
-def needed(wanted: Targets, jobs: Sequence[Job], progress: Progress, runner: Runner = HERE) -> Mesh:
+def read_needed(wanted: Targets, jobs: Sequence[Job], progress: Progress, runner: Runner = HERE) -> Mesh:
     """Read a mesh, or only the excerpt that jobs need if the file is large and can be read in pieces.
 
     Raises InputError if others than this process are to work on it and it cannot.
@@ -111,10 +111,10 @@ def _sent() -> str:
     return f"{', '.join(first)}, or {last}"
 
 
-def planned(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: Runner = HERE) -> Plan:
+def plan_file(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: Runner = HERE) -> Plan:
     """Read the mesh and plan the deflection for the poses of the targets."""
     with watch.stage("read") as progress:
-        mesh = needed(wanted, jobs, progress, runner)
+        mesh = read_needed(wanted, jobs, progress, runner)
     with watch.stage("plan") as progress:
         plan = Plan.of(mesh, jobs, wanted.poses, progress)
         return plan.keeping(wanted.precision(plan.mesh), runner)
@@ -126,17 +126,17 @@ def deflect_file(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner:
     Raises InputError if a file that is read changes meanwhile, MeshFileError if one that is written is not what was
     judged.
     """
-    with held(files_of(wanted.source)):
-        return _deflected(wanted, jobs, watch, runner)
+    with hold_open(files_of(wanted.source)):
+        return _deflect(wanted, jobs, watch, runner)
 
 
-def _deflected(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: Runner) -> Outcome:
-    plan = planned(wanted, jobs, watch, runner)
+def _deflect(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: Runner) -> Outcome:
+    plan = plan_file(wanted, jobs, watch, runner)
     wanted.check_names(plan.mesh)
     summaries: list[PoseSummary] = []
     names: list[Path] = []
     lost: tuple[str, ...] = ()
-    held = held_by(plan, watch.stage)
+    held = held_plan(plan, watch.stage)
     older = [path.name for path in wanted.written if path.exists()]
     with permitted_as(wanted.source), output_files(wanted.out.parent) as scratch:
         for deflection, checks in run(plan, watch.stage, held=held) if wanted.written else ():
@@ -206,7 +206,7 @@ def _write_beside(
             write_sensitivity(plan.mesh, deflection.points, rates, (arrays, picture), unit)
 
 
-def held_by(plan: Plan, stage: Stage) -> "HeldPlan | None":
+def held_plan(plan: Plan, stage: Stage) -> "HeldPlan | None":
     """Return what moves the mesh within the ranges of surfaces, judged at some amounts; None without a range."""
     if not any(one.range for one, _ in plan.moving):
         return None

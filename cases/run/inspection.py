@@ -13,8 +13,8 @@ from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, printable
 from sdm_deflect.deform.mesh.cells import Polyhedra
 from sdm_deflect.deform.mesh.mesh import MARK, Mesh
-from sdm_deflect.deform.mesh.quality import by_shape, check_most, oriented
-from sdm_deflect.deform.mesh.selection import Part, selected
+from sdm_deflect.deform.mesh.quality import by_shape, check_most, find_orientation
+from sdm_deflect.deform.mesh.selection import Part, with_selections
 from sdm_deflect.deform.mesh.standard import POLYHEDRON
 from sdm_deflect.deform.surface.hinges import candidates, ends_text
 from sdm_deflect.meshing.formats.registry import read
@@ -38,8 +38,8 @@ SHOWN = 20
 
 
 def inspect(path: Path, select: Mapping[str, str] = NOTHING, slot: tuple[str, ...] = ()) -> str:
-    """Return what a mesh file holds, in a few lines; errors as in `inspected`."""
-    figures = inspected(path, select, slot)
+    """Return what a mesh file holds, in a few lines; errors as in `file_figures`."""
+    figures = file_figures(path, select, slot)
     plane = ", two-dimensional" if figures["plane"] else ""
     lines = [
         f"{figures['file']}: {figures['points']} points, {figures['cells']} cells{plane}",
@@ -87,7 +87,7 @@ def _patch_lines(figures: Json) -> Iterator[str]:
         yield f"  {part['name']} {part['faces']}{reach([part['low'], part['high']])}"
 
 
-def inspected(path: Path, select: Mapping[str, str] = NOTHING, slot: tuple[str, ...] = ()) -> Json:
+def file_figures(path: Path, select: Mapping[str, str] = NOTHING, slot: tuple[str, ...] = ()) -> Json:
     """Return what a mesh file holds.
 
     Parameters
@@ -117,7 +117,7 @@ def inspected(path: Path, select: Mapping[str, str] = NOTHING, slot: tuple[str, 
     if not path.exists():
         raise InputError(f"{path} is not a file")
     whole = read(path)
-    mesh = selected(whole, [selection(name, text) for name, text in select.items()], slot)
+    mesh = with_selections(whole, [selection(name, text) for name, text in select.items()], slot)
     signs, count = _signs(mesh, str(path)), sum(map(len, mesh.cells))
     components, parts = _components(whole)
     parts += [Part.of(mesh, patch) for patch in mesh.patches if patch.name not in whole.names]
@@ -162,7 +162,7 @@ def _slot(mesh: Mesh, names: tuple[str, ...]) -> Json | None:
 
 def _signs(mesh: Mesh, name: str) -> list[float]:
     """Return for each block 1, or -1 where nodes are counted left-handed; InputError for a mesh mostly inverted."""
-    signs, inverted = zip(*(oriented(mesh.points, block) for block in mesh.cells), strict=True)
+    signs, inverted = zip(*(find_orientation(mesh.points, block) for block in mesh.cells), strict=True)
     check_most(name, sum(inverted), sum(map(len, mesh.cells)))
     return list(signs)
 

@@ -17,7 +17,7 @@ from sdm_deflect.deform.base.errors import InputError, printable
 from sdm_deflect.deform.base.states import check_unchanged
 from sdm_deflect.deform.base.threads import HERE, Progress, Runner, silent
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.pieces import gathered
+from sdm_deflect.deform.mesh.pieces import gather_points
 from sdm_deflect.deform.mesh.precision import DOUBLE, EVERY_BIT, Precision
 from sdm_deflect.deform.volume.job import Amounts
 from sdm_deflect.meshing.formats.format import MeshFileError, only_rewritten
@@ -345,4 +345,4 @@ def _points_in(mesh: Mesh, path: Path) -> FloatArray:
     with in_pieces(path) as back:
         if back is None or back.pieces.blocks != whole.pieces.blocks or back.pieces.points != mesh.point_count:
             raise MeshFileError("it has other points or cells")
-        return gathered(back.pieces, whole.nodes)
+        return gather_points(back.pieces, whole.nodes)

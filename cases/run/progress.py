@@ -74,7 +74,7 @@ def bars(console: "Console") -> Iterator[Stage]:
 
 
 @contextmanager
-def shown(*, quiet: bool, verbose: bool, console: "Console | None" = None) -> Iterator[Stage]:
+def show_stages(*, quiet: bool, verbose: bool, console: "Console | None" = None) -> Iterator[Stage]:
     """Show stages on a console (default: standard error) as the switches of the command line ask.
 
     A terminal shows a bar for each stage; a file or a pipe gets a line for each when it has ended.

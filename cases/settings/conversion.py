@@ -30,7 +30,7 @@ LARGEST = 2**31
 """Whole numbers lie below."""
 
 
-def structured(table: Any, kind: type[T], place: str = "") -> T:
+def structure(table: Any, kind: type[T], place: str = "") -> T:
     """Return the dataclass that a table describes, or InputError: a sentence on the first setting that is wrong.
 
     `place` is where the table stands within others.
@@ -48,7 +48,7 @@ def structured(table: Any, kind: type[T], place: str = "") -> T:
     _check_names(rest, settings_in(kind), own, place)
     for name, value in rest.items():
         setting, where = own[name], _within(place, name)
-        values[setting.path[0]] = _of_kind(spelled(value, setting, where), setting.kind, where)
+        values[setting.path[0]] = _of_kind(parse_spelling(value, setting, where), setting.kind, where)
     try:
         return kind(**values)
     except ValueError as error:
@@ -64,14 +64,14 @@ def _check_names(given: Nested, known: Mapping[str, Setting], own: Mapping[str, 
 
 
 def table_of(value: Any, kind: Any = None) -> Nested:
-    """Convert a dataclass to nested tables (the inverse of `structured`), optionally only the fields of `kind`."""
+    """Convert a dataclass to nested tables (the inverse of `structure`), optionally only the fields of `kind`."""
     items = {name: setting.of(value) for name, setting in settings_in(kind or type(value)).items()}
     return {name: _plainly(item) for name, item in items.items() if item is not None}
 
 
-def changed(value: T, changes: Mapping[str, Any]) -> T:
-    """Return a dataclass with the values of a nested table in place of its own; InputError as `structured`."""
-    return structured(merged(table_of(value), changes), type(value))
+def with_values(value: T, changes: Mapping[str, Any]) -> T:
+    """Return a dataclass with the values of a nested table in place of its own; InputError as `structure`."""
+    return structure(merge(table_of(value), changes), type(value))
 
 
 def to_toml(value: Any) -> str:
@@ -94,7 +94,7 @@ def read_toml(path: Path) -> Nested:
         raise InputError(f"configuration {path}: {error}") from None
 
 
-def assigned(assignments: Sequence[str]) -> Nested:
+def parse_assignments(assignments: Sequence[str]) -> Nested:
     """Turn ["wing.half_span=0.3", ...] into tables, values as in TOML or text; InputError if one is not key=value."""
     nested: Nested = {}
     for text in assignments:
@@ -111,12 +111,12 @@ def assigned(assignments: Sequence[str]) -> Nested:
     return nested
 
 
-def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> Nested:
+def merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> Nested:
     """Return nested tables with other values in place of their own."""
     out = dict(base)
     for name, new in changes.items():
         old = out.get(name)
-        out[name] = merged(old, new) if isinstance(old, Mapping) and isinstance(new, Mapping) else new
+        out[name] = merge(old, new) if isinstance(old, Mapping) and isinstance(new, Mapping) else new
     return out
 
 
@@ -150,8 +150,8 @@ def _inline(rest: Nested, name: str, kind: Any, place: str) -> Nested:
     if own and isinstance(given, kind):
         given = table_of(given)
     if own and isinstance(given, Mapping):
-        return {name: structured(merged(own, given), kind, place)}
-    return {} if given == {} else {name: structured(given, kind, name)}
+        return {name: structure(merge(own, given), kind, place)}
+    return {} if given == {} else {name: structure(given, kind, name)}
 
 
 def _meant(name: str, known: Mapping[str, Setting]) -> str:
@@ -161,7 +161,7 @@ def _meant(name: str, known: Mapping[str, Setting]) -> str:
     return f"did you mean {', '.join(same)}?" if same else nearest(name, known)
 
 
-def spelled(value: Any, setting: Setting, place: str) -> Any:
+def parse_spelling(value: Any, setting: Setting, place: str) -> Any:
     """Return the value of a setting that may be written in another way; InputError names it."""
     try:
         return setting.spelling.read(value) if setting.spelling.read else value
@@ -171,7 +171,7 @@ def spelled(value: Any, setting: Setting, place: str) -> Any:
 
 def _of_kind(value: Any, kind: Any, place: str) -> Any:
     if is_dataclass(kind):
-        return structured(value, kind, place)  # type: ignore[arg-type]
+        return structure(value, kind, place)  # type: ignore[arg-type]
     return READERS[get_origin(kind) or kind](value, kind, place)
 
 

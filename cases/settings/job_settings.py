@@ -10,7 +10,7 @@ from sdm_deflect.deform.base.errors import InputError, nearest, shortened
 from sdm_deflect.deform.base.schema import ONLY_SET, Doc, Option, Range, Spelling, check_settings, settings_in
 from sdm_deflect.deform.options import LARGEST_ANGLE, JobOptions
 
-from .conversion import Nested, assigned, read_toml, spelled, structured
+from .conversion import Nested, parse_assignments, parse_spelling, read_toml, structure
 from .spellings import device_of, pairs_of, points_of, range_of, selections_of, shapes_of, shift_of, strip_of
 
 if TYPE_CHECKING:
@@ -245,7 +245,7 @@ IDLE = {name: only for name, setting in OF_SURFACE.items() if (only := setting.n
 def job_settings(nested: Mapping[str, Any]) -> JobSettings:
     """Return the settings that nested tables describe; InputError names the first that does not fit."""
     try:
-        return structured(nested, JobSettings)
+        return structure(nested, JobSettings)
     except InputError as error:
         several = len(_tables(nested.get("surface"))) > 1
         raise InputError(str(error) if several else str(error).replace("surface[0].", "")) from None
@@ -329,9 +329,9 @@ def with_options(nested: Nested, options: Mapping[str, Any], assignments: Sequen
     Further surfaces turn in their proportion to the first one's angle. An option ``patches`` makes it the only one.
     """
     given = {key: value for key, value in options.items() if value not in (None, ())}
-    own, new = _split_options({**given, **assigned(assignments)})
+    own, new = _split_options({**given, **parse_assignments(assignments)})
     for name in ("select", "slide"):
-        old, added = (spelled(part.get(name, {}), OF_JOB[name], name) for part in (nested, new))
+        old, added = (parse_spelling(part.get(name, {}), OF_JOB[name], name) for part in (nested, new))
         if name in new and isinstance(old, Mapping) and isinstance(added, Mapping):
             new[name] = {**old, **added}
     out = {**nested, **new}
@@ -347,7 +347,7 @@ def angles_of(wanted: Any) -> tuple[float, ...]:
     """Return the angles of ``first:last:step``, ends included, of a list with commas, or a sequence; or InputError."""
     if not isinstance(wanted, str):
         several = isinstance(wanted, Iterable) and not isinstance(wanted, Mapping)
-        if angles := structured({"angles": list(wanted) if several else wanted}, _Angles).angles:
+        if angles := structure({"angles": list(wanted) if several else wanted}, _Angles).angles:
             return angles
         raise InputError("angles is empty: give at least one")
     try:

@@ -29,7 +29,7 @@ from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, Trail
 from sdm_deflect.deform.surface.tail_root import Root
 from sdm_deflect.deform.volume.job import Amounts, Job, Section, Sliding, in_proportion
 
-from .conversion import read_toml, structured
+from .conversion import read_toml, structure
 from .job_settings import (
     MOST_ANGLES,
     Corner,
@@ -412,7 +412,7 @@ def _rule(box: str | tuple[Corner, ...] | BoxRule | Hexahedron, margin: float) -
     if box == "auto":
         return Automatic(margin)
     try:
-        return _at(structured(read_toml(Path(box)), _BoxFile).corners)
+        return _at(structure(read_toml(Path(box)), _BoxFile).corners)
     except InputError as error:
         raise InputError(f"box = {box}: {error}") from None
 

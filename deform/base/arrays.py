@@ -27,7 +27,7 @@ def distinct(values: NDArray[Number]) -> NDArray[Number]:
     return found[np.append(True, found[1:] != found[:-1])] if len(found) else found
 
 
-def counted(values: NDArray[Number]) -> tuple[NDArray[Number], NDArray[np.intp]]:
+def count_distinct(values: NDArray[Number]) -> tuple[NDArray[Number], NDArray[np.intp]]:
     """Return the sorted distinct values (K,) of (N,) numbers and their counts (K,); sorts `values` in place."""
     values.sort()
     first = np.flatnonzero(np.append(True, values[1:] != values[:-1])[: len(values)])

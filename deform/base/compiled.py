@@ -63,12 +63,12 @@ def compiled(function: Function) -> Function:
     Reassociation (`fastmath`) lets LLVM vectorise sums. The NumPy error model removes the branch for a division by zero
     that would prevent it. Without the interpreter lock threads run side by side.
     """
-    return cast(Function, _kept(njit(**OPTIONS)(function)))
+    return cast(Function, _cache_code(njit(**OPTIONS)(function)))
 
 
 def compiled_exactly(function: Function) -> Function:
     """Compile `function` without reassociation: infinities are allowed, and sums keep their order."""
-    return cast(Function, _kept(njit(**{**OPTIONS, "fastmath": False})(function)))
+    return cast(Function, _cache_code(njit(**{**OPTIONS, "fastmath": False})(function)))
 
 
 def for_code(loop: Function, code: object) -> Function:
@@ -96,7 +96,7 @@ class _OnDisk(FunctionCache):  # type: ignore[misc]
             super().save_overload(sig, data)
 
 
-def _kept(loop: Any) -> Any:
+def _cache_code(loop: Any) -> Any:
     """Keep the machine code of a compiled loop in the folder of compiled code, if possible.
 
     Numba's default is the folder of the package, where pip neither expects nor removes it. Numba's environment variable

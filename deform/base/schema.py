@@ -214,7 +214,7 @@ def choices_of(kind: Any) -> tuple[str, ...]:
     return get_args(kind_of(kind)) if get_origin(kind_of(kind)) is Literal else ()
 
 
-def described(settings: Iterable[Setting], indent: str) -> str:
+def describe(settings: Iterable[Setting], indent: str) -> str:
     """Return the meaning of settings by group, for a docstring."""
     parts = []
     for group in GROUPS:

@@ -28,7 +28,7 @@ def check_unchanged(files: States, elsewhere: bool = False) -> None:
 
 
 @contextmanager
-def held(paths: Iterable[Path]) -> Iterator[None]:
+def hold_open(paths: Iterable[Path]) -> Iterator[None]:
     """Hold files open during the block, so that no new file reuses an inode."""
     with ExitStack() as stack:
         for path in list(paths)[:HELD]:

@@ -24,7 +24,7 @@ def polygon_sites(polygon: FloatArray, spacing: float) -> FloatArray:
 def border_sites(polygon: FloatArray, spacing: float) -> FloatArray:
     """Return points (P, 3) that divide each edge evenly, corners included."""
     _check(polygon, spacing)
-    return np.vstack([divided(a, b, spacing) for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True)])
+    return np.vstack([divide_edge(a, b, spacing) for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True)])
 
 
 def inner_sites(polygon: FloatArray, spacing: float) -> FloatArray:
@@ -35,7 +35,7 @@ def inner_sites(polygon: FloatArray, spacing: float) -> FloatArray:
     return np.asarray(origin + u * axes[0] + v * axes[1])
 
 
-def divided(a: FloatArray, b: FloatArray, spacing: float) -> FloatArray:
+def divide_edge(a: FloatArray, b: FloatArray, spacing: float) -> FloatArray:
     """Return points (n, 3) that divide the edge from a to b evenly, with a and without b."""
     n = max(1, round(float(np.linalg.norm(b - a)) / spacing))
     return np.asarray(a + np.arange(n)[:, None] / n * (b - a))

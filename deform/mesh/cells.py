@@ -253,7 +253,7 @@ class Zone:
     blocks: tuple[str, ...] = ()
 
 
-def taken(faces: Polygons, rows: IntArray) -> Polygons:
+def take_faces(faces: Polygons, rows: IntArray) -> Polygons:
     """Return the faces of rows (R,), in that order."""
     sizes = np.diff(faces.offsets)[rows]
     offsets = np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp)

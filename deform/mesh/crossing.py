@@ -126,7 +126,7 @@ class _NearbyFaces:
         size = float((last - first).max())
         rows = np.flatnonzero(((low <= last + TOUCH * size) & (high >= first - TOUCH * size)).all(axis=1))
         faces = _some(every, rows)
-        triangles, face = _cut(faces)
+        triangles, face = _triangulate(faces)
         same = np.arange(len(points))
         used = distinct(triangles)
         same[used] = used[first_coincident(mesh.points[used], ZERO_LENGTH * size)]
@@ -173,7 +173,7 @@ class _NearbyFaces:
         rows = distinct(pairs)
         faces = _some(self.faces, rows)
         centres = np.add.reduceat(points[faces.nodes], faces.offsets[:-1]) / np.diff(faces.offsets)[:, None]
-        triangles, place = _cut_at(faces, len(points) + np.arange(len(rows)))
+        triangles, place = _triangulate_at(faces, len(points) + np.arange(len(rows)))
         same, zone = np.arange(len(points) + len(rows)), np.empty(len(self.faces), dtype=np.intp)
         same[self.triangles], zone[self.face] = self.labels[:, :3], self.labels[:, 3]
         face = rows[place]
@@ -198,7 +198,7 @@ def _some(faces: Polygons, rows: IntArray) -> Polygons:
     return Polygons(faces.nodes[np.arange(offsets[-1]) + np.repeat(faces.offsets[rows] - offsets[:-1], sizes)], offsets)
 
 
-def _cut(faces: Polygons) -> tuple[IntArray, IntArray]:
+def _triangulate(faces: Polygons) -> tuple[IntArray, IntArray]:
     """Return the triangles (T, 3) of faces, cut from their first nodes, and the face (T,) of each; lines stay lines."""
     sizes, starts = np.diff(faces.offsets), faces.offsets[:-1]
     count = np.maximum(sizes - 2, 1)
@@ -208,7 +208,7 @@ def _cut(faces: Polygons) -> tuple[IntArray, IntArray]:
     return np.column_stack([faces.nodes[starts[face] + own] for own in (0, step, last)]), face
 
 
-def _cut_at(faces: Polygons, centres: IntArray) -> tuple[IntArray, IntArray]:
+def _triangulate_at(faces: Polygons, centres: IntArray) -> tuple[IntArray, IntArray]:
     """Return the triangles (T, 3) of faces, cut from a node (F,) inside each, and the face (T,) of each."""
     face = np.repeat(np.arange(len(faces)), np.diff(faces.offsets))
     after = np.arange(1, len(face) + 1)

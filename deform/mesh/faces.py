@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.base.arrays import IntArray, counted, distinct, union
+from sdm_deflect.deform.base.arrays import IntArray, count_distinct, distinct, union
 
 from .cells import Cells, Patch, Polygons, Polyhedra, Volume
 from .edges import rows_of
@@ -55,7 +55,7 @@ class BoundaryGaps:
         marked[changed] = True
         keys = node_keys(len(mesh.points))
         parts = zip(mesh.cells, touched.rows, strict=True)
-        known, count = counted(_joined([_keys_of(*part, marked, keys) for part in parts]))
+        known, count = count_distinct(_joined([_keys_of(*part, marked, keys) for part in parts]))
         held = {
             patch.name: _joined([face_keys(faces, keys)[_with_any(faces, marked)] for faces in patch.faces])
             for patch in mesh.patches

@@ -291,7 +291,7 @@ def _corner_images(
     return images, off
 
 
-def matched(
+def match_nodes(
     points: FloatArray, patches: tuple[Patch, Patch], motion: RigidMotion, allowed: float | None = None
 ) -> IntArray:
     """Return the nodes of the first patch and their images in the second (K, 2), sorted by the first.
@@ -334,7 +334,7 @@ def matched(
     return np.column_stack([first, second[rows]])
 
 
-def fitted(
+def fit_motion(
     points: FloatArray, name: str, patches: tuple[str, str], nodes: IntArray, allowed: float | None = None
 ) -> Periodic:
     """Return a pair with the rigid motion that fits its nodes: a translation if possible, else with a rotation.
@@ -403,7 +403,7 @@ def pair_of(points: FloatArray, patches: tuple[Patch, Patch], wanted: PeriodicPa
     errors: list[InputError] = []
     for motion in wanted.motions(points, patches):
         try:
-            return fitted(points, names[0], names, matched(points, patches, motion))
+            return fit_motion(points, names[0], names, match_nodes(points, patches, motion))
         except InputError as error:
             errors.append(error)
     if len(errors) == 1:
@@ -413,7 +413,7 @@ def pair_of(points: FloatArray, patches: tuple[Patch, Patch], wanted: PeriodicPa
     )
 
 
-def paired(mesh: Mesh, wanted: Sequence[PeriodicPatches]) -> Mesh:
+def pair_patches(mesh: Mesh, wanted: Sequence[PeriodicPatches]) -> Mesh:
     """Return the mesh with the pairs that a user names; they replace the file's pairs of the same patches.
 
     Raises InputError if a name means no patch or several, or if the patches do not match node by node.

@@ -19,7 +19,7 @@ from .edges import rows_of
 from .faces import face_keys, node_keys
 from .mesh import Mesh
 from .polyhedra import PARTS, ROWS, WEIGHT, judge_faces, measured_cells, spans_of
-from .quality import SEVERE, SKEW, oriented
+from .quality import SEVERE, SKEW, find_orientation
 from .touched import TouchedCells
 
 ERROR = 1e-15
@@ -282,7 +282,7 @@ def face_quality(mesh: Mesh) -> FaceQuality | None:
     """Return the figures of all faces of a mesh, as checkMesh has them; None without polyhedra."""
     found, blocks = FaceQuality(), [block for block in mesh.cells if isinstance(block, Polyhedra)]
     for block in blocks:
-        sign, couples, rows = oriented(mesh.points, block)[0], Couples.of(mesh, block), np.arange(len(block))
+        sign, couples, rows = find_orientation(mesh.points, block)[0], Couples.of(mesh, block), np.arange(len(block))
         for part in rows_of(len(block), max(ROWS, -(-len(block) // PARTS))):
             ring = Ring.of(block, rows[part], sign, couples)
             owner = block.owner[ring.numbers]

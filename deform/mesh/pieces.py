@@ -95,7 +95,7 @@ class Whole:
     inverted: tuple[int, ...] = ()
 
 
-def gathered(pieces: Pieces, nodes: IntArray) -> FloatArray:
+def gather_points(pieces: Pieces, nodes: IntArray) -> FloatArray:
     """Return the coordinates (K, 3) of sorted nodes, reading one range at a time."""
     points = np.empty((len(nodes), 3))
     for start in range(0, pieces.points, threads.LIMITS.points) if len(nodes) else ():

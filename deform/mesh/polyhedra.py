@@ -16,7 +16,7 @@ from sdm_deflect.deform.base.compiled import compiled_exactly
 from sdm_deflect.deform.base.threads import in_chunks
 from sdm_deflect.deform.base.vectors import Vector, cross, dot, minus, norm, plus, row_of
 
-from .cells import Polygons, Polyhedra, taken
+from .cells import Polygons, Polyhedra, take_faces
 from .edges import polygons_of, rows_of
 
 NO_AREA = 1e-150
@@ -327,7 +327,7 @@ class SomePolyhedra:
     def some(self, wanted: BoolArray) -> "SomePolyhedra":
         """Return the faces in a mask (F,)."""
         rows, inner = np.flatnonzero(wanted), wanted[: len(self.sides.neighbour)]
-        sides = Polyhedra(taken(self.sides.faces, rows), self.sides.owner[rows], self.sides.neighbour[inner])
+        sides = Polyhedra(take_faces(self.sides.faces, rows), self.sides.owner[rows], self.sides.neighbour[inner])
         return SomePolyhedra(self.numbers[rows], sides)
 
     def within(self, nodes: IntArray) -> tuple[Polyhedra, IntArray]:
@@ -338,14 +338,14 @@ class SomePolyhedra:
         return Polyhedra(faces, owner, neighbour), cells
 
 
-def joined(parts: Sequence[SomePolyhedra]) -> SomePolyhedra:
+def join_polyhedra(parts: Sequence[SomePolyhedra]) -> SomePolyhedra:
     """Return the polyhedra of several parts of a mesh, each face once."""
     numbers, sides = np.concatenate([part.numbers for part in parts]), [part.sides for part in parts]
     faces, owner = polygons_of([own.faces for own in sides]), np.concatenate([own.owner for own in sides])
     neighbour = np.concatenate([_padded(own) for own in sides])
     if (np.diff(numbers) <= 0).any():
         numbers, first = np.unique(numbers, return_index=True)
-        faces, owner, neighbour = taken(faces, first), owner[first], neighbour[first]
+        faces, owner, neighbour = take_faces(faces, first), owner[first], neighbour[first]
     return SomePolyhedra(numbers, Polyhedra(faces, owner, neighbour[neighbour >= 0]))
 
 
@@ -360,4 +360,4 @@ def _sides(cells: Polyhedra, rows: IntArray) -> tuple[Polygons, IntArray, IntArr
     behind, front = np.flatnonzero(owner >= 0), np.flatnonzero(neighbour >= 0)
     sign = np.repeat([1.0, -1.0], [len(behind), len(front)])
     cell = np.concatenate([owner[behind], neighbour[front]])
-    return taken(cells.faces, numbers), np.concatenate([behind, front]), cell, sign
+    return take_faces(cells.faces, numbers), np.concatenate([behind, front]), cell, sign

@@ -138,7 +138,7 @@ def summarise(values: FloatArray, shape: str = "tetra", inverted: int | None = N
     )
 
 
-def oriented(points: FloatArray, block: Volume) -> tuple[float, int]:
+def find_orientation(points: FloatArray, block: Volume) -> tuple[float, int]:
     """Return the orientation of a block, -1 if most cells have left-handed nodes, and its number of inverted cells."""
     bad = np.count_nonzero(inverted_of(points, block))
     if 2 * bad <= len(block):
@@ -162,7 +162,7 @@ def one_hand(points: FloatArray, block: Volume) -> Volume:
     """Return the block with all cells in the handedness of most, as flow solvers read it."""
     if isinstance(block, Polyhedra) or block.shape not in VOLUMES[1:]:
         return block
-    rows = other_handed(points, block, oriented(points, block)[0])
+    rows = other_handed(points, block, find_orientation(points, block)[0])
     return replace(block, nodes=other_hand(block, rows)) if len(rows) else block
 
 
@@ -174,7 +174,7 @@ def other_hand(block: Cells, rows: IntArray) -> IntArray:
 
 
 def check_most(name: str, inverted: int, cells: int) -> None:
-    """Raise InputError if more than half of the cells are inverted, as counted by `oriented`: the mesh was misread.
+    """Raise InputError if more than half of the cells are inverted, as `find_orientation` counts: the mesh was misread.
 
     Blocks with left-handed nodes do not count: they are judged by that order.
     """
@@ -196,9 +196,9 @@ def by_shape(points: FloatArray, parts: Iterable[tuple[Volume, IntArray | None, 
         for shape, _, _, own in parts_of(block, rows):
             values.setdefault(shape, []).append(value[own])
             inverted[shape] = inverted.get(shape, 0) + int(np.count_nonzero(bad[own]))
-    return tuple(summarise(_joined(values[shape]), shape, inverted[shape]) for shape in values)
+    return tuple(summarise(_join(values[shape]), shape, inverted[shape]) for shape in values)
 
 
-def _joined(parts: list[FloatArray]) -> FloatArray:
+def _join(parts: list[FloatArray]) -> FloatArray:
     """Join arrays; a single one is not copied."""
     return parts[0] if len(parts) == 1 else np.concatenate(parts)

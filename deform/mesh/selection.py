@@ -14,7 +14,7 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError, short_list
 
-from .cells import Cells, Faces, Patch, Polygons, taken
+from .cells import Cells, Faces, Patch, Polygons, take_faces
 from .edges import Joints, polygons_of
 from .mesh import MARK, REGION, Mesh, meant
 
@@ -52,7 +52,7 @@ class Part:
 
     def some(self, chosen: IntArray, name: str = "") -> "Part":
         """Return the faces of some rows (R,) of the part."""
-        return Part(name or self.name, self.points, taken(self.faces, chosen), self.rows[chosen])
+        return Part(name or self.name, self.points, take_faces(self.faces, chosen), self.rows[chosen])
 
     @property
     def centres(self) -> FloatArray:
@@ -69,7 +69,7 @@ class Part:
     @property
     def text(self) -> str:
         """Name, number of faces, and extent, for messages."""
-        low, high = map(placed, self.extent)
+        low, high = map(point_text, self.extent)
         return f"{self.name} {len(self)} faces from {low} to {high}"
 
     def components(self) -> IntArray:
@@ -77,14 +77,14 @@ class Part:
         if not len(self):
             return np.empty(0, dtype=np.intp)
         nodes, place = self._nodes
-        return _ranked(_joined(place, self.faces.offsets, len(nodes))[place[self.faces.offsets[:-1]]])
+        return _ranks(_components(place, self.faces.offsets, len(nodes))[place[self.faces.offsets[:-1]]])
 
     def regions(self, degrees: float) -> IntArray:
         """Return the region (F,) of each face between edges that turn by more than `degrees`; 0 has the most faces."""
         joints = Joints.of(self.faces)
         smooth = ~(joints.cosines(self.points, self.faces) < np.cos(np.radians(degrees)))
         pairs = np.column_stack([joints.first[smooth], joints.second[smooth]])
-        return _ranked(_joined(pairs.ravel(), np.arange(0, pairs.size + 1, 2), len(self)))
+        return _ranks(_components(pairs.ravel(), np.arange(0, pairs.size + 1, 2), len(self)))
 
     @property
     def _nodes(self) -> tuple[IntArray, IntArray]:
@@ -101,18 +101,18 @@ class Part:
         return [self.some(rows, f"{self.name}{mark}{number}") for number, rows in enumerate(groups, 1)]
 
 
-def listed(part: Part, labels: IntArray) -> str:
+def list_components(part: Part, labels: IntArray) -> str:
     """Return the first components (F,) of a part as text, for messages."""
     rest = labels.max(initial=-1) + 1 - LISTED
     return "; ".join(one.text for one in part.cut(labels, MARK, LISTED)) + (f"; and {rest} more" if rest > 0 else "")
 
 
-def placed(point: Iterable[float]) -> str:
+def point_text(point: Iterable[float]) -> str:
     """Return a point as text."""
     return f"({', '.join(f'{x:.4g}' for x in point)})"
 
 
-def _joined(members: IntArray, offsets: IntArray, count: int) -> IntArray:
+def _components(members: IntArray, offsets: IntArray, count: int) -> IntArray:
     """Return the component (count,) of each item; each group of `members` (K,) connects its items."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components  # loading takes a while
@@ -123,7 +123,7 @@ def _joined(members: IntArray, offsets: IntArray, count: int) -> IntArray:
     return np.asarray(connected_components(links, directed=False)[1][groups:], dtype=np.intp)
 
 
-def _ranked(labels: IntArray) -> IntArray:
+def _ranks(labels: IntArray) -> IntArray:
     """Return labels (F,) by rank: 0 is the most frequent; ties by first occurrence."""
     count = np.bincount(labels)
     first = np.zeros(len(count), dtype=np.intp)
@@ -159,7 +159,7 @@ class Component:
         """Return which faces (F,) it keeps; InputError if there is no such component."""
         labels = part.components()
         if not 1 <= self.number <= labels.max(initial=-1) + 1:
-            raise InputError(f"there is no component {self.number}; there are {listed(part, labels)}")
+            raise InputError(f"there is no component {self.number}; there are {list_components(part, labels)}")
         return np.asarray(labels == self.number - 1)
 
 
@@ -176,7 +176,7 @@ class Within:
     high: tuple[float, float, float]
 
     def __str__(self) -> str:
-        return f"the box from {placed(self.low)} to {placed(self.high)}"
+        return f"the box from {point_text(self.low)} to {point_text(self.high)}"
 
     def of(self, part: Part) -> BoolArray:
         centres = part.centres
@@ -196,7 +196,7 @@ class Before:
     normal: tuple[float, float, float]
 
     def __str__(self) -> str:
-        return f"the side of the plane through {placed(self.point)} to which {placed(self.normal)} points"
+        return f"the side of the plane through {point_text(self.point)} to which {point_text(self.normal)} points"
 
     def of(self, part: Part) -> BoolArray:
         return np.asarray((part.centres - self.point) @ np.array(self.normal) > 0.0)
@@ -261,7 +261,7 @@ class Selection:
         return part.cut(labels, REGION)
 
 
-def selected(mesh: Mesh, selections: Sequence[Selection], names: Iterable[str] = ()) -> Mesh:
+def with_selections(mesh: Mesh, selections: Sequence[Selection], names: Iterable[str] = ()) -> Mesh:
     """Return a mesh with its selections as patches; the rest of a patch keeps its name.
 
     Parameters
@@ -279,7 +279,7 @@ def selected(mesh: Mesh, selections: Sequence[Selection], names: Iterable[str] =
     for text in dict.fromkeys(names):
         known = text in (*mesh.names, *_names(found)) or any(meant(text, name) for name in mesh.names)
         if MARK in text and not known:
-            for patch, parts in _numbered(mesh, found, text):
+            for patch, parts in _components_of(mesh, found, text):
                 _add(mesh, found, patch, parts)
     return with_parts(mesh, found)
 
@@ -288,11 +288,11 @@ def with_parts(mesh: Mesh, found: Mapping[str, Sequence[Part]]) -> Mesh:
     """Return a mesh with parts of patches, by the patches' names, as patches; the rest of a patch keeps its name."""
     if not found:
         return mesh
-    patches = [piece for patch in mesh.patches for piece in _divided(patch, found.get(patch.name, ()))]
+    patches = [piece for patch in mesh.patches for piece in _divide(patch, found.get(patch.name, ()))]
     return replace(mesh, patches=tuple(patches))
 
 
-def _numbered(mesh: Mesh, found: dict[str, list[Part]], text: str) -> Iterator[tuple[str, list[Part]]]:
+def _components_of(mesh: Mesh, found: dict[str, list[Part]], text: str) -> Iterator[tuple[str, list[Part]]]:
     """Yield the components that ``patch#number`` or ``patch#*`` means and that share no face with other parts."""
     base, _, which = text.rpartition(MARK)
     if which.isascii() and which.isdigit():
@@ -327,7 +327,7 @@ def _names(found: dict[str, list[Part]]) -> list[str]:
     return [part.name for parts in found.values() for part in parts]
 
 
-def _divided(patch: Patch, parts: Sequence[Part]) -> Iterator[Patch]:
+def _divide(patch: Patch, parts: Sequence[Part]) -> Iterator[Patch]:
     rest = np.ones(len(patch), dtype=np.bool_)
     for part in parts:
         rest[part.rows] = False
@@ -346,4 +346,4 @@ def _some(blocks: Sequence[Faces], rows: IntArray) -> Iterator[Faces]:
     for start, block, group in zip(starts, blocks, groups, strict=False):
         own = group - start
         if len(own):
-            yield Cells(block.shape, block.nodes[own]) if isinstance(block, Cells) else taken(block, own)
+            yield Cells(block.shape, block.nodes[own]) if isinstance(block, Cells) else take_faces(block, own)

@@ -119,7 +119,7 @@ class Triangulated:
             return cls(curve, curve, near)
         sharp = np.concatenate([rim(polygons), sharp_edges(vertices, polygons, SHARP)])
         ridges = TriangleSet.curves(vertices, sharp) if len(sharp) else None
-        return cls(TriangleSet.faces(vertices, _cut(polygons)), ridges, near)
+        return cls(TriangleSet.faces(vertices, _triangulate(polygons)), ridges, near)
 
     def distance(self, points: FloatArray) -> FloatArray:
         return np.asarray(np.linalg.norm(points - self.faces.search.closest(points).places, axis=1))
@@ -150,7 +150,7 @@ class Triangulated:
         return [(self.faces, rows[~on], np.zeros(int((~on).sum()), dtype=bool)), (self.ridges, rows[on], stay)]
 
 
-def _cut(faces: Polygons) -> IntArray:
+def _triangulate(faces: Polygons) -> IntArray:
     """Return triangles (T, 3); each face is cut from its node of lowest index, so that the cut is unique."""
     sizes, starts = np.diff(faces.offsets), faces.offsets[:-1]
     triangles = []
@@ -286,7 +286,7 @@ SHAPES = (*FITTED, SURFACE)
 NAMES = f"{', '.join(FITTED)} or {SURFACE}"
 
 
-def fitted(shape: str, points: FloatArray, patch: str, across: FloatArray | None = None) -> SlidingSurface:
+def fit_shape(shape: str, points: FloatArray, patch: str, across: FloatArray | None = None) -> SlidingSurface:
     """Fit a shape to the nodes (N, 3) of a patch, in a plane mesh with its normal (3,), and check it.
 
     Raises InputError if the shape is unknown, or the patch does not have it.
@@ -319,7 +319,7 @@ class SlidingPatch:
         """Fit a shape to a patch, or take its faces; InputError if the patch has another shape, or no faces."""
         nodes = mesh.patch(name).nodes
         if shape != SURFACE:
-            return cls(name, fitted(shape, mesh.points[nodes], name, mesh.normal), nodes)
+            return cls(name, fit_shape(shape, mesh.points[nodes], name, mesh.normal), nodes)
         faces = polygons_of(mesh.patch(name).faces)
         if len(distinct(faces.nodes)) < len(nodes) or not len(faces):
             raise InputError(f"slide = {name}:{shape}: the patch needs faces that hold all of its {len(nodes)} nodes")

@@ -17,7 +17,7 @@ from sdm_deflect.deform.base.errors import InputError
 from .axis import Axis
 from .cells import Cells, Patch, Periodic
 from .edges import edges_of, polygons_of, unit
-from .images import THIN, Images, fitted, matched, translation_between
+from .images import THIN, Images, fit_motion, match_nodes, translation_between
 from .mesh import Mesh
 
 ALONG = 1e-6
@@ -186,7 +186,7 @@ def with_sides(mesh: Mesh, planes: Container[str]) -> Mesh:
     try:
         shift = translation_between(*(mesh.points[side.nodes] for side in sides))
         names = sides[0].name, sides[1].name
-        pair = fitted(mesh.points, "_".join(names), names, matched(mesh.points, (sides[0], sides[1]), shift))
+        pair = fit_motion(mesh.points, "_".join(names), names, match_nodes(mesh.points, (sides[0], sides[1]), shift))
     except InputError:
         return mesh
     one = replace(pair, thin=True)

@@ -19,11 +19,11 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import in_chunks
 
 from . import polyhedra
-from .cells import Polyhedra, Volume, taken
+from .cells import Polyhedra, Volume, take_faces
 from .edges import rows_of
 from .mesh import Mesh
 from .polyhedra import corner_edges
-from .quality import Quality, by_shape, check_most, inverted_of, oriented, quality_and_inverted
+from .quality import Quality, by_shape, check_most, find_orientation, inverted_of, quality_and_inverted
 from .standard import parts_of
 
 BASES = {
@@ -58,7 +58,7 @@ def alone(cells: Polyhedra, rows: IntArray) -> Polyhedra:
     owner, neighbour = place[cells.owner], place[cells.neighbour]
     wanted = owner < len(rows)
     wanted[:inner] |= neighbour < len(rows)
-    faces = taken(cells.faces, np.flatnonzero(wanted))
+    faces = take_faces(cells.faces, np.flatnonzero(wanted))
     return Polyhedra(faces, owner[wanted], neighbour[wanted[:inner]])
 
 
@@ -142,7 +142,7 @@ class TouchedCells:
         places = mesh.points if places is None else places
         if whole := mesh.whole:
             return cls(mesh, rows, whole.orientation, whole.inverted, places)
-        orientations = [oriented(mesh.points, block) for block in mesh.cells]
+        orientations = [find_orientation(mesh.points, block) for block in mesh.cells]
         signs, counts = zip(*orientations, strict=True) if orientations else ((), ())
         return cls(mesh, rows, signs, counts, places)
 

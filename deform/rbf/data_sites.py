@@ -56,7 +56,7 @@ class DataSites:
         return DataSites(self.points, self.values[:, [j]], (component,), merged=self.merged)
 
 
-def pinned(points: FloatArray, components: tuple[int, ...] = XYZ) -> DataSites:
+def fixed_sites(points: FloatArray, components: tuple[int, ...] = XYZ) -> DataSites:
     """Return sites of zero displacement."""
     return DataSites(points, np.zeros((len(points), len(components))), components)
 

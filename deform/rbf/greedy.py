@@ -15,7 +15,7 @@ from .factor import CholeskyBasis
 from .interpolant import Interpolant
 from .kernels import Kernel
 from .problem import Basis, Problem
-from .rules import GreedyOptions, Rule, Separated, combined
+from .rules import GreedyOptions, Rule, Separated, row_norms
 
 SEPARATED = Separated()
 """The default rule."""
@@ -156,7 +156,7 @@ def adapt(
         current = basis(problem, initial)  # step (1): the initial centres
         errors = problem.errors(current.chosen, [current.coefficients()])[0]  # steps (2), (3): fit, residuals
         while True:
-            residual = combined(errors)
+            residual = row_norms(errors)
             history.record(len(current.chosen), errors)
             block = rule.choose(problem.points, residual, current.chosen, options)  # steps (4), (5): the worst sites
             if reason := history.stop(block):  # step (6)

@@ -90,7 +90,7 @@ class Worst(Rule):
     ) -> IndexArray:
         """Return the worst sites, worst first; ties by row."""
         del points
-        return _ranked(residual, chosen, options.tol_add, options, _room(chosen, options.n_add, options))
+        return _worst(residual, chosen, options.tol_add, options, _room(chosen, options.n_add, options))
 
     def sweep(self, problem: Problem, options: GreedyOptions) -> Sweep:
         return LookingAhead(problem, self, options) if self.look_ahead > 1 else Sweep(problem)
@@ -123,7 +123,7 @@ class Separated(Rule):
     ) -> IndexArray:
         """Return bad sites far from one another, worst first."""
         level = max(options.tol_add, self.share * float(residual.max()))
-        order = _ranked(residual, chosen, level, options, len(residual))
+        order = _worst(residual, chosen, level, options, len(residual))
         room = _room(chosen, max(options.n_add, int(self.growth * len(chosen))), options)
         x = np.ascontiguousarray(points[order].T)
         gap2 = np.full(len(order), np.inf)
@@ -137,7 +137,7 @@ def _room(chosen: IndexArray, block: int, options: GreedyOptions) -> int:
     return max(0, min(block, options.max_centers - len(chosen)))
 
 
-def _ranked(residual: FloatArray, chosen: IndexArray, level: float, options: GreedyOptions, count: int) -> IndexArray:
+def _worst(residual: FloatArray, chosen: IndexArray, level: float, options: GreedyOptions, count: int) -> IndexArray:
     """Return at most `count` rows with the largest residual above `level` that are not chosen yet, worst first."""
     free = residual > level
     free[chosen] = False
@@ -177,7 +177,7 @@ def _thin(
                 near[j] |= d0 * d0 + d1 * d1 + d2 * d2 < max(reach, reach2[j])
 
 
-def combined(errors: FloatArray) -> FloatArray:
+def row_norms(errors: FloatArray) -> FloatArray:
     """Return the norms (N,) of errors (N, k) over the columns: the residual of MV (section 4)."""
     return np.asarray(np.sqrt(np.einsum("ij,ij->i", errors, errors)))
 
@@ -237,7 +237,7 @@ class LookingAhead(Sweep):
             new, coefficients = guesses[-1]
             residual[problem.neighbours(block)] = 0.0
             rows = np.flatnonzero(residual >= 0.0)
-            residual[rows] = combined(problem.errors(new.chosen, [coefficients], rows)[0])
+            residual[rows] = row_norms(problem.errors(new.chosen, [coefficients], rows)[0])
             block = self.rule.choose(problem.points, residual, new.chosen, self.options)
             if not len(block):
                 break

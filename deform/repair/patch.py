@@ -166,7 +166,7 @@ class RepairResult:
     def of(
         cls, start: FloatArray, points: FloatArray, touched: TouchedCells, freedom: FreeNodes, share: float
     ) -> RepairResult:
-        """Judge a mesh before and after a repair that is not carried out; parameters as for `repaired`."""
+        """Judge a mesh before and after a repair that is not carried out; parameters as for `repair_cells`."""
         goal = QualityGoal.of(touched, freedom)
         before, after = goal.scores(start), goal.scores(points)
         moved = np.flatnonzero((points != start).any(axis=1))
@@ -401,7 +401,7 @@ class RepairPatch:
         return found.place, found.steps
 
 
-def improved(patch: RepairPatch, level: float, rest: float) -> tuple[FloatArray, int]:
+def improve(patch: RepairPatch, level: float, rest: float) -> tuple[FloatArray, int]:
     """Move a patch until its cells reach a level or nothing more is gained; return points (N, 3) and the steps.
 
     While cells are inverted, eps falls from twice the worst determinant; then the power grows. The patch is left for

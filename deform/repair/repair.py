@@ -17,7 +17,7 @@ from sdm_deflect.deform.mesh.touched import CellScores, TouchedCells
 
 from .elements import Tetrahedra
 from .freedom import FreeNodes
-from .patch import QualityGoal, RepairPatch, RepairResult, improved
+from .patch import QualityGoal, RepairPatch, RepairResult, improve
 
 RINGS = (3, 6, 12, 24)
 """Sizes of patches in rings of cells around spoiled ones; the last size is all nodes."""
@@ -45,7 +45,7 @@ FEWER = 0.5
 """Share of spoiled cells left, up to which the next patch begins at the smallest size again."""
 
 
-def repaired(
+def repair_cells(
     points: FloatArray,
     touched: TouchedCells,
     freedom: FreeNodes,
@@ -68,11 +68,11 @@ def repaired(
     """
     begin = perf_counter()
     with install_listener("numba:compile", TimingListener()) as compiling:
-        made = _repaired(points, touched, freedom, share, limit, progress)
+        made = _repair(points, touched, freedom, share, limit, progress)
     return replace(made, seconds=perf_counter() - begin - (compiling.duration if compiling.done else 0.0))
 
 
-def _repaired(
+def _repair(
     points: FloatArray, touched: TouchedCells, freedom: FreeNodes, share: float, limit: float, progress: Progress
 ) -> RepairResult:
     goal = QualityGoal.of(touched, freedom)
@@ -84,7 +84,7 @@ def _repaired(
         if level > limit and kept is None:
             kept = np.minimum(goal.spread(start), goal.spread(found))
         wanted = Target(level, sizes, far, kept, progress)
-        there, other, count = _raised(here, found, tetrahedra, freedom, goal, wanted)
+        there, other, count = _raise_quality(here, found, tetrahedra, freedom, goal, wanted)
         steps += count
         reached = not goal.missed(other, level).any()
         if reached or goal.least(other) >= goal.least(found):
@@ -93,7 +93,7 @@ def _repaired(
             break
     if goal.least(found) < POOR and len(freedom.nodes) < SMALL:
         whole = Target(share, (len(points),), FAR, kept, progress)
-        there, other, count = _raised(points, start, tetrahedra, freedom, goal, whole)
+        there, other, count = _raise_quality(points, start, tetrahedra, freedom, goal, whole)
         steps += count
         if goal.rank(other) > goal.rank(found):
             here, found = there, other
@@ -133,7 +133,7 @@ def _levels(share: float, limit: float, points: int) -> Iterator[tuple[float, tu
             yield level, RINGS[:NEAR], 0.0
 
 
-def _raised(
+def _raise_quality(
     points: FloatArray, found: CellScores, tetrahedra: Tetrahedra, freedom: FreeNodes, goal: QualityGoal, wanted: Target
 ) -> tuple[FloatArray, CellScores, int]:
     """Bring all cells to a level if possible; return all points (N, 3), the scores and the steps.
@@ -153,7 +153,7 @@ def _raised(
             break
         progress(f"repair: {count} cells, {len(unknown)} nodes", nan)
         patch = RepairPatch.of(points, tetrahedra, unknown, freedom, goal.weighted(found, careful))
-        new, taken = improved(patch, level, REST * (size > 0))
+        new, taken = improve(patch, level, REST * (size > 0))
         beyond = freedom.left_by(points, new)
         if beyond:
             freedom, last, steps = freedom.without(beyond), 0, steps + taken

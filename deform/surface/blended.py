@@ -182,11 +182,11 @@ class BlendedLaw:
 
     def _spread(self, full: FloatArray) -> FloatArray:
         """Blend between 0 at the held nodes and `full` (K, 3) at the driven nodes."""
-        points, rows = self.points, _thinned(self.points, self.driven)
-        out = blend(points, points[_thinned(points, self.front)], points[rows], full[rows], self.kernel)
+        points, rows = self.points, _thin(self.points, self.driven)
+        out = blend(points, points[_thin(points, self.front)], points[rows], full[rows], self.kernel)
         out[self.driven] = full[self.driven]
         if self.strip.any():
-            out = blend_strip(points, self.strip, out, points[_thinned(points, self.held)], self.kernel)
+            out = blend_strip(points, self.strip, out, points[_thin(points, self.held)], self.kernel)
         out[self.held] = 0.0
         return out
 
@@ -204,7 +204,7 @@ def _strip(rib: Rib, points: FloatArray, ribs: BoolArray, hinge: Axis) -> BoolAr
     return np.asarray(gap < width)
 
 
-def _thinned(points: FloatArray, mask: BoolArray) -> IntArray:
+def _thin(points: FloatArray, mask: BoolArray) -> IntArray:
     """Return the rows of a mask; more than `MOST` are thinned evenly."""
     rows = np.flatnonzero(mask)
     return rows[farthest(points[rows], MOST)] if len(rows) > MOST else rows

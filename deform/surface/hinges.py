@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray, distinct
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.cells import Polygons, taken
+from sdm_deflect.deform.mesh.cells import Polygons, take_faces
 from sdm_deflect.deform.mesh.edges import Joints, are_lines, area_vectors, edges_of, polygons_of, unit
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.selection import Before, Selection
@@ -62,7 +62,8 @@ def _smooth_border(mesh: Mesh, own: Polygons, rest: Polygons) -> tuple[IntArray,
     """Return the edges (E, 2) where faces meet others smoothly, and the own face (E,) at each."""
     on = np.zeros(len(mesh.points), dtype=np.bool_)
     on[own.nodes] = True
-    rest = taken(rest, np.flatnonzero(np.logical_or.reduceat(on[rest.nodes], rest.offsets[:-1]))) if len(rest) else rest
+    if len(rest):
+        rest = take_faces(rest, np.flatnonzero(np.logical_or.reduceat(on[rest.nodes], rest.offsets[:-1])))
     faces = Polygons(np.append(own.nodes, rest.nodes), np.append(own.offsets, own.offsets[-1] + rest.offsets[1:]))
     joints = Joints.of(faces)
     within = joints.first < len(own)

@@ -16,7 +16,7 @@ from sdm_deflect.deform.mesh.axis import Axis, Cylinder
 from sdm_deflect.deform.mesh.edges import area_vectors, polygons_of, unit
 from sdm_deflect.deform.mesh.mesh import REGION, Mesh
 from sdm_deflect.deform.mesh.sliding import CylinderWall
-from sdm_deflect.deform.rbf.data_sites import DataSites, joined, pinned
+from sdm_deflect.deform.rbf.data_sites import DataSites, fixed_sites, joined
 from sdm_deflect.deform.rbf.interpolant import Interpolant, fit
 from sdm_deflect.deform.rbf.kernels import Multiquadric, ThinPlateSpline
 
@@ -179,7 +179,7 @@ class SkinLaw(Smooth):
         out[self.tail] = turned + share**2 * (3.0 - 2.0 * share) * self._onto(tail, turned)
         root, follow = self.tail & self.panel, self.panel & ~self.tail & ~self.stays
         moved = DataSites(self._flat(self.points[root]), turn[root])
-        sites = joined([moved, pinned(self._flat(self.points[self.stays]))])
+        sites = joined([moved, fixed_sites(self._flat(self.points[self.stays]))])
         flat = fit(ThinPlateSpline(), sites.points, sites.values)(self._flat(self.points[follow]))
         out[follow] = flat + self._onto(self.points[follow], flat)
         return out

@@ -12,7 +12,7 @@ from sdm_deflect.deform.mesh.edges import median_edge
 from sdm_deflect.deform.mesh.faces import node_keys, patch_keys
 from sdm_deflect.deform.mesh.images import THIN, Images, plane_of
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.sliding import Plane, SlidingPatch, fitted
+from sdm_deflect.deform.mesh.sliding import Plane, SlidingPatch, fit_shape
 from sdm_deflect.deform.rbf.data_sites import XYZ
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import TRACK_UNIT, MotionLaw
@@ -320,7 +320,7 @@ def _check_bound(mesh: Mesh, names: Iterable[str], moves: list[str], slides: dic
     """Raise if a periodic patch moves or slides on a shape; with paired nodes it may slide on its plane."""
     for name in names:
         if slides.get(name) == "plane" and name in pairs:
-            fitted("plane", mesh.points[mesh.patch(name).nodes], name, mesh.normal)
+            fit_shape("plane", mesh.points[mesh.patch(name).nodes], name, mesh.normal)
         elif name in (*moves, *slides):
             constraint = mesh.patch(name).constraint
             what = f"is {constraint}" if constraint in THIN else "is one side of a periodic pair"

@@ -19,7 +19,7 @@ from sdm_deflect.deform.mesh.touched import Least, TouchedCells
 from sdm_deflect.deform.rbf.data_sites import CoincidentSitesError
 from sdm_deflect.deform.rbf.interpolant import SolveError
 from sdm_deflect.deform.repair.patch import RepairResult
-from sdm_deflect.deform.repair.repair import repaired
+from sdm_deflect.deform.repair.repair import repair_cells
 
 from .boundary import PrescribedNodes
 from .job import Amounts
@@ -314,11 +314,11 @@ def deflect(
     """Deflect every box to a pose, by default the plan's; start from the centres of an earlier deflection."""
     known, done = earlier.boxes if earlier else [None] * len(plan.boxes), list[BoxDeflection]()
     for (box, own), reused in zip(plan.parted(pose or plan.pose), known, strict=True):
-        done.append(_reflected(box, own, done, progress) if box.mirror else deflect_box(box, own, progress, reused))
+        done.append(_reflect(box, own, done, progress) if box.mirror else deflect_box(box, own, progress, reused))
     return Deflection(plan, tuple(done))
 
 
-def _reflected(plan: BoxPlan, amounts: Amounts, done: Sequence[BoxDeflection], progress: Progress) -> BoxDeflection:
+def _reflect(plan: BoxPlan, amounts: Amounts, done: Sequence[BoxDeflection], progress: Progress) -> BoxDeflection:
     """Return the reflection of the deflection of another box, already done, to the same amounts."""
     mirror, one = plan.mirror, done[plan.job.image_of]
     assert mirror
@@ -339,7 +339,7 @@ def deflect_box(
     of an earlier deflection of a single step.
     """
     reused = earlier.steps[0] if earlier is not None and len(earlier.steps) == 1 else None
-    attempts, count, most = [stepped(plan, amounts, 1, progress, reused)], 1, plan.job.fitting.max_steps
+    attempts, count, most = [deflect_in_steps(plan, amounts, 1, progress, reused)], 1, plan.job.fitting.max_steps
     allowed = attempts[0].inverted
     while 0 < attempts[-1].inverted <= allowed and 2 * count <= most:
         count *= 2
@@ -357,7 +357,7 @@ def deflect_box(
 def _possible(plan: BoxPlan, amounts: Amounts, count: int, progress: Progress) -> BoxDeflection | None:
     """Deflect in several steps; None if one of them cannot be solved."""
     try:
-        return stepped(plan, amounts, count, progress)
+        return deflect_in_steps(plan, amounts, count, progress)
     except (InputError, CoincidentSitesError, SolveError):
         return None
 
@@ -372,7 +372,7 @@ def with_repair(deflection: BoxDeflection, progress: Progress = silent) -> BoxDe
     if not fell and not deflection.inverted:
         return deflection
     freedom, aim = plan.freedom(deflection.points), (wanted.wanted, wanted.min_quality)
-    repair = repaired(deflection.points, plan.touched, freedom, *aim, progress)
+    repair = repair_cells(deflection.points, plan.touched, freedom, *aim, progress)
     return replace(deflection, exact=repair.points, seconds=deflection.seconds + repair.seconds, repaired=repair)
 
 
@@ -382,7 +382,7 @@ def least_of(touched: TouchedCells, points: FloatArray, quality: Sequence[Qualit
     return tuple(zip(before, touched.least(points, quality), strict=True))
 
 
-def stepped(
+def deflect_in_steps(
     plan: BoxPlan, amounts: Amounts, count: int, progress: Progress = silent, earlier: Step | None = None,
     held: bool = False,
 ) -> BoxDeflection:  # fmt: skip

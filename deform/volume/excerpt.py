@@ -17,14 +17,14 @@ from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.cells import CORNERS, LARGEST, Cells, Faces, Patch, Polyhedra, Volume
 from sdm_deflect.deform.mesh.faces import Keys, cell_face_keys, face_keys, node_keys, patch_keys
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.pieces import MeshInPieces, Pieces, Whole, gathered
-from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra, joined
+from sdm_deflect.deform.mesh.pieces import MeshInPieces, Pieces, Whole, gather_points
+from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra, join_polyhedra
 from sdm_deflect.deform.mesh.quality import inverted_of, other_hand, other_handed
 from sdm_deflect.deform.mesh.standard import POLYHEDRON
 from sdm_deflect.deform.mesh.touched import touching
 
 from .boundary import PrescribedNodes
-from .job import Amounts, Job, pose_of, poses_of, prepared
+from .job import Amounts, Job, pose_of, poses_of, prepare
 from .region import confining_box
 
 if TYPE_CHECKING:
@@ -245,7 +245,7 @@ def excerpt(
     """
     pieces = mesh.pieces
     border = _border(mesh)
-    task = _task(mesh, border, *prepared(border, jobs), poses)
+    task = _task(mesh, border, *prepare(border, jobs), poses)
     task = _in_memory(task) if runner.shares_memory else task
     inside, places = _nodes_inside(task, runner, progress)
     scanned, task = _cells(mesh, task, runner, progress)
@@ -254,12 +254,12 @@ def excerpt(
     beyond = np.setdiff1d(union(*(part.nodes for part in cells)), known, assume_unique=True)
     nodes = union(known, beyond)
     points = np.empty((len(nodes), 3))
-    for some, at in ((task.boundary, border.points), (inside, places), (beyond, gathered(pieces, beyond))):
+    for some, at in ((task.boundary, border.points), (inside, places), (beyond, gather_points(pieces, beyond))):
         points[np.searchsorted(nodes, some)] = at
     blocks = [_block(shape, own, nodes) for (shape, _), own in zip(pieces.blocks, scanned, strict=True)]
     bad = tuple(sum(piece.inverted - piece.mirrored for piece in block) for block in scanned)
     whole = Whole(pieces, nodes, tuple(rows for _, rows in blocks), task.sign, bad)
-    return _numbered(mesh, points, tuple(cells for cells, _ in blocks), whole)
+    return _renumber(mesh, points, tuple(cells for cells, _ in blocks), whole)
 
 
 def _border(mesh: MeshInPieces) -> Mesh:
@@ -267,12 +267,12 @@ def _border(mesh: MeshInPieces) -> Mesh:
     nodes = union(*(patch.nodes for patch in mesh.patches), *(pair.nodes for pair in mesh.periodic))
     if len(nodes) and (nodes[0] < 0 or nodes[-1] >= mesh.pieces.points):
         raise InputError(f"{mesh.name}: patches name points that are not among the {mesh.pieces.points}")
-    points = gathered(mesh.pieces, nodes)
+    points = gather_points(mesh.pieces, nodes)
     check_points(mesh.pieces, points, nodes)
-    return _numbered(mesh, points, (), Whole(mesh.pieces, nodes))
+    return _renumber(mesh, points, (), Whole(mesh.pieces, nodes))
 
 
-def _numbered(mesh: MeshInPieces, points: FloatArray, cells: tuple[Volume, ...], whole: Whole) -> Mesh:
+def _renumber(mesh: MeshInPieces, points: FloatArray, cells: tuple[Volume, ...], whole: Whole) -> Mesh:
     """Return a mesh of some of the nodes, with patches, zones and periodic pairs in their numbering."""
 
     def own(block: Block) -> Block:
@@ -293,7 +293,7 @@ def _numbered(mesh: MeshInPieces, points: FloatArray, cells: tuple[Volume, ...],
 
 
 def _task(mesh: MeshInPieces, border: Mesh, own: Mesh, jobs: Sequence[Job], poses: Sequence[Amounts]) -> ScanTask:
-    """Return the task for jobs at some poses of all surfaces; `own` is the border `prepared` for them."""
+    """Return the task for jobs at some poses of all surfaces; `own` is the border that `prepare` returned for them."""
     boxes: list[tuple[Hexahedron, IntArray]] = []
     moving, halfway = [np.empty(0, dtype=np.intp)], None
     for job, amounts in zip(jobs, poses_of(jobs, poses or [pose_of(jobs)]), strict=True):
@@ -393,7 +393,7 @@ def _block(shape: str, scanned: Sequence[CellsFound], nodes: IntArray) -> tuple[
     """
     some = [piece.cells for piece in scanned if isinstance(piece.cells, SomePolyhedra)]
     if some:
-        return joined(some).within(nodes)
+        return join_polyhedra(some).within(nodes)
     count, end = sum(len(piece.rows) for piece in scanned), 0
     cells, rows = np.empty((count, CORNERS[shape]), dtype=np.intp), np.empty(count, dtype=np.intp)
     for piece in scanned:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from sdm_deflect.deform.base.arrays import FloatArray, distinct
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.box.automatic import Automatic, BoxRule
-from sdm_deflect.deform.mesh.images import PeriodicPatches, paired, plane_of
+from sdm_deflect.deform.mesh.images import PeriodicPatches, pair_patches, plane_of
 from sdm_deflect.deform.mesh.mesh import MARK, Mesh, meant
 from sdm_deflect.deform.mesh.quality import one_hand
 from sdm_deflect.deform.mesh.sliding import NAMES, SHAPES
@@ -180,7 +180,7 @@ def _ratios(jobs: Sequence[Job]) -> Amounts:
     )
 
 
-def prepared(mesh: Mesh, jobs: Sequence[Job]) -> tuple[Mesh, tuple[Job, ...]]:
+def prepare(mesh: Mesh, jobs: Sequence[Job]) -> tuple[Mesh, tuple[Job, ...]]:
     """Return the mesh with the jobs' selections as patches and their periodic patches paired; all jobs have the same.
 
     Devices get their hinge, and the selection that cuts them out.
@@ -194,10 +194,10 @@ def prepared(mesh: Mesh, jobs: Sequence[Job]) -> tuple[Mesh, tuple[Job, ...]]:
     jobs = _with_devices(mesh, jobs)
     names = tuple(dict.fromkeys(name for job in jobs for name in (*job.names, *_in_planes(mesh, job))))
     if jobs[0].selections or any(MARK in name for name in names):
-        from sdm_deflect.deform.mesh.selection import selected
+        from sdm_deflect.deform.mesh.selection import with_selections
 
-        mesh = selected(mesh, jobs[0].selections, names)
-    mesh = paired(mesh, jobs[0].periodic) if jobs[0].periodic or mesh.periodic else mesh
+        mesh = with_selections(mesh, jobs[0].selections, names)
+    mesh = pair_patches(mesh, jobs[0].periodic) if jobs[0].periodic or mesh.periodic else mesh
     mesh = _with_panels(mesh, jobs)
     planes = set.intersection(*(_planes(mesh, job) for job in jobs))
     if len(planes) > 1:

@@ -16,7 +16,7 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.surface.motions import Functions
 
-from .deflection import BoxDeflection, deflect_box, stepped
+from .deflection import BoxDeflection, deflect_box, deflect_in_steps
 from .job import Amounts
 from .plan import BoxPlan
 from .step import take
@@ -127,7 +127,7 @@ class Readings(NamedTuple):
             own = replace(own, margin=growth * own.margin)
             found = tuple(deflect_box(own, pose, progress) for pose in poses)
             return cls(control, box, row, found, inverse, found)
-        end = _deflected(own, poses[int(np.argmax(np.abs(reads)))], progress, known)
+        end = _deflect(own, poses[int(np.argmax(np.abs(reads)))], progress, known)
         return cls(control, box, row, (), np.empty(0), (end,))._fading(own, poses, progress, known)
 
     def _fading(
@@ -139,9 +139,9 @@ class Readings(NamedTuple):
         ends = {last: end}
         if self.box.boundary.laws[self.row].functions.count <= 2:
             others = {*np.flatnonzero(np.isin(reads, (control.low, control.high))).tolist()} - {last}
-            ends |= {i: _deflected(own, poses[i], progress, known) for i in others}
-            first = end.steps[0] if len(end.steps) == 1 else None
-            found = [ends.get(i) or stepped(own, pose, len(end.steps), progress, first) for i, pose in enumerate(poses)]
+            ends |= {i: _deflect(own, poses[i], progress, known) for i in others}
+            steps, first = len(end.steps), end.steps[0] if len(end.steps) == 1 else None
+            found = [ends.get(i) or deflect_in_steps(own, pose, steps, progress, first) for i, pose in enumerate(poses)]
         else:
             found = _on_shared_centers(own, poses, end, progress)
         plain = [replace(one, exact=one.interpolated, repaired=None) for one in found]
@@ -190,11 +190,11 @@ def _on_shared_centers(
     If the end needs several steps, each has its own centres, and the poses have their own, too.
     """
     if len(end.steps) > 1:
-        return [end if pose == end.amounts else stepped(box, pose, len(end.steps), progress) for pose in poses]
+        return [end if pose == end.amounts else deflect_in_steps(box, pose, len(end.steps), progress) for pose in poses]
     step = end.steps[0]
     for pose in poses:
-        step = stepped(box, pose, 1, progress, step).steps[0]
-    found = [stepped(box, pose, 1, progress, step, held=True) for pose in poses]
+        step = deflect_in_steps(box, pose, 1, progress, step).steps[0]
+    found = [deflect_in_steps(box, pose, 1, progress, step, held=True) for pose in poses]
     grown = len(step.fits.interpolant.centers) > len(end.steps[0].fits.interpolant.centers)
     return found if grown else [end if pose == end.amounts else one for pose, one in zip(poses, found, strict=True)]
 
@@ -203,7 +203,7 @@ def _alone(box: BoxPlan, row: int, amount: float) -> Amounts:
     return tuple(amount if i == row else 0.0 for i in range(len(box.job.surfaces)))
 
 
-def _deflected(box: BoxPlan, pose: Amounts, progress: Progress, known: BoxDeflection | None) -> BoxDeflection:
+def _deflect(box: BoxPlan, pose: Amounts, progress: Progress, known: BoxDeflection | None) -> BoxDeflection:
     """Deflect a box in double precision, unless the deflection is known, with the same repair or none."""
     if not known or known.amounts != pose or not known.plan.precision.is_double:
         return deflect_box(box, pose, progress)

@@ -27,7 +27,7 @@ from sdm_deflect.deform.surface.motions import Moving
 from sdm_deflect.deform.surface.surface import Surface
 
 from .boundary import PrescribedNodes
-from .job import Amounts, Job, by_job, pose_of, poses_of, prepared
+from .job import Amounts, Job, by_job, pose_of, poses_of, prepare
 from .region import ON_FACE, BoxNodes, check_disjoint
 from .sites import Sites
 from .step import Start
@@ -67,7 +67,7 @@ class BoxPlan:
     def of(
         cls, mesh: Mesh, job: Job, poses: Sequence[Amounts], progress: Progress = silent, more: Sequence[Addition] = ()
     ) -> "BoxPlan":
-        """Plan a job for several poses in a mesh that is `prepared` for it; `more` are further additions.
+        """Plan a job for several poses in a mesh that `prepare` returned for it; `more` are further additions.
 
         Raises InputError if the job does not suit the mesh.
         """
@@ -237,7 +237,7 @@ class Plan:
         boxes overlap.
         """
         wanted = tuple(poses) or (pose_of(jobs),)
-        mesh, jobs = prepared(mesh, jobs)
+        mesh, jobs = prepare(mesh, jobs)
         boxes: list[BoxPlan] = []
         for job, own in zip(jobs, poses_of(jobs, wanted), strict=True):
             if job.image_of < 0:

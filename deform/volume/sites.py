@@ -19,7 +19,7 @@ from sdm_deflect.deform.mesh.edges import edges_of, median_edge, polygons_of
 from sdm_deflect.deform.mesh.images import PLANE_TOLERANCE
 from sdm_deflect.deform.mesh.sliding import Plane
 from sdm_deflect.deform.mesh.touched import LAYER_CHANGE, THICK_CHANGE, LayerEdges
-from sdm_deflect.deform.rbf.data_sites import DataSites, pinned
+from sdm_deflect.deform.rbf.data_sites import DataSites, fixed_sites
 from sdm_deflect.deform.rbf.fitting import KERNELS, Fitting
 from sdm_deflect.deform.rbf.kernels import Kernel, kernel_of
 
@@ -207,10 +207,10 @@ def _distinct(boundary: PrescribedNodes, fixed: IntArray, slid: IntArray) -> tup
         )
     is_first = first == np.arange(len(nodes))
     moving, at_rest, sliding = np.split(is_first, [len(boundary.nodes), len(move)])
-    return np.flatnonzero(moving), _sampled(at_rest), _sampled(sliding)
+    return np.flatnonzero(moving), _sample(at_rest), _sample(sliding)
 
 
-def _sampled(mask: BoolArray) -> IntArray:
+def _sample(mask: BoolArray) -> IntArray:
     """Return the rows of a mask; more than `MOST_FIXED` are thinned evenly."""
     rows = np.flatnonzero(mask)
     return rows[:: max(1, -(-len(rows) // MOST_FIXED))]
@@ -296,13 +296,13 @@ def _zero_sites(
             f"spacing = {spacing:.3g} leaves no site on the box that is half as far from the surface; lower it, or "
             f"enlarge the box ({boundary.job.box.settings})"
         )
-    sites = [pinned(faces, boundary.components)] if len(faces) else []
+    sites = [fixed_sites(faces, boundary.components)] if len(faces) else []
     known = np.vstack([known, faces])
     for section in boundary.job.sections:
         polygon = region.hexahedron.section(section.point, np.eye(3)[section.component])
         on_block = zero_sites(polygon_sites(polygon, spacing), known, spacing)
         if len(on_block):
-            sites.append(pinned(on_block, (section.component,) if section.slides else (0, 1, 2)))
+            sites.append(fixed_sites(on_block, (section.component,) if section.slides else (0, 1, 2)))
     return tuple(sites)
 
 

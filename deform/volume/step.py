@@ -122,14 +122,14 @@ def _passed(
         u = Confined.fit(sites, start.surface, start.how, earlier, progress)
     u(start.points[:1])  # loads compiled code, which is not counted as evaluation time
     begin = perf_counter()
-    to = evaluated(u.interpolant, start.points[start.free], runner) if last else u(nodes[-start.bound :])
+    to = evaluate(u.interpolant, start.points[start.free], runner) if last else u(nodes[-start.bound :])
     seconds = perf_counter() - begin
     for one in start.acting:
         to = one.corrected(to, known, last)
     return u, to, seconds
 
 
-def evaluated(interpolant: Interpolant, points: FloatArray, runner: Runner) -> FloatArray:
+def evaluate(interpolant: Interpolant, points: FloatArray, runner: Runner) -> FloatArray:
     """Evaluate at points (M, 3); the bits do not depend on how the points are divided."""
     if runner.shares_memory or len(points) * len(interpolant.centers) < threads.LIMITS.sent_pairs:
         return interpolant(points)

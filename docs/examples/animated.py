@@ -19,7 +19,7 @@ from PIL import Image
 
 import sdm_deflect as sdm
 from sdm_deflect.cases.aircraft.job import plan_of
-from sdm_deflect.cases.aircraft.pipeline import meshed
+from sdm_deflect.cases.aircraft.pipeline import mesh_of_case
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.volume.deflection import deflect
@@ -55,7 +55,7 @@ def shares(period: int = PERIOD) -> list[float]:
 def aircraft(parts: Sequence[float]) -> Iterator[Any]:
     """Yield the aircraft with all control surfaces at each share of their angle; they reuse the first one's centres."""
     case = replace(case_named("all"), angle=AIRCRAFT)
-    mesh = meshed(case, Stopwatch())[0]
+    mesh = mesh_of_case(case, Stopwatch())[0]
     plan = plan_of(case, mesh, [AIRCRAFT * part for part in parts])
     known = deflect(plan)
     orientation = plan.touched.orientation

@@ -29,7 +29,7 @@ class Accepted(NamedTuple):
     with_points: Callable[[FloatArray], Any]
 
 
-def accepted(mesh: Any) -> Accepted:
+def accept(mesh: Any) -> Accepted:
     """Take a Mesh, a meshio or pyvista mesh, or arrays (points, {patch: nodes}).
 
     meshio: patches are cell sets, or physical groups of Gmsh. pyvista: an unstructured grid whose faces carry the
@@ -38,20 +38,20 @@ def accepted(mesh: Any) -> Accepted:
     Raises InputError for anything else, and for meshes without a patch.
     """
     if isinstance(mesh, Mesh):
-        return Accepted(_checked(mesh), mesh.with_points)
+        return Accepted(_check(mesh), mesh.with_points)
     if isinstance(mesh, tuple) and len(mesh) == 2 and isinstance(mesh[1], Mapping):
-        return Accepted(_checked(_of_arrays(*mesh)), lambda points: (points, mesh[1]))
+        return Accepted(_check(_of_arrays(*mesh)), lambda points: (points, mesh[1]))
     library = type(mesh).__module__.split(".")[0]
     if library in ADAPTERS:
         flow, with_points = ADAPTERS[library](mesh)
-        return Accepted(_checked(replace(flow, name=f"{library} mesh")), with_points)
+        return Accepted(_check(replace(flow, name=f"{library} mesh")), with_points)
     raise InputError(
         f"an object of type {type(mesh).__name__} is no mesh: give what read returns, a meshio or pyvista mesh, "
         "or (points, {patch: node indices})"
     )
 
 
-def _checked(mesh: Mesh) -> Mesh:
+def _check(mesh: Mesh) -> Mesh:
     if not mesh.patches:
         raise InputError(f"{mesh.name} has no named patch, so no surface to move")
     return mesh

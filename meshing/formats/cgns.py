@@ -135,14 +135,14 @@ class Cgns(Format):
     """
 
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
-        with about(path), _opened(path) as file:
+        with about(path), _open(path) as file:
             return read_base(file, partial(progress, f"reading {path.name}")).mesh
 
     for_workers = "CGNS files in HDF5 of one unstructured zone"
     zoned = True
 
     def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshInPieces | None:
-        with about(path), _opened(path) as file:
+        with about(path), _open(path) as file:
             return in_pieces(path.resolve(), file)
 
     def finer(self, out: Path, mesh: Mesh) -> str:
@@ -151,13 +151,13 @@ class Cgns(Format):
     def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
         if source is None:
             return DOUBLE
-        with about(source), _opened(source) as file:
+        with about(source), _open(source) as file:
             base = base_of(file)
             return fewest_bits(axis.dtype for name in base.zones for axis in coordinate_data(base, name))
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
         """See `Format.rewrite`; only numbers in CoordinateX, CoordinateY and CoordinateZ change."""
-        with about(source), _opened(source) as file:
+        with about(source), _open(source) as file:
             base = base_of(file)
             stored = [coordinate_data(base, name) for name in base.zones]
             index = first = np.arange(sum(prod(size) for size in base.sizes.values()))
@@ -215,7 +215,7 @@ def _file_to_write(path: Path) -> Iterator[Any]:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Any]:
+def _open(path: Path) -> Iterator[Any]:
     if not h5py.is_hdf5(path):
         with path.open("rb") as file:
             old = ADF in file.read(32)

@@ -15,10 +15,10 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.mesh.cells import Cells, Constraint, Patch
 
-from .cgns_boundary import Border, Fault, check_range, constraint, location, named_conditions, placed, tolerated
+from .cgns_boundary import Border, Fault, check_range, constraint, location, named_conditions, place_of, tolerated
 from .cgns_nodes import check_taken, child, integers
 from .format import MeshFileError
-from .zones import agreed
+from .zones import common_constraints
 
 Size = tuple[int, ...]
 Indices = Sequence[int] | IntArray
@@ -111,12 +111,12 @@ def block_border(base: Any, zone: Any, size: Size, left_handed: bool) -> tuple[B
         for (axis, at), mask in free.items()
         if len(rows := np.flatnonzero(mask))
     ]
-    kinds = agreed(held)
+    kinds = common_constraints(held)
     patches = [Patch(name, tuple(own), constraint=kinds[name]) for name, own in found.items()]
     return Border(patches, frozenset(families), faults), rest
 
 
-def collapsed(points: FloatArray, size: Size) -> IntArray:
+def equal_neighbours(points: FloatArray, size: Size) -> IntArray:
     """Return pairs (K, 2) of the block's points (N, 3) that are neighbours on a side, and at the same place."""
     grid = np.arange(len(points)).reshape(size, order="F")
     pairs = [np.empty((0, 2), dtype=np.intp)]
@@ -183,7 +183,7 @@ def bounds(node: Any, place: str, size: Size) -> tuple[list[int], list[int]]:
 
 
 def _planes(node: Any, size: Size) -> Iterator[BlockFace]:
-    place, where = placed(node), location(node)
+    place, where = place_of(node), location(node)
     if place.startswith("Element"):
         raise MeshFileError("it does not say where it is on the block")
     if where == "EdgeCenter" and len(wide(size)) > 2:

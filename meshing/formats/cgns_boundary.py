@@ -15,7 +15,7 @@ from sdm_deflect.deform.mesh.mesh import ABSENT
 from .cgns_nodes import child, children, has, integers, text
 from .format import MeshFileError
 from .shapes import all_of, chosen
-from .zones import agreed
+from .zones import common_constraints
 
 ON_FACES = ("FaceCenter", "CellCenter")
 """Gmsh and older writers say CellCenter where they mean the boundary's faces."""
@@ -88,7 +88,7 @@ def zone_border(base: Any, zone: Any, faces: Sequence[NumberedFaces], last: int,
     faults: list[Fault] = []
     found = _conditions(base, zone, faults, (last, points, dimension))
     free = [np.ones(len(part.numbers), dtype=np.bool_) for part in faces]
-    held = agreed((condition.patch, condition.constraint) for condition in found)
+    held = common_constraints((condition.patch, condition.constraint) for condition in found)
     named = _by_patch(found, faces, last, free, faults)
     for part, left in zip(faces, free, strict=True):
         if left.any() and (section := part.section or (UNNAMED if part.outer and faults else None)):
@@ -122,7 +122,7 @@ def _conditions(base: Any, zone: Any, faults: list[Fault], sizes: tuple[int, int
     found: list[BoundaryCondition] = []
     for name, node, patch, of_family in named_conditions(base, zone, faults, always=False):
         with tolerated(faults, name, patch, of_family):
-            by_points, numbers = _numbers(node, placed(node), location(node), *sizes)
+            by_points, numbers = _numbers(node, place_of(node), location(node), *sizes)
             if len(numbers):
                 held_by = constraint(base, node)
                 found.append(BoundaryCondition(name, patch, of_family, by_points, np.unique(numbers), held_by))
@@ -148,7 +148,7 @@ def tolerated(faults: list[Fault], name: str, patch: str, of_family: bool = Fals
         faults.append(Fault(patch, of_family, f"boundary condition {name}: {error}"))
 
 
-def placed(node: Any) -> str:
+def place_of(node: Any) -> str:
     """Return which of `PLACES` says where a boundary condition is; MeshFileError if none does."""
     for place in PLACES:
         if has(node, place):
@@ -169,7 +169,7 @@ def without(patches: Sequence[Patch], absent: Container[str]) -> tuple[Patch, ..
     named = [replace(one, name=PART.format(one.name)) if one.name in absent else one for one in patches]
     for patch in named:
         faces.setdefault(patch.name, []).extend(patch.faces)
-    held = agreed((patch.name, patch.constraint) for patch in named)
+    held = common_constraints((patch.name, patch.constraint) for patch in named)
     return tuple(Patch(name, tuple(own), constraint=held[name]) for name, own in faces.items())
 
 

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, IntArray
-from sdm_deflect.deform.mesh.cells import CORNERS, PLANE, VOLUMES, Cells, Polygons, Polyhedra, taken
+from sdm_deflect.deform.mesh.cells import CORNERS, PLANE, VOLUMES, Cells, Polygons, Polyhedra, take_faces
 
 from .cgns_nodes import child, children, has, integers
 from .format import MeshFileError
-from .shapes import mirrored, places, polygons, turned
+from .shapes import mirror_nodes, places, polygons, turn_faces
 
 SHAPES = {3: "line", 5: "triangle", 7: "quad", 10: "tetra", 12: "pyramid", 14: "wedge", 17: "hexahedron"}
 POINT = 2
@@ -147,7 +147,7 @@ def _block(
         )
     nodes -= 1
     shape = SHAPES[kind]
-    own = Cells(shape, mirrored(shape, nodes) if shape == "wedge" else nodes)
+    own = Cells(shape, mirror_nodes(shape, nodes) if shape == "wedge" else nodes)
     return own, np.arange(section.first, section.last + 1)[rows]
 
 
@@ -169,7 +169,7 @@ def read_polyhedra(found: Sequence[ElementSection], points: int) -> tuple[Polyhe
         raise MeshFileError(f"{unused} of {len(owner)} faces are of no cell")
     inner, outer = np.flatnonzero(neighbour >= 0), np.flatnonzero(neighbour < 0)
     order = np.concatenate([inner, outer])
-    return Polyhedra(taken(turned(faces, inward), order), owner[order], neighbour[inner]), numbers[order]
+    return Polyhedra(take_faces(turn_faces(faces, inward), order), owner[order], neighbour[inner]), numbers[order]
 
 
 def _faces(surfaces: Sequence[ElementSection], points: int) -> Polygons:

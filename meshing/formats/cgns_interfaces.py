@@ -26,7 +26,7 @@ from .cgns_boundary import Fault, NumberedFaces, location
 from .cgns_nodes import Integer, check_taken, child, children, create, has, integers, label_of, reals, text
 from .format import MeshFileError
 from .shapes import places
-from .zones import written_pairs
+from .zones import pairs_to_write
 
 PROPERTY, PERIODIC = "GridConnectivityProperty_t", "Periodic_t"
 VECTORS = ("RotationCenter", "RotationAngle", "Translation")
@@ -63,7 +63,7 @@ def images(
 
 def write_pairs(zone: Any, name: str, mesh: Mesh, kind: Integer, axes: int) -> None:
     """Write the periodic pairs of a zone with so many coordinates, each from either side."""
-    pairs = written_pairs(mesh)
+    pairs = pairs_to_write(mesh)
     group = create(zone, "ZoneGridConnectivity", "ZoneGridConnectivity_t") if pairs else None
     for i, pair in enumerate(pairs, 1):
         turn, shift = pair.rotation.T, -pair.shift @ pair.rotation

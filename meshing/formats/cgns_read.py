@@ -15,15 +15,15 @@ from sdm_deflect.deform.base.errors import short_list
 from sdm_deflect.deform.mesh.cells import Cells, Polyhedra
 from sdm_deflect.deform.mesh.mesh import Mesh, Warned
 
-from .cgns_blocks import Size, block_border, cells, collapsed, no_cells, size_of, wide
+from .cgns_blocks import Size, block_border, cells, equal_neighbours, no_cells, size_of, wide
 from .cgns_boundary import PART, Fault, NumberedFaces, notes_of, without, zone_border
 from .cgns_elements import NFACE, NGON, ElementSection, blocks, read_polyhedra, sections
 from .cgns_interfaces import Interface, interfaces, meeting, pairs, periodic_pairs
 from .cgns_nodes import AXES, child, children, data, has, integers, text
-from .fitted import Fitted, ZoneMesh, fitted, simple
+from .fitted import Fitted, ZoneMesh, fit_zones, simple
 from .format import MeshFileError
 from .hdf5 import is_real
-from .shapes import all_of, check_faces, chosen, oriented
+from .shapes import all_of, check_faces, chosen, orient
 from .zones import Listed, with_pairs
 
 DIMENSIONS = (3, 3), (2, 2), (2, 3)
@@ -83,7 +83,7 @@ def read_base(file: Any, report: Callable[[float], None]) -> Fitted:
         report(i / len(base.zones))
         with _about(name):
             zones.append(_zone(base, name))
-    together = _put_together(_without_absent(zones))
+    together = _join_zones(_without_absent(zones))
     notes = notes_of({zone.part.name: zone.faults for zone in zones})
     notes = (*notes, *coordinates_beside(file, base))
     if base.dimension < len(base.axes) and base.axes != AXES:
@@ -211,7 +211,7 @@ def _without_absent(zones: Sequence[_CgnsZone]) -> list[_CgnsZone]:
     return kept
 
 
-def _put_together(zones: Sequence[_CgnsZone]) -> Fitted:
+def _join_zones(zones: Sequence[_CgnsZone]) -> Fitted:
     """Join the zones at their interfaces, and blocks where faces without a condition are at the same places.
 
     Points that are images of one another become periodic pairs.
@@ -224,7 +224,7 @@ def _put_together(zones: Sequence[_CgnsZone]) -> Fitted:
         met = meeting(np.concatenate([zone.part.mesh.points for zone in zones]), np.concatenate(free))
         joints.same.append(met)
         joints.touching.extend(np.unique(np.searchsorted(starts, met, side="right") - 1, axis=0).tolist())
-    together = fitted(parts, joints.touching, [rows for rows in joints.same if len(rows)])
+    together = fit_zones(parts, joints.touching, [rows for rows in joints.same if len(rows)])
     if not (joints.listed or joints.notes):
         return together
     pairs_of_mesh = ((name, together.index[rows]) for name, rows in joints.listed)
@@ -290,13 +290,13 @@ def _zone(base: Base, name: str) -> _CgnsZone:
 def _block(base: Base, name: str, points: FloatArray) -> _CgnsZone:
     zone, size = base.zones[name], base.sizes[name]
     block = cells(size)
-    turned = oriented(points, block)
+    turned = orient(points, block)
     left_handed = bool(2 * np.count_nonzero(turned.nodes[:, 1] != block.nodes[:, 1]) > len(block))
     border, rest = block_border(base.node, zone, size, left_handed)
     part = ZoneMesh(name, Mesh(points, (turned,), without([*border.patches, *rest], ())), border.families, block=True)
     free = [faces.nodes for patch in rest for faces in patch.faces]
     joints, faults = interfaces(zone, name, base.sizes, ())
-    same = collapsed(points, size)
+    same = equal_neighbours(points, size)
     return _CgnsZone(part, joints, same, np.concatenate(free) if free else NONE, [*border.faults, *faults])
 
 
@@ -326,7 +326,7 @@ def _shaped(
             if len(numbers):
                 faces.append(NumberedFaces(section.name, block, numbers))
             else:
-                cells.append(oriented(points, block))
+                cells.append(orient(points, block))
     return tuple(cells), faces
 
 

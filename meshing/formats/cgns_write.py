@@ -16,8 +16,8 @@ from .cgns_elements import NFACE, NGON, SHAPES
 from .cgns_interfaces import write_pairs
 from .cgns_nodes import AXES, Integer, create, create_sized, describe, node_names
 from .format import MeshFileError
-from .shapes import mirrored, places, polygons, simple_faces
-from .zones import part, unwritten, written_pairs
+from .shapes import mirror_nodes, places, polygons, simple_faces
+from .zones import pairs_to_write, part, unwritten
 
 VERSION = 3.4
 """The oldest CGNS with offsets of mixed elements and of faces, which every later library reads."""
@@ -50,7 +50,7 @@ def write_base(file: Any, mesh: Mesh, report: Callable[[float], None]) -> tuple[
     lost, held = [], set[str]()
     for i, (zone, zone_name) in enumerate(zip(mesh.zones, zones, strict=True)):
         own = part(mesh, zone)
-        held |= {pair.name for pair in written_pairs(own)}
+        held |= {pair.name for pair in pairs_to_write(own)}
         fresh = [patch.name for patch in own.patches if patch.name not in families]
         families |= dict(zip(fresh, node_names(fresh, (*zones, *families.values())), strict=True))
         constraints |= {patch.name: patch.constraint for patch in own.patches}
@@ -184,7 +184,7 @@ def _write_block(zone: Any, name: str, block: Cells, first: int, kind: Integer) 
     width = block.nodes.shape[1]
     for start in range(0, len(block), ROWS):
         nodes = block.nodes[start : start + ROWS]
-        nodes = mirrored("wedge", nodes) if block.shape == "wedge" else nodes
+        nodes = mirror_nodes("wedge", nodes) if block.shape == "wedge" else nodes
         out[start * width : start * width + nodes.size] = (nodes + 1).astype(kind).ravel()
 
 

@@ -19,7 +19,7 @@ from sdm_deflect.deform.mesh.faces import cell_face_keys, face_keys, node_keys
 from sdm_deflect.deform.mesh.mesh import Mesh
 
 from .shapes import chosen, places
-from .zones import agreed, renumbered
+from .zones import common_constraints, renumber
 
 Block = TypeVar("Block", Cells | Polygons, Cells | Polyhedra)
 CORNERS = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)])
@@ -52,7 +52,7 @@ def _turns() -> IntArray:
 TURNS = _turns()
 
 
-def expanded(block: Cells) -> Iterator[Cells]:
+def true_shapes(block: Cells) -> Iterator[Cells]:
     """Yield hexahedra or quads as blocks of their true shapes; those with distinct corners come first.
 
     Hexahedra of seven distinct corners stay; quads of two or one are left out.
@@ -72,7 +72,7 @@ def expanded(block: Cells) -> Iterator[Cells]:
 def simple(blocks: Iterable[Block]) -> Iterator[Block | Cells]:
     """Yield blocks of cells or faces, those with repeated corners as the shapes that they are."""
     for block in blocks:
-        yield from expanded(block) if isinstance(block, Cells) else (block,)
+        yield from true_shapes(block) if isinstance(block, Cells) else (block,)
 
 
 def _quads(nodes: IntArray, distinct: IntArray) -> Iterator[Cells]:
@@ -132,7 +132,7 @@ class Fitted:
     first: IntArray = field(repr=False)
 
 
-def fitted(parts: Sequence[ZoneMesh], touching: Iterable[tuple[int, int]], same: Sequence[IntArray]) -> Fitted:
+def fit_zones(parts: Sequence[ZoneMesh], touching: Iterable[tuple[int, int]], same: Sequence[IntArray]) -> Fitted:
     """Put zones together, those that touch beside one another in the order of the first of them.
 
     Cells and faces of blocks become what they are where some of their corners are one point. A patch keeps its name
@@ -212,10 +212,10 @@ def _zone(parts: Sequence[ZoneMesh], numbers: Sequence[IntArray], begin: int) ->
 
 
 def _cells(parts: Sequence[ZoneMesh], numbers: Sequence[IntArray]) -> tuple[Volume, ...]:
-    found = [renumbered(block, own) for part, own in zip(parts, numbers, strict=True) for block in part.mesh.cells]
+    found = [renumber(block, own) for part, own in zip(parts, numbers, strict=True) for block in part.mesh.cells]
     if len(parts) == 1 and not parts[0].block:
         return tuple(found)
-    simple = [some for block in found if isinstance(block, Cells) for some in expanded(block)]
+    simple = [some for block in found if isinstance(block, Cells) for some in true_shapes(block)]
     return (*_by_shape(simple), *(block for block in found if isinstance(block, Polyhedra)))
 
 
@@ -234,7 +234,7 @@ def _patches(parts: Sequence[ZoneMesh], numbers: Sequence[IntArray], common: Set
             name = f"{parts[0].name}/{name}" if name in common else name
             kinds.append((name, patch.constraint))
             found.setdefault(name, []).extend(_without_collapsed(patch, index))
-    held = agreed(kinds)
+    held = common_constraints(kinds)
     if len(parts) == 1 and not parts[0].block:
         return [Patch(name, tuple(own), constraint=held[name]) for name, own in found.items()]
     patches = [Patch(name, _sorted_faces(own), constraint=held[name]) for name, own in found.items()]
@@ -243,8 +243,8 @@ def _patches(parts: Sequence[ZoneMesh], numbers: Sequence[IntArray], common: Set
 
 def _without_collapsed(patch: Patch, index: IntArray) -> Iterator[Faces]:
     """Yield the faces with their new points; a face whose points became one is of a simpler shape."""
-    for faces in (renumbered(faces, index) for faces in patch.faces):
-        yield from expanded(faces) if isinstance(faces, Cells) else (faces,)
+    for faces in (renumber(faces, index) for faces in patch.faces):
+        yield from true_shapes(faces) if isinstance(faces, Cells) else (faces,)
 
 
 def _separate_names(parts: Sequence[ZoneMesh]) -> set[str]:

@@ -15,17 +15,17 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import Progress, silent
-from sdm_deflect.deform.mesh.cells import Cells, Patch, Periodic, Polygons, Polyhedra, taken
+from sdm_deflect.deform.mesh.cells import Cells, Patch, Periodic, Polygons, Polyhedra, take_faces
 from sdm_deflect.deform.mesh.images import PeriodicPatches, pair_of
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.polyhedra import face_centres_and_areas
 
 from .format import MeshFileError, about, check_points, fewest_bits
-from .hdf5 import Replaced, dataset, integers, member, number, opened, spans
+from .hdf5 import Replaced, dataset, integers, member, number, open_hdf5, spans
 from .known import registered
 from .layout import Format
 from .polyhedra import check_cells, faces_by_cell
-from .shapes import oriented, polygons, turned
+from .shapes import orient, polygons, turn_faces
 
 MESH = "meshes/1"
 INTERIOR = 2
@@ -56,11 +56,11 @@ class Fluent(Format):
     """
 
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
-        with about(path), opened(path, KIND) as file:
+        with about(path), open_hdf5(path, KIND) as file:
             return read_mesh(_group(file), partial(progress, f"reading {path.name}"))
 
     def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
-        with about(source or out), opened(source or out, KIND) as file:
+        with about(source or out), open_hdf5(source or out, KIND) as file:
             return fewest_bits(section.node.dtype for section in coordinates(_group(file)))
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
@@ -68,7 +68,7 @@ class Fluent(Format):
 
         Where they are packed, HDF5 packs them anew, and may put them elsewhere in the file.
         """
-        with about(source), opened(source, KIND) as file:
+        with about(source), open_hdf5(source, KIND) as file:
             stored = coordinates(_group(file))
             check_points(points, sum(map(len, stored)))
             values = [points[section.first - 1 : section.last, : section.node.shape[1]] for section in stored]
@@ -134,7 +134,7 @@ def read_mesh(mesh: Any, report: Callable[[float], None]) -> Mesh:
     for name, parts in by_name.items():
         own = np.concatenate(parts)
         if (own >= 0).any():
-            kept = taken(cells.faces, own[own >= 0])
+            kept = take_faces(cells.faces, own[own >= 0])
             patches.append(Patch(name, (Cells("line", kept.nodes.reshape(-1, 2)) if plane else kept,)))
     found = Mesh(points, plane_cells(points, cells) if plane else (cells,), tuple(patches))
     return _with_pairs(found, zones)
@@ -220,13 +220,13 @@ def _cells_within(points: FloatArray, faces: Polygons, c0: IntArray, c1: IntArra
     rows = np.concatenate([inner, outer])
     if not len(rows):
         raise MeshFileError("there are no volume cells")
-    own = taken(faces, rows)
+    own = take_faces(faces, rows)
     if len(own.nodes) and (own.nodes.min() < 0 or own.nodes.max() >= len(points)):
         raise MeshFileError(f"faces name nodes that are not among the {len(points)} (1 to {len(points)})")
     plane = len(faces.nodes) == 2 * len(faces)
-    own = turned(own, (c0 > 0)[rows] != plane)
+    own = turn_faces(own, (c0 > 0)[rows] != plane)
     if _volume(points, own.rows(len(inner), len(rows)), plane) < 0.0:
-        own = turned(own, np.ones(len(rows), dtype=np.bool_))
+        own = turn_faces(own, np.ones(len(rows), dtype=np.bool_))
     cells = Polyhedra(own, np.where(c0 > 0, c0, c1)[rows] - 1, c1[inner] - 1)
     check_cells(cells, 3 if plane else 4)
     return cells, rows
@@ -262,7 +262,7 @@ def plane_cells(points: FloatArray, cells: Polyhedra) -> tuple[Cells, ...]:
         if torn := np.count_nonzero((np.sort(corners, axis=1) != np.sort(edges[:, :, 0], axis=1)).any(axis=1)):
             raise MeshFileError(f"the lines of {torn} plane cells do not close; the file is damaged")
         if len(corners):
-            blocks.append(oriented(points, Cells(shape, corners)))
+            blocks.append(orient(points, Cells(shape, corners)))
     return tuple(blocks)
 
 

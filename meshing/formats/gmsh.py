@@ -27,10 +27,10 @@ from .known import registered
 from .layout import Format
 from .numbers import NumberLines, Placed, copy_text
 from .polyhedra import standard_cells
-from .shapes import mirrored, simple_faces
+from .shapes import mirror_nodes, simple_faces
 from .table_pieces import CellTable, PointRange, TablePieces
 from .tables import FileTable, Held, Joined
-from .zones import Listed, pairs_of, unwritten, written_pairs
+from .zones import Listed, pairs_of, pairs_to_write, unwritten
 
 CORNERS = {15: 1, 1: 2, 2: 3, 3: 4, 4: 4, 5: 8, 6: 6, 7: 5}
 """Number of nodes of each type of element: point, line, triangle, quad, tetrahedron, hexahedron, prism, pyramid."""
@@ -329,7 +329,7 @@ def write_mesh(mesh: Mesh, out: Path) -> tuple[str, ...]:
     dimension = 2 if mesh.plane else 3
     fields = {name: np.array([tag, dimension - 1]) for tag, name in enumerate(names, 1)}
     fields[fitting_names([VOLUME], '"', names)[VOLUME]] = np.array([len(names) + 1, dimension])
-    links = written_pairs(mesh)
+    links = pairs_to_write(mesh)
     whole = meshio.Mesh(
         mesh.points,
         [(block.shape, _in_gmsh_order(block)) for block, _ in tagged],
@@ -356,7 +356,7 @@ def _with_tags(mesh: Mesh) -> list[tuple[Cells, int]]:
 
 def _in_gmsh_order(block: Cells) -> IntArray:
     """Return the nodes (M, k) in the order of Gmsh, whose prisms are mirrored."""
-    return mirrored("wedge", block.nodes) if block.shape == "wedge" else block.nodes
+    return mirror_nodes("wedge", block.nodes) if block.shape == "wedge" else block.nodes
 
 
 def _link(mesh: Mesh, pair: Periodic) -> tuple[int, tuple[int, int], FloatArray, IntArray]:

@@ -168,16 +168,16 @@ class GmshFile:
 
 @contextmanager
 def gmsh_file(path: Path) -> Iterator[GmshFile]:
-    """Memory-map a file; errors as of `opened`."""
+    """Memory-map a file; errors as of `open_gmsh`."""
     with path.open("rb") as file:
         if not os.fstat(file.fileno()).st_size:
-            yield opened(path, b"")
+            yield open_gmsh(path, b"")
             return
         with mmap(file.fileno(), 0, access=ACCESS_READ) as data:
-            yield opened(path.resolve(), data)
+            yield open_gmsh(path.resolve(), data)
 
 
-def opened(path: Path, data: bytes | mmap) -> GmshFile:
+def open_gmsh(path: Path, data: bytes | mmap) -> GmshFile:
     """Find the sections of a file; MeshFileError if it is not of Gmsh, of a version that is not read, or truncated."""
     if not NAME.match(data):
         if data[:HEAD].lstrip()[:1] == b"(":

@@ -63,7 +63,7 @@ def is_real(stored: Any) -> bool:
 
 
 @contextmanager
-def opened(path: Path, kind: str) -> Iterator[Any]:
+def open_hdf5(path: Path, kind: str) -> Iterator[Any]:
     """Open a file to read; MeshFileError if it is no HDF5, and for whatever of its damage comes up."""
     with path.open("rb"):  # the system's own words where it cannot be read
         pass

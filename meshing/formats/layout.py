@@ -15,9 +15,9 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.deform.mesh.precision import DOUBLE
 
-from .fitted import expanded, simple
+from .fitted import simple, true_shapes
 from .format import about, check_points, fewest_bits, only_rewritten
-from .shapes import check_faces, oriented
+from .shapes import check_faces, orient
 from .table_pieces import ROWS, TablePieces
 
 
@@ -178,8 +178,8 @@ def whole(mesh: MeshInPieces, report: Callable[[float], None]) -> Mesh:
         pieces.coordinates_into(points[start : start + ROWS], start)
         passed(len(points[start : start + ROWS]))
     for table in pieces.cells:
-        for cells in expanded(Cells(table.shape, table.everything(len(points), passed))):
-            blocks.append(oriented(points, cells) if cells.shape in PLANE else cells)
+        for cells in true_shapes(Cells(table.shape, table.everything(len(points), passed))):
+            blocks.append(orient(points, cells) if cells.shape in PLANE else cells)
     patches = tuple(replace(patch, faces=tuple(simple(patch.faces))) for patch in mesh.patches)
     found = Mesh(points, tuple(blocks), patches, mesh.zones, notes=mesh.notes, periodic=mesh.periodic)
     check_faces(found)

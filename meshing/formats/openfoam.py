@@ -25,19 +25,19 @@ from .format import about, fewest_bits, fitting_names
 from .known import registered
 from .layout import Format
 from .openfoam_case import (
-    case_copied,
     case_folder,
+    copy_case,
     mesh_folder,
     meshes_beside,
     move_points,
     pairs_of,
     patches_of,
     points_folder,
-    stored,
+    read_foam,
 )
-from .openfoam_files import HEAD, MESH, FoamPatch, faces, headed, labels, parse, vectors
+from .openfoam_files import HEAD, MESH, FoamPatch, faces, labels, parse, read_header, vectors
 from .openfoam_pieces import in_pieces
-from .polyhedra import Bounded, bounded, check_cells
+from .polyhedra import Bounded, check_cells, polyhedral_cells
 from .shapes import refuse_plane
 from .zones import unwritten
 
@@ -73,12 +73,12 @@ def header(kind: str, name: str, folder: str = MESH.as_posix(), form: str = "asc
 
 
 def write_mesh(mesh: Mesh, folder: Path, types: Mapping[str, str] | None = None) -> tuple[str, ...]:
-    """Write points, faces, owner, neighbour (binary), boundary (text); return what is lost; errors as of `bounded`.
+    """Write points, faces, owner, neighbour (binary), boundary (text); return what is lost; errors: `polyhedral_cells`.
 
     The sides of a case one cell thick are what they were; other patches have the `types` given by their names, or that
     of `kind_of`.
     """
-    whole = bounded(mesh)
+    whole = polyhedral_cells(mesh)
     cells = whole.cells
     note = (
         f"nPoints:{len(mesh.points)}  nCells:{len(cells)}  nFaces:{len(cells.faces)}  "
@@ -102,7 +102,7 @@ def _patches(mesh: Mesh, whole: Bounded, types: Mapping[str, str]) -> tuple[list
     patches = []
     for name, start, count in whole.patches:
         own = whole.cells.faces.rows(start, start + count).nodes
-        kind = kind_of(name, is_planar(mesh.points[own]), sides_reached(mesh.points, own) > 0)
+        kind = kind_of(name, is_planar(mesh.points[own]), count_sides(mesh.points, own) > 0)
         patches.append(FoamPatch(names[name], thin.get(name, types.get(name, kind)), count, start))
     return patches, [f"patch {old} is called {new}" for old, new in names.items() if old != new]
 
@@ -140,12 +140,12 @@ def boundary_text(patches: Sequence[FoamPatch]) -> str:
     return "\n".join([*lines, ")", ""])
 
 
-def sides_reached(points: FloatArray, nodes: IntArray) -> int:
+def count_sides(points: FloatArray, nodes: IntArray) -> int:
     """Count the sides of the bounding box of points (N, 3) that nodes (K,) lie on, of a plane mesh at most four."""
-    return int(reached(points, nodes).sum()) if len(nodes) else 0
+    return int(touches_sides(points, nodes).sum()) if len(nodes) else 0
 
 
-def reached(points: FloatArray, nodes: IntArray) -> BoolArray:
+def touches_sides(points: FloatArray, nodes: IntArray) -> BoolArray:
     """Return whether some nodes reach the low and the high side (2, 3), for each axis with an extent."""
     low, high, own = points.min(axis=0), points.max(axis=0), points[nodes]
     near = FLAT * (high - low).max()
@@ -217,12 +217,12 @@ class OpenFoam(Format):
 
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
         folder = mesh_folder(path)
-        points = stored(folder, "points", vectors).values
+        points = read_foam(folder, "points", vectors).values
         progress("reading faces", 0.3)
-        polygons, owner = stored(folder, "faces", faces), stored(folder, "owner", labels)
-        neighbour = stored(folder, "neighbour", labels)[: len(owner)]
+        polygons, owner = read_foam(folder, "faces", faces), read_foam(folder, "owner", labels)
+        neighbour = read_foam(folder, "neighbour", labels)[: len(owner)]
         progress("reading patches", 0.8)
-        patches = stored(folder, "boundary", lambda file: parse(file.text()))
+        patches = read_foam(folder, "boundary", lambda file: parse(file.text()))
         with about(folder):
             cells = Polyhedra(polygons, owner, neighbour[neighbour >= 0])
             check_cells(cells)
@@ -235,17 +235,17 @@ class OpenFoam(Format):
             return DOUBLE
         plain = points_folder(source) / "points"
         with about(plain), plain.open("rb") if plain.is_file() else gzip.open(f"{plain}.gz") as file:
-            head = headed(file.read(HEAD), plain.name, HEAD)
+            head = read_header(file.read(HEAD), plain.name, HEAD)
         return fewest_bits([head.kind("scalar")] if head.binary else [])
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
         """See `Format.rewrite`; `out` is a copy of the case (of the folder ``polyMesh`` if `source` is one)."""
-        with case_copied(source, out, progress) as mesh:
+        with copy_case(source, out, progress) as mesh:
             move_points(mesh_folder(source), mesh, points)
 
     def points(self, path: Path, progress: Progress = silent) -> tuple[FloatArray, tuple[Zone, ...]]:
         """See `Format.points`; `path` may be a part of a decomposed case."""
-        return stored(points_folder(path), "points", vectors).values, ()
+        return read_foam(points_folder(path), "points", vectors).values, ()
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """See `Format.write`; types of patches follow from their names, the case can be read by checkMesh.

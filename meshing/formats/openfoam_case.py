@@ -23,7 +23,7 @@ from sdm_deflect.deform.base.arrays import FloatArray, IntArray, distinct, union
 from sdm_deflect.deform.base.errors import InputError, short_list
 from sdm_deflect.deform.base.threads import Progress
 from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.cells import Constraint, Patch, Periodic, Polygons, taken
+from sdm_deflect.deform.mesh.cells import Constraint, Patch, Periodic, Polygons, take_faces
 from sdm_deflect.deform.mesh.edges import polygons_of
 from sdm_deflect.deform.mesh.images import (
     RigidMotion,
@@ -226,7 +226,7 @@ def _flat_sides(faces: Polygons, places: Places) -> Sides | None:
     near = NEAR * float(np.ptp(points, axis=0).max())
     for axis in np.argsort(np.ptp(points, axis=0)).tolist():
         low = points[faces.offsets[:-1], axis] < 0.5 * (points[:, axis].min() + points[:, axis].max())
-        one, other = taken(faces, np.flatnonzero(low)), taken(faces, np.flatnonzero(~low))
+        one, other = take_faces(faces, np.flatnonzero(low)), take_faces(faces, np.flatnonzero(~low))
         heights = [places(union(side.nodes))[:, axis] for side in (one, other)]
         if len(heights[0]) == len(heights[1]) and max(map(np.ptp, heights)) <= near:
             shift = np.zeros(3)
@@ -257,7 +257,7 @@ def _wedge_sides(one: Polygons, other: Polygons, places: Places) -> Sides | None
 
 
 @contextmanager
-def case_copied(source: Path, out: Path, progress: Progress) -> Iterator[Path]:
+def copy_case(source: Path, out: Path, progress: Progress) -> Iterator[Path]:
     """Give the folder of the mesh in a copy of a case (of the folder ``polyMesh`` if `source` is one).
 
     The copy becomes `out` once the block has ended well; errors as of `fresh_folder`.
@@ -293,7 +293,7 @@ def patches_of(
 
 
 @contextmanager
-def parts_moved(case: Path, out: Path) -> Iterator[Callable[[Path, FloatArray], tuple[Path, Path]]]:
+def move_parts(case: Path, out: Path) -> Iterator[Callable[[Path, FloatArray], tuple[Path, Path]]]:
     """Give a function that writes a part of a decomposed case with other points (N, 3) into a copy `out` of the case.
 
     It returns where the part is, and where it will be. The copy has all files of the case but other parts and the mesh
@@ -413,7 +413,7 @@ def points_folder(path: Path) -> Path:
     raise MeshFileError(f"{path}: is not an OpenFOAM case; it has no file {MESH / 'points'}{help}")
 
 
-def stored(folder: Path, name: str, read: Callable[[FoamFile], Read]) -> Read:
+def read_foam(folder: Path, name: str, read: Callable[[FoamFile], Read]) -> Read:
     """Return what a file of a mesh's folder holds; a MeshFileError names the file."""
     with about(folder / name):
         return read(open_foam(folder, name))

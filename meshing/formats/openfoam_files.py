@@ -83,10 +83,10 @@ def open_foam(folder: Path, name: str) -> FoamFile:
     except (OSError, EOFError, zlib.error) as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else "is truncated or damaged"
         raise MeshFileError(f"{name}: {reason}") from error
-    return headed(data, name, len(stored))
+    return read_header(data, name, len(stored))
 
 
-def headed(data: bytes, name: str, stored: int) -> FoamFile:
+def read_header(data: bytes, name: str, stored: int) -> FoamFile:
     """Return what a file of `stored` bytes holds; MeshFileError if it has no header."""
     header = HEADER.search(data)
     if not header:
@@ -178,7 +178,7 @@ class BinaryList(NamedTuple):
     uniform: bool
 
 
-def located(file: FoamFile, at: int, what: str, columns: int) -> BinaryList:
+def locate_list(file: FoamFile, at: int, what: str, columns: int) -> BinaryList:
     """Return where the binary list after a byte has its rows of numbers; MeshFileError if the file is shorter.
 
     Labels of a file without `arch` have the size with which the list ends where the file goes on.
@@ -207,7 +207,7 @@ def _ends(file: FoamFile, at: int) -> bool:
 
 def _binary(file: FoamFile, at: int, what: str, columns: int) -> tuple[FloatArray | IntArray, int]:
     """Rows (K, columns) of a binary list, and the byte where they begin."""
-    kind, count, begin, uniform = located(file, at, what, columns)
+    kind, count, begin, uniform = locate_list(file, at, what, columns)
     size = (1 if uniform else count) * columns * kind.itemsize
     rows = np.frombuffer(file.data[begin : begin + size], kind).reshape(-1, columns)
     if uniform:

@@ -14,14 +14,14 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.states import check_unchanged
 from sdm_deflect.deform.base.threads import HERE, Progress, Runner, silent
-from sdm_deflect.deform.mesh.cells import OWNERS, RISING, Cells, Polygons, Polyhedra, Zone, taken
+from sdm_deflect.deform.mesh.cells import OWNERS, RISING, Cells, Polygons, Polyhedra, Zone, take_faces
 from sdm_deflect.deform.mesh.pieces import MeshInPieces
-from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra, joined
+from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra, join_polyhedra
 from sdm_deflect.deform.mesh.standard import POLYHEDRON
 
 from .format import MeshFileError, about
-from .openfoam_case import case_copied, case_folder, mesh_folder, meshes_beside, pairs_of, patches_of, stored
-from .openfoam_files import COMPACT, FoamFile, headed, located, parse
+from .openfoam_case import case_folder, copy_case, mesh_folder, meshes_beside, pairs_of, patches_of, read_foam
+from .openfoam_files import COMPACT, FoamFile, locate_list, parse, read_header
 from .polyhedra import FEWEST, check_labels, check_sides
 from .rewriting import copy_range, items_of
 from .table_pieces import PointRange, TablePieces
@@ -94,7 +94,7 @@ class FoamPieces(TablePieces):
     def cells_of(self, block: int, start: int, stop: int) -> Cells | SomePolyhedra:
         check_unchanged(self.files, elsewhere=True)
         with about(self.given):
-            return joined([self._some(low, high, start, stop) for low, high in self._ranges(start, stop)])
+            return join_polyhedra([self._some(low, high, start, stop) for low, high in self._ranges(start, stop)])
 
     def _ranges(self, start: int, stop: int) -> Iterator[tuple[int, int]]:
         """Yield ranges of faces, a batch at most, that may bound cells start to stop - 1."""
@@ -115,7 +115,7 @@ class FoamPieces(TablePieces):
         wanted[: len(neighbour)] |= _within(neighbour, start, stop)
         rows = np.flatnonzero(wanted)
         first, end = (int(rows[0]), int(rows[-1]) + 1) if len(rows) else (0, 0)
-        faces = taken(self.lists.faces(low + first, low + end), rows - first)
+        faces = take_faces(self.lists.faces(low + first, low + end), rows - first)
         return SomePolyhedra(low + rows, Polyhedra(faces, owner[rows], neighbour[wanted[: len(neighbour)]]))
 
     def rewrite(
@@ -123,7 +123,7 @@ class FoamPieces(TablePieces):
     ) -> None:
         """See `Pieces.rewrite`; errors as of `OpenFoam.rewrite`."""
         file = self.lists.points.path
-        with case_copied(self.given, out, progress) as mesh, about(file):
+        with copy_case(self.given, out, progress) as mesh, about(file):
             items = [item for item in items_of(tuple(self.changes(nodes, points)), file) if item[2]]
             for i, _ in enumerate(runner.map(copy_range, (file, mesh / "points"), items), 1):
                 progress(f"writing {out.name}", 0.5 + 0.5 * i / len(items))
@@ -138,7 +138,7 @@ def in_pieces(path: Path) -> MeshInPieces | None:
     lists = _lists(folder)
     if lists is None or lists.neighbour.rows > lists.owner.rows:
         return None
-    boundary = stored(folder, "boundary", lambda file: parse(file.text()))
+    boundary = read_foam(folder, "boundary", lambda file: parse(file.text()))
     spans = _spans(lists.owner), _spans(lists.neighbour)
     if spans[1].min() < 0:  # faces of the boundary, in files of old
         return None
@@ -180,7 +180,7 @@ def _tables(path: Path, what: str, width: int = 1, lists: int = 1) -> list[FileT
             return None
         at = file.start
         for _ in range(lists):
-            own = located(file, at, what, width)
+            own = locate_list(file, at, what, width)
             if own.uniform or not own.rows:
                 return None
             found.append(FileTable(path.resolve(), own.begin, own.kind.str, own.rows, width))
@@ -192,10 +192,10 @@ def _tables(path: Path, what: str, width: int = 1, lists: int = 1) -> list[FileT
 def _memory_map(path: Path) -> Iterator[FoamFile]:
     with path.open("rb") as file:
         if not (size := os.fstat(file.fileno()).st_size):
-            yield headed(b"", path.name, 0)
+            yield read_header(b"", path.name, 0)
             return
         with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-            yield headed(cast(bytes, data), path.name, size)  # it can be searched, and cut, as bytes can
+            yield read_header(cast(bytes, data), path.name, size)  # it can be searched, and cut, as bytes can
 
 
 def check_offsets(offsets: FileTable, nodes: FileTable) -> None:

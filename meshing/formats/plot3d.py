@@ -22,15 +22,15 @@ from sdm_deflect.deform.mesh.cells import Cells, Patch
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.files import fresh
 
-from .cgns_blocks import AXES, BlockFace, Size, cells, collapsed, faces, points_in
+from .cgns_blocks import AXES, BlockFace, Size, cells, equal_neighbours, faces, points_in
 from .cgns_interfaces import NEAR, meeting
-from .fitted import Fitted, ZoneMesh, fitted
+from .fitted import Fitted, ZoneMesh, fit_zones
 from .format import MeshFileError, about, check_points, fewest_bits
 from .known import registered
 from .layout import Format
 from .numbers import Placed, chunks, copy_text, numbers
 from .rewriting import Change, rewritten
-from .shapes import oriented
+from .shapes import orient
 from .tables import FileTable
 from .ugrid_file import EXACT
 
@@ -63,7 +63,7 @@ class Plot3d(Format):
     def _read(self, path: Path, mapped: Path, progress: Progress = silent) -> Mesh:
         with about(path), path.open("rb") as file:
             found = Plot3dFile.opened(file, partial(progress, f"reading {path.name}"))
-            return put_together(found.points(), found.sizes, map_of(mapped, found.sizes)).mesh
+            return join_blocks(found.points(), found.sizes, map_of(mapped, found.sizes)).mesh
 
     def files(self, path: Path) -> Iterable[Path]:
         return path, *maps(path)
@@ -79,7 +79,7 @@ class Plot3d(Format):
         with about(source), source.open("rb") as file:
             stored = Plot3dFile.opened(file, report)
             old = stored.points()
-            joined = put_together(old, stored.sizes, map_of(source, stored.sizes))
+            joined = join_blocks(old, stored.sizes, map_of(source, stored.sizes))
             check_points(points, len(joined.first))
             new, changed = points[joined.index], (points != old[joined.first])[joined.index]
             changes, moved, real = [], stored.values, stored.layout.real
@@ -335,7 +335,7 @@ def _range(values: Sequence[int], sizes: Sequence[Size]) -> IndexRange:
     return IndexRange(block - 1, tuple(first), tuple(last), axis)
 
 
-def put_together(points: FloatArray, sizes: Sequence[Size], said: Sequence[MapEntry]) -> Fitted:
+def join_blocks(points: FloatArray, sizes: Sequence[Size], said: Sequence[MapEntry]) -> Fitted:
     """Return the mesh of blocks with these points (F, 3), one after another; ValueError if some are not finite."""
     starts = np.cumsum([0, *map(prod, sizes)])
     parts, free, same = [], [], []
@@ -344,7 +344,7 @@ def put_together(points: FloatArray, sizes: Sequence[Size], said: Sequence[MapEn
         part, rest = _block(i, size, own, said)
         parts.append(part)
         free += [faces.nodes + starts[i] for faces in rest]
-        same.append(collapsed(own, size) + starts[i])
+        same.append(equal_neighbours(own, size) + starts[i])
     same.append(meeting(points, np.concatenate(free)) if free else np.empty((0, 2), np.intp))
     touching = np.unique(np.searchsorted(starts, same[-1], side="right") - 1, axis=0).tolist()
     for entry in said:
@@ -353,13 +353,13 @@ def put_together(points: FloatArray, sizes: Sequence[Size], said: Sequence[MapEn
             if rows is not None:
                 same.append(rows)
                 touching.append([end.block for end in entry.ranges])
-    return fitted(parts, touching, list(filter(len, same)))
+    return fit_zones(parts, touching, list(filter(len, same)))
 
 
 def _block(number: int, size: Size, points: FloatArray, said: Sequence[MapEntry]) -> tuple[ZoneMesh, list[Cells]]:
     """Return a block by itself, and the faces that it may share with another block."""
     own, title = cells(size), f"block{number + 1}"
-    turned = oriented(points, own)
+    turned = orient(points, own)
     left_handed = bool(2 * np.count_nonzero(turned.nodes[:, 1] != own.nodes[:, 1]) > len(own))
     sides = [(axis, at) for axis in range(len(size)) for at in (0, size[axis] - 1)]
     free = {(axis, at): np.ones(prod(np.delete(size, axis) - 1), dtype=np.bool_) for axis, at in sides}

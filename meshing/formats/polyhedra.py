@@ -6,13 +6,13 @@ from itertools import chain
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import IntArray
-from sdm_deflect.deform.mesh.cells import Cells, Polygons, Polyhedra, taken
+from sdm_deflect.deform.mesh.cells import Cells, Polygons, Polyhedra, take_faces
 from sdm_deflect.deform.mesh.faces import FACES, Keys, face_keys, node_keys, patch_keys
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.standard import parts_of
 
 from .format import MeshFileError
-from .shapes import polygons, turned
+from .shapes import polygons, turn_faces
 
 LOOSE = "unnamed"
 """Patch of the boundary faces that are on no patch."""
@@ -36,7 +36,7 @@ class Bounded:
     lost: tuple[str, ...]
 
 
-def bounded(mesh: Mesh) -> Bounded:
+def polyhedral_cells(mesh: Mesh) -> Bounded:
     """Return the cells of a mesh as polyhedra, in the same order.
 
     MeshFileError if a face is of three cells or more, if a patch's faces are of no cell, or for standard cells beside
@@ -47,7 +47,7 @@ def bounded(mesh: Mesh) -> Bounded:
     inner = np.flatnonzero(neighbour >= 0)
     inner = inner[np.lexsort((neighbour[inner], owner[inner]))]
     outer = np.flatnonzero(neighbour < 0)
-    patch, lost = _patch_of(mesh, face_keys(taken(faces, outer), keys), keys)
+    patch, lost = _patch_of(mesh, face_keys(take_faces(faces, outer), keys), keys)
     order = np.lexsort((owner[outer], patch))
     names = [p.name for p in mesh.patches]
     counts = np.bincount(patch, minlength=len(names) + 1)
@@ -56,7 +56,7 @@ def bounded(mesh: Mesh) -> Bounded:
         names.append(LOOSE)
     starts = len(inner) + np.concatenate([[0], np.cumsum(counts)])
     rows = np.concatenate([inner, outer[order]])
-    cells = Polyhedra(taken(faces, rows), owner[rows], neighbour[inner])
+    cells = Polyhedra(take_faces(faces, rows), owner[rows], neighbour[inner])
     ranges = tuple((name, int(starts[i]), int(counts[i])) for i, name in enumerate(names))
     return Bounded(cells, ranges, tuple(lost))
 
@@ -68,7 +68,7 @@ def _face_pairs(mesh: Mesh, keys: Keys) -> tuple[Polygons, IntArray, IntArray]:
         neighbour[: len(cells.neighbour)] = cells.neighbour
         swap = (neighbour >= 0) & (neighbour < cells.owner)
         owner, other = np.where(swap, neighbour, cells.owner), np.where(swap, cells.owner, neighbour)
-        return turned(cells.faces, swap), owner, other
+        return turn_faces(cells.faces, swap), owner, other
     return _met(*_faces_of_cells(mesh), keys)
 
 
@@ -84,14 +84,14 @@ def _met(faces: Polygons, cell: IntArray, keys: Keys) -> tuple[Polygons, IntArra
     second = np.zeros(len(cell), dtype=np.bool_)
     second[order[1:][same]] = True
     kept = np.flatnonzero(~second)
-    return taken(faces, kept), cell[kept], neighbour[kept]
+    return take_faces(faces, kept), cell[kept], neighbour[kept]
 
 
 def polyhedra(faces: Polygons, cell: IntArray, points: int) -> Polyhedra:
     """Return cells from all their faces (outwards) and the cell (K,) of each; MeshFileError if one is of three."""
     once, owner, neighbour = _met(faces, cell, node_keys(points))
     order = np.argsort(neighbour < 0, kind="stable")
-    return Polyhedra(taken(once, order), owner[order], neighbour[neighbour >= 0])
+    return Polyhedra(take_faces(once, order), owner[order], neighbour[neighbour >= 0])
 
 
 def _faces_of_cells(mesh: Mesh) -> tuple[Polygons, IntArray]:
@@ -152,7 +152,7 @@ def faces_by_cell(block: Polyhedra) -> tuple[Polygons, IntArray]:
     cell = np.concatenate([block.owner, block.neighbour])
     row = np.concatenate([np.arange(len(block.owner)), np.arange(len(block.neighbour))])
     order = np.argsort(cell, kind="stable")
-    return turned(taken(block.faces, row[order]), order >= len(block.owner)), cell[order]
+    return turn_faces(take_faces(block.faces, row[order]), order >= len(block.owner)), cell[order]
 
 
 def standard_cells(mesh: Mesh) -> tuple[Cells, ...]:

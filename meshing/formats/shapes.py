@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, distinct
 from sdm_deflect.deform.base.errors import short_list
-from sdm_deflect.deform.mesh.cells import MIRRORED, PLANE, Cells, Patch, Polygons, taken
+from sdm_deflect.deform.mesh.cells import MIRRORED, PLANE, Cells, Patch, Polygons, take_faces
 from sdm_deflect.deform.mesh.faces import cell_face_keys, node_keys, patch_keys
 from sdm_deflect.deform.mesh.mesh import Mesh
 
@@ -28,9 +28,9 @@ def polygons(nodes: IntArray, sizes: IntArray) -> Polygons:
     return Polygons(nodes, np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp))
 
 
-def turned(faces: Polygons, backward: BoolArray) -> Polygons:
+def turn_faces(faces: Polygons, backward: BoolArray) -> Polygons:
     """Return all faces, those marked in `backward` (F,) with their nodes in reverse order."""
-    return _gathered(faces, np.arange(len(faces)), backward)
+    return _gather(faces, np.arange(len(faces)), backward)
 
 
 def simple_faces(patch: Patch) -> Iterator[Cells]:
@@ -48,7 +48,7 @@ def simple_faces(patch: Patch) -> Iterator[Cells]:
                 yield Cells(shape, faces.nodes[first[:, None] + np.arange(corners)])
 
 
-def _gathered(faces: Polygons, rows: IntArray, backward: BoolArray) -> Polygons:
+def _gather(faces: Polygons, rows: IntArray, backward: BoolArray) -> Polygons:
     sizes = np.diff(faces.offsets)[rows]
     offsets = np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp)
     within = np.arange(offsets[-1]) - np.repeat(offsets[:-1], sizes)
@@ -57,7 +57,7 @@ def _gathered(faces: Polygons, rows: IntArray, backward: BoolArray) -> Polygons:
     return Polygons(faces.nodes[np.repeat(faces.offsets[rows], sizes) + within], offsets)
 
 
-def oriented(points: FloatArray, cells: Cells) -> Cells:
+def orient(points: FloatArray, cells: Cells) -> Cells:
     """Return volume cells of one shape in VTK's order, whichever of the two orders the file used for the block.
 
     Formats that say "VTK's order" are written with wedges (and sometimes all cells) of either hand, and solvers turn
@@ -74,7 +74,7 @@ def oriented(points: FloatArray, cells: Cells) -> Cells:
     sample = cells.nodes[::step]
     if not left_handed(points[sample[:, [0, *AXES[cells.shape]]]]):
         return cells
-    return replace(cells, nodes=mirrored(cells.shape, cells.nodes))
+    return replace(cells, nodes=mirror_nodes(cells.shape, cells.nodes))
 
 
 def left_handed(corners: FloatArray) -> bool:
@@ -85,7 +85,7 @@ def left_handed(corners: FloatArray) -> bool:
     return 2 * int(np.count_nonzero(hands < 0.0)) > len(corners)
 
 
-def mirrored(shape: str, nodes: IntArray) -> IntArray:
+def mirror_nodes(shape: str, nodes: IntArray) -> IntArray:
     """Return nodes (M, k) of volume cells in the order of their mirror images."""
     return np.take(nodes, MIRRORED[shape], axis=1)
 
@@ -102,7 +102,7 @@ def places(wanted: NDArray[Whole], known: NDArray[Whole]) -> tuple[IntArray, Boo
 def chosen(faces: Faces, rows: IntArray) -> Faces:
     """Return the faces or cells `rows` (R,), in that order."""
     if isinstance(faces, Polygons):
-        own = taken(faces, rows)
+        own = take_faces(faces, rows)
         return replace(faces, nodes=own.nodes, offsets=own.offsets)
     return replace(faces, nodes=faces.nodes[rows])
 

@@ -26,7 +26,7 @@ from .layout import Format, whole
 from .numbers import CHUNK, COMMENT, NumberLines, Placed, chunks, copy_text, numbers, table
 from .shapes import simple_faces
 from .table_pieces import CellTable, PointRange, TablePieces
-from .tables import FileTable, Held, gathered
+from .tables import FileTable, Held, gather_tables
 
 LARGE = 1 << 24
 """Bytes of a section from which on compiled code is worth its loading."""
@@ -212,7 +212,7 @@ def zones_of(found: Sequence[KeywordBlock]) -> dict[str, list[KeywordBlock]]:
 def zone_of(source: Su2File, own: Sequence[KeywordBlock], scratch: Path | None) -> TablePieces:
     """Return the points and cells of a zone in tables: of an empty folder, or in memory if it is None."""
     points = points_of(source, [only(own, "NPOIN")])
-    place = gathered([("points", points)], lambda _: len(points), scratch)["points"]
+    place = gather_tables([("points", points)], lambda _: len(points), scratch)["points"]
     kind = np.int32 if scratch and len(points) <= np.iinfo(np.int32).max else np.intp
     found = elements_of(source, only(own, "NELEM"), KINDS[source.dimension][0], len(points), scratch, kind)
     cells = tuple(CellTable(shape, table, 0) for shape, table in found.items())
@@ -274,7 +274,7 @@ def elements_of(
         return min(section.count, (section.end - section.begin) // (2 * CORNERS[shape] + 2) + 1)
 
     parts = ((shape, nodes.astype(kind, copy=False)) for shape, nodes in source.elements(section, shapes, points))
-    return gathered(parts, most, scratch)
+    return gather_tables(parts, most, scratch)
 
 
 def _nodes(lines: NumberLines, rows: IntArray, shape: str, points: int) -> IntArray:
@@ -314,9 +314,9 @@ class Su2(Format):
             parts = [whole(_layout(path, source, name, own), lambda _: None) for name, own in zones.items()]
             if len(parts) == 1:
                 return parts[0]
-            from .zones import joined
+            from .zones import join_zones
 
-            return replace(joined(list(zones), parts), notes=notes_of(source.sections))
+            return replace(join_zones(list(zones), parts), notes=notes_of(source.sections))
 
     def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
         return DOUBLE

@@ -148,7 +148,7 @@ class Held:
         return self.values.astype(np.intp)
 
 
-def gathered(
+def gather_tables(
     parts: Iterable[tuple[str, Array]], most: Callable[[str], int], scratch: Path | None
 ) -> dict[str, FileTable | Held]:
     """Put the rows of several tables, which come in parts, into memory, or into files of a folder.

@@ -24,7 +24,7 @@ from .hdf5 import DAMAGE, Replaced, Span, damage, dataset, spans
 from .known import registered
 from .layout import Format
 from .polyhedra import standard_cells
-from .shapes import mirrored, refuse_plane, simple_faces
+from .shapes import mirror_nodes, refuse_plane, simple_faces
 from .table_pieces import CellTable, PointRange, TablePieces
 from .tables import FileTable, Held
 from .zones import unwritten
@@ -66,7 +66,7 @@ class Grid(NamedTuple):
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[Grid]:
+def open_tau(path: Path) -> Iterator[Grid]:
     """Open a netCDF file; MeshFileError if it is none, or damaged."""
     with path.open("rb") as file:
         magic = file.read(4)
@@ -118,7 +118,7 @@ class Tau(Format):
     def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshInPieces | None:
         """See `Format.layout`; None for netCDF-4 in several parts."""
         progress(f"reading {path.name}", 0.0)
-        with about(path), opened(path) as grid:
+        with about(path), open_tau(path) as grid:
             points, cells = _points(grid, path), _elements(grid, path, SOLIDS)
             tables = (*(own.table for own in points.ranges), *(own.table for own in cells))
             if scratch and any(isinstance(table, Held) for table in tables):
@@ -129,7 +129,7 @@ class Tau(Format):
         return MeshInPieces(path.resolve().name, pieces, patches, (Zone("", 0, points.points),))
 
     def stored(self, path: Path) -> TablePieces:
-        with opened(path) as grid:
+        with open_tau(path) as grid:
             return _points(grid, path)
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
@@ -137,7 +137,7 @@ class Tau(Format):
 
         Where netCDF-4 has packed them, HDF5 packs them anew, and may put them elsewhere in the file.
         """
-        with about(source), opened(source) as grid:
+        with about(source), open_tau(source) as grid:
             check_points(points, _points(grid, source).points)
             stored = [(*grid.stored(axis, "f"), new) for axis, new in zip(AXES, points.T, strict=True)]
             new = Replaced.of(source, [(array, places, new, array[()] != new) for array, places, new in stored])
@@ -151,7 +151,7 @@ class Tau(Format):
             return _write(mesh, file)
 
     def holds(self, path: Path) -> bool:
-        with suppress(MeshFileError, *DAMAGE), opened(path) as grid:
+        with suppress(MeshFileError, *DAMAGE), open_tau(path) as grid:
             return AXES[0] in grid.arrays
         return False
 
@@ -277,7 +277,7 @@ def _store_shapes(grid: Any, shapes: Mapping[str, str], blocks: Sequence[tuple[C
     for what, shape in shapes.items():
         if own := [(block.nodes, marker) for block, marker in blocks if block.shape == shape]:
             nodes = np.concatenate([one for one, _ in own])
-            nodes = mirrored(shape, nodes) if shape == "wedge" else nodes
+            nodes = mirror_nodes(shape, nodes) if shape == "wedge" else nodes
             _store(grid, f"points_of_{what}", nodes, f"no_of_{what}", f"points_per_{what.removesuffix('s')}")
             markers += [np.full(len(one), marker) for one, marker in own]
     return markers

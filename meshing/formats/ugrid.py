@@ -26,7 +26,7 @@ from .polyhedra import standard_cells
 from .shapes import refuse_plane, simple_faces
 from .table_pieces import CellTable, PointRange, TablePieces
 from .tables import FileTable, Held
-from .ugrid_file import ENCODINGS, ORDER, POINTS, SUFFIX, SURFACE, UgridFile, check_range, encoded, encoding_of, ending
+from .ugrid_file import ENCODINGS, ORDER, POINTS, SUFFIX, SURFACE, UgridFile, check_range, encode, encoding_of, ending
 from .zones import unwritten
 
 FACES, SOLIDS = ("triangle", "quad"), ("tetra", "pyramid", "wedge", "hexahedron")
@@ -117,7 +117,7 @@ class Ugrid(Format):
             check_points(points, stored.shapes[POINTS][0])
             if encoding_of(out) or encoding_of(source):
                 arrays = {name: table.read(0, table.rows) for name, table in stored.tables(source).items()}
-                copy.writelines(encoded(arrays | {POINTS: points}, encoding_of(out)))
+                copy.writelines(encode(arrays | {POINTS: points}, encoding_of(out)))
             else:
                 copy_text(file, stored.placed(), points.ravel(), copy)
 
@@ -152,7 +152,7 @@ class Ugrid(Format):
         named = any(str(number) != name for name, number in ids.items())
         with fresh(out) as beside:
             with about(out), beside.open("wb") as file:
-                file.writelines(encoded(_arrays(mesh, ids), encoding_of(out)))
+                file.writelines(encode(_arrays(mesh, ids), encoding_of(out)))
             if named and not table.exists():
                 with fresh(table) as text:
                     text.write_text(_conditions(mesh, ids, names), encoding="utf-8", errors="replace")

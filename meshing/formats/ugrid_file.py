@@ -211,7 +211,7 @@ def check_range(points: FloatArray, kind: np.dtype[Any]) -> None:
         raise ValueError("coordinates are too large for numbers of 4 bytes; name a file of 8 bytes, such as .b8.ugrid")
 
 
-def encoded(arrays: Mapping[str, Any], encoding: str) -> Iterator[bytes]:
+def encode(arrays: Mapping[str, Any], encoding: str) -> Iterator[bytes]:
     """Yield the bytes of a file with arrays as `UgridFile.tables` has them.
 
     MeshFileError if there are more nodes than whole numbers can tell, or more data than a record can hold.

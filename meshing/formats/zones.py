@@ -12,8 +12,8 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, union
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.cells import Cells, Constraint, Patch, Periodic, Polygons, Polyhedra, Zone, taken
-from sdm_deflect.deform.mesh.images import fitted, tolerance
+from sdm_deflect.deform.mesh.cells import Cells, Constraint, Patch, Periodic, Polygons, Polyhedra, Zone, take_faces
+from sdm_deflect.deform.mesh.images import fit_motion, tolerance
 from sdm_deflect.deform.mesh.mesh import Mesh
 
 from .shapes import Faces, chosen
@@ -25,7 +25,7 @@ Places = Callable[[IntArray], FloatArray]
 """Returns the coordinates (K, 3) of nodes (K,)."""
 
 
-def joined(names: Sequence[str], parts: Sequence[Mesh]) -> Mesh:
+def join_zones(names: Sequence[str], parts: Sequence[Mesh]) -> Mesh:
     """Put zones one after another into one mesh.
 
     A patch keeps its name where no other zone has a patch of that name, and is called ``"zone/patch"`` otherwise.
@@ -70,7 +70,7 @@ def _patch_inside(patch: Patch, zone: Zone) -> Patch:
     return _unprefixed(Patch(patch.name, tuple(filter(len, faces)), constraint=patch.constraint), zone)
 
 
-def agreed(named: Iterable[tuple[str, Constraint]]) -> dict[str, Constraint]:
+def common_constraints(named: Iterable[tuple[str, Constraint]]) -> dict[str, Constraint]:
     """Return the constraint of each patch that has several parts: that of all of them, or none."""
     constraints: dict[str, Constraint] = {}
     for name, constraint in named:
@@ -103,7 +103,7 @@ def _cells_inside(block: Cells | Polyhedra, zone: Zone) -> Cells | Polyhedra:
     if inside.all():
         return _shifted_cells(block, -zone.start)
     empty = np.empty(0, dtype=np.intp)
-    return Polyhedra(taken(block.faces, empty), empty, empty)
+    return Polyhedra(take_faces(block.faces, empty), empty, empty)
 
 
 def _inside(block: Faces, zone: Zone, what: str) -> Faces:
@@ -118,7 +118,7 @@ def _inside(block: Faces, zone: Zone, what: str) -> Faces:
     return _shifted(block if whole.all() else chosen(block, np.flatnonzero(whole)), -zone.start)
 
 
-def renumbered(block: Block, index: IntArray) -> Block:
+def renumber(block: Block, index: IntArray) -> Block:
     """Return cells or faces with `index` (N,) of each node in its place."""
     if isinstance(block, Polyhedra):
         return replace(block, faces=replace(block.faces, nodes=index[block.faces.nodes]))
@@ -152,7 +152,7 @@ def with_pairs(mesh: Mesh, listed: Iterable[Listed], notes: tuple[str, ...] = ()
     return replace(mesh, patches=pairs.patches, periodic=pairs.periodic, notes=notes)
 
 
-def written_pairs(mesh: Mesh) -> list[Periodic]:
+def pairs_to_write(mesh: Mesh) -> list[Periodic]:
     """Return the pairs that a format with periodic sides can hold: of nodes, and not those of a case one cell thick."""
     return [pair for pair in mesh.periodic if len(pair.nodes) and not pair.thin]
 
@@ -187,7 +187,7 @@ def _fitted(name: str, patches: tuple[str, str], nodes: IntArray, places: Places
     """Return a pair with the motion that fits its nodes, each of which is there once."""
     rows = np.unique(nodes, axis=0)
     numbers = union(rows)
-    return replace(fitted(places(numbers), name, patches, np.searchsorted(numbers, rows)), nodes=rows)
+    return replace(fit_motion(places(numbers), name, patches, np.searchsorted(numbers, rows)), nodes=rows)
 
 
 def _holder(patches: Sequence[Patch], name: str, nodes: IntArray) -> Patch:

@@ -16,7 +16,7 @@ from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.child import MeshingError
 from sdm_deflect.meshing.mesh import Skin, tetrahedral
 
-from .attachment import TRIANGLE_EDGES, CellFaces, attach, cell_faces, snapped
+from .attachment import TRIANGLE_EDGES, CellFaces, attach, cell_faces, snap
 from .parameters import FAR_FIELD
 from .volume import Filling, InputSurface
 
@@ -139,7 +139,7 @@ def assemble(filling: Filling, surface: InputSurface, model: CadModel, envelope:
     face = cad_faces(filling.points, out_of_solid, surface)
     if (face < 0).any():
         raise MeshingError(f"{np.count_nonzero(face < 0)} boundary triangles are near no CAD face")
-    points = snapped(filling.points, attach(filling.points, body, face, model), model)
+    points = snap(filling.points, attach(filling.points, body, face, model), model)
     return _named_mesh(points, filling.tets[fluid], (body, face), triangles[outermost], model)
 
 

@@ -162,7 +162,7 @@ def _edges(points: FloatArray, nodes: IntArray, incidence: IntArray, model: "Cad
     return edge
 
 
-def snapped(points: FloatArray, attachment: Attachment, model: "CadModel") -> FloatArray:
+def snap(points: FloatArray, attachment: Attachment, model: "CadModel") -> FloatArray:
     """Points (N, 3) with each attached node moved to the nearest point of its CAD vertex, edge or face."""
     moved = points.copy()
     on_vertex = attachment.vertex >= 0

@@ -16,7 +16,7 @@ from sdm_deflect.meshing.child import MeshingError
 from sdm_deflect.meshing.mesh import Skin, skin, tetrahedral, tets_of
 
 from .assembly import assemble
-from .attachment import TET_EDGES, TRIANGLE_EDGES, attach, encode, snapped
+from .attachment import TET_EDGES, TRIANGLE_EDGES, attach, encode, snap
 from .parameters import FAR_EDGE, MeshParameters
 from .sizing import SizeField, background, size_field, sources
 from .verify import Verification, verify
@@ -40,7 +40,7 @@ ALLOWANCE = 0.05
 SLACK = 0.01
 
 
-def split(mesh: Mesh) -> Mesh:
+def split_cells(mesh: Mesh) -> Mesh:
     """Every tetrahedron into eight and every boundary triangle into four, by the midpoints of all edges.
 
     The octahedron in the middle is cut along its shortest diagonal (Bey 1995 discusses the choice). The old
@@ -57,12 +57,12 @@ def split(mesh: Mesh) -> Mesh:
     return tetrahedral(points, _children(points, parents), finer, mesh.names, mesh.name)
 
 
-def refined(mesh: Mesh, model: CadModel) -> Mesh:
+def refine(mesh: Mesh, model: CadModel) -> Mesh:
     """Split a mesh and put its new boundary nodes on the CAD model that it was made from; old nodes stay."""
-    finer = split(mesh)
+    finer = split_cells(mesh)
     triangles, _, face = skin(finer)
     attachment = attach(finer.points, triangles[face >= 0], face[face >= 0], model)
-    points = snapped(finer.points, attachment, model)
+    points = snap(finer.points, attachment, model)
     points[: len(mesh.points)] = mesh.points
     return finer.with_points(points)
 
@@ -134,7 +134,7 @@ def generate(
             progress(f"boundary, attempt {attempt}", 0.9)
             mesh = assemble(filling, surface, model, parameters.envelope)
             for _ in range(parameters.refinements):
-                mesh = refined(mesh, model)
+                mesh = refine(mesh, model)
         except MeshingError as error:
             rejected.append(str(error))
             continue

@@ -34,7 +34,7 @@ def meshlab_failures(mesh: Mesh, model: "CadModel") -> list[str]:
     MeshLab works in a process of its own, which may end or never come back from a boundary that makes no sense: that is
     a sentence too.
     """
-    points, triangles, face = triangulated(model)
+    points, triangles, face = triangulate(model)
     boundary = skin(mesh)
     question = {
         "points": mesh.points,
@@ -51,7 +51,7 @@ def meshlab_failures(mesh: Mesh, model: "CadModel") -> list[str]:
     return [*surface_failures(mesh, answer), *cad_failures(mesh, model, answer)]
 
 
-def triangulated(model: "CadModel") -> Triangulation:
+def triangulate(model: "CadModel") -> Triangulation:
     """Return points (N, 3), triangles (T, 3) of all CAD faces, without those of no area, and the face (T,) of each."""
     points, triangles, face, count = [], [], [], 0
     for index, cad in enumerate(model.faces):

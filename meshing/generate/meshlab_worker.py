@@ -41,7 +41,7 @@ def judge(question: Question) -> Arrays:
 
 def topology(points: FloatArray, triangles: IntArray) -> dict[str, object]:
     """Count what keeps triangles (F, 3) from being a closed surface with two triangles at each edge, one fan a node."""
-    meshes = loaded(points, triangles)
+    meshes = load(points, triangles)
     meshes.compute_selection_by_non_manifold_edges_per_face()
     crowded = meshes.current_mesh().selected_face_number()
     if crowded:  # MeshLab may not come back from measuring such a mesh
@@ -52,7 +52,7 @@ def topology(points: FloatArray, triangles: IntArray) -> dict[str, object]:
 
 def sides(points: FloatArray, triangles: IntArray) -> dict[str, object]:
     """Return whether any of the triangles (F, 3) is turned against its neighbours, and the volume that they enclose."""
-    meshes = loaded(points, triangles)
+    meshes = load(points, triangles)
     volume, before = meshes.get_geometric_measures()["mesh_volume"], meshes.current_mesh().face_matrix()
     meshes.meshing_re_orient_faces_coherently()
     return {"turned": not np.array_equal(before, meshes.current_mesh().face_matrix()), "volume": volume}
@@ -70,7 +70,7 @@ def crossing(points: FloatArray, triangles: IntArray, far: BoolArray) -> IntArra
 def _crossing(points: FloatArray, triangles: IntArray) -> BoolArray:
     chosen = np.ones(len(triangles), dtype=np.bool_)
     for step in range(ORIENTATIONS):
-        meshes = loaded(points @ rotation(step * TURN), triangles)
+        meshes = load(points @ rotation(step * TURN), triangles)
         meshes.compute_selection_by_self_intersections_per_face()
         chosen &= meshes.current_mesh().face_selection_array()
     return chosen
@@ -92,23 +92,23 @@ def on_cad(question: Question) -> dict[str, object]:
 
 
 def _on_face(question: Question, face: int, reach: pymeshlab.PureValue) -> tuple[int, float, float]:
-    meshes = loaded(question["points"], question["triangles"][question["face"] == face])
+    meshes = load(question["points"], question["triangles"][question["face"] == face])
     meshes.compute_selection_bad_faces(usear=False, usenf=True, nfratio=FOLD)
     folded = meshes.current_mesh().selected_face_number()
-    meshes.add_mesh(meshed(question["cad_points"], question["cad_triangles"][question["cad_face"] == face]))
+    meshes.add_mesh(mesh_of(question["cad_points"], question["cad_triangles"][question["cad_face"] == face]))
     there = meshes.get_hausdorff_distance(sampledmesh=0, targetmesh=1, maxdist=reach)
     back = meshes.get_hausdorff_distance(sampledmesh=1, targetmesh=0, maxdist=reach)
     return folded, there["max"], back["max"]
 
 
-def loaded(points: FloatArray, triangles: IntArray) -> pymeshlab.MeshSet:
+def load(points: FloatArray, triangles: IntArray) -> pymeshlab.MeshSet:
     """Return MeshLab's document of the triangles (F, 3) and their nodes, in double precision."""
     meshes = pymeshlab.MeshSet(verbose=False)
-    meshes.add_mesh(meshed(points, triangles))
+    meshes.add_mesh(mesh_of(points, triangles))
     return meshes
 
 
-def meshed(points: FloatArray, triangles: IntArray) -> pymeshlab.Mesh:
+def mesh_of(points: FloatArray, triangles: IntArray) -> pymeshlab.Mesh:
     """Return triangles (F, 3) of points (N, 3) with the nodes that they use as MeshLab has them."""
     used, compact = np.unique(triangles, return_inverse=True)
     return pymeshlab.Mesh(points[used], compact.reshape(-1, 3))

@@ -8,8 +8,8 @@ import numpy as np
 
 from sdm_deflect.cases.aircraft.case import Case
 from sdm_deflect.cases.aircraft.job import plan_of
-from sdm_deflect.cases.aircraft.pipeline import cached, meshed
-from sdm_deflect.cases.aircraft.reference import turned
+from sdm_deflect.cases.aircraft.pipeline import cached_mesh, mesh_of_case
+from sdm_deflect.cases.aircraft.reference import surface_turns
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError
@@ -189,7 +189,7 @@ def fresh_mesh(study: FlowStudy, member: Member, watch: Stopwatch) -> Mesh:
             progress(f"{member.name}: {len(tets_of(done.mesh))} cells", 1.0)
         return done
 
-    return cached(parts, made, watch, True)[0]
+    return cached_mesh(parts, made, watch, True)[0]
 
 
 def cad_turns(case: Case) -> dict[str, CadTurn]:
@@ -199,12 +199,13 @@ def cad_turns(case: Case) -> dict[str, CadTurn]:
     always are.
     """
     gap = case.fighter.aileron.gap > 0.0
-    return {name: CadTurn(turn.angle) if gap and name != "rudder" else turn for name, turn in turned(case).items()}
+    turns = surface_turns(case).items()
+    return {name: CadTurn(turn.angle) if gap and name != "rudder" else turn for name, turn in turns}
 
 
 def undeflected_mesh(study: FlowStudy, watch: Stopwatch) -> Mesh:
     """Return the mesh that is deflected, from the cache if it is there."""
-    return meshed(study.case, watch)[0]
+    return mesh_of_case(study.case, watch)[0]
 
 
 def write_member(study: FlowStudy, member: Member, mesh: Mesh, folder: Path) -> Path:

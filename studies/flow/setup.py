@@ -10,7 +10,7 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.formats.openfoam import FLAT, kind_of, reached, sides_reached
+from sdm_deflect.meshing.formats.openfoam import FLAT, count_sides, kind_of, touches_sides
 
 GAMMA, GAS = 1.4, 287.058
 """Ratio of specific heats, and the gas constant (J/kg/K), of air."""
@@ -139,7 +139,7 @@ def kinds_of(mesh: Mesh, far: Sequence[str] = (), moving: Sequence[str] = ()) ->
     Raises InputError if there is no far field or no wall, or a name or wildcard in `far` stands for no patch.
     """
     given = mesh.named(far, "far field")
-    sides = {patch.name: sides_reached(mesh.points, patch.nodes) for patch in mesh.patches}
+    sides = {patch.name: count_sides(mesh.points, patch.nodes) for patch in mesh.patches}
     flat = {patch.name for patch in mesh.patches if on_one_side(mesh.points, patch.nodes)}
     kinds: dict[str, Kind] = {name: _kind_by_name(name, count > 0) for name, count in sides.items()}
     kinds |= dict.fromkeys(given, "far")
@@ -180,4 +180,4 @@ def on_one_side(points: FloatArray, nodes: IntArray) -> bool:
     if not len(nodes):
         return False
     flat = np.ptp(points[nodes], axis=0) <= FLAT * np.ptp(points, axis=0).max()
-    return bool((reached(points, nodes).any(axis=0) & flat).any())
+    return bool((touches_sides(points, nodes).any(axis=0) & flat).any())

@@ -171,7 +171,7 @@ def test_trials_that_were_made_are_not_made_again(tmp_path, monkeypatch):
 
     trials = [centres.Trial("margins", f"x {k}", "table1", row, partial(work, k)) for k in range(3)]
     monkeypatch.setattr(centres, "planned", lambda cases, meshes: trials)
-    monkeypatch.setattr(centres, "meshed", lambda *_: (None,))
+    monkeypatch.setattr(centres, "mesh_of_case", lambda *_: (None,))
     with pytest.raises(KeyboardInterrupt):
         centres.write_trials("small", tmp_path, Stopwatch())
     centres.write_trials("small", tmp_path, Stopwatch())

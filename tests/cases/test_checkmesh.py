@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sdm_deflect.cases.run.inspection import inspect, inspected
+from sdm_deflect.cases.run.inspection import file_figures, inspect
 from sdm_deflect.cases.run.metrics import deflection_figures, face_rows
 from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.mesh.cells import Cells, Patch, Periodic
@@ -16,7 +16,7 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.orthogonality import TouchedFaces, face_quality
 from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
-from sdm_deflect.meshing.formats.polyhedra import bounded
+from sdm_deflect.meshing.formats.polyhedra import polyhedral_cells
 from tests.cases import foam
 from tests.cases.snappy import CONTROL
 from tests.deform.blocks import block_with_body, grid
@@ -55,7 +55,7 @@ def thin():
 )
 def test_every_figure_is_that_of_checkmesh(mesh, tmp_path):
     found = foam.metrics(asked(mesh, tmp_path / "case"))
-    own = inspected(tmp_path / "case")["face_quality"]
+    own = file_figures(tmp_path / "case")["face_quality"]
     theirs = [found[name] for name in ("non-orthogonality", "mean non-orthogonality", "skewness")]
     assert [own[key] for key in KEYS] == pytest.approx(theirs, rel=1e-9)
     assert own["non_orthogonality_max"] > 5.0
@@ -97,7 +97,7 @@ def bricks():
     """A block of cubes of size 1 as a case of OpenFOAM has it."""
     points, cells = grid([0, 0, 0], [4, 4, 4], [4, 4, 4])
     mesh = Mesh(points, (Cells("hexahedron", cells),), ())
-    return replace(mesh, cells=(bounded(mesh).cells,))
+    return replace(mesh, cells=(polyhedral_cells(mesh).cells,))
 
 
 def pushed(points, height, push, zigzag):
@@ -154,7 +154,7 @@ def periodic(request, tmp_path_factory):
     boundary.write_text(text)
     nodes = np.column_stack([np.arange(16), np.arange(48, 64)])
     pair = Periodic("low", ("low", "high"), nodes, turns[3].as_matrix(), shift)
-    return replace(flat, cells=(bounded(flat).cells,), periodic=(pair,)), foam.run("checkMesh", folder)
+    return replace(flat, cells=(polyhedral_cells(flat).cells,), periodic=(pair,)), foam.run("checkMesh", folder)
 
 
 def test_faces_of_a_periodic_pair_are_between_two_cells(periodic):

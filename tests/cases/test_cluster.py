@@ -30,7 +30,7 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import HERE
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
-from sdm_deflect.deform.volume.step import evaluated
+from sdm_deflect.deform.volume.step import evaluate
 from sdm_deflect.meshing.formats import rewriting
 from sdm_deflect.meshing.formats.openfoam import MESH
 from sdm_deflect.meshing.formats.registry import FORMATS, in_pieces
@@ -260,7 +260,7 @@ def test_sums_have_the_same_bits_whatever_the_chunks(two, monkeypatch):
     rng = np.random.default_rng(1)
     interpolant, points = fit(ThinPlateSpline(), rng.random((301, 3)), rng.random((301, 3))), rng.random((20_001, 3))
     limited(monkeypatch, sent=1_237)
-    assert np.array_equal(evaluated(interpolant, points, two), evaluated(interpolant, points, HERE))
+    assert np.array_equal(evaluate(interpolant, points, two), evaluate(interpolant, points, HERE))
 
 
 def test_an_error_of_a_piece_is_that_of_one_process(block, two, monkeypatch):
@@ -286,14 +286,14 @@ def test_a_format_without_pieces_is_refused(two, tmp_path, block):
     (tmp_path / "mesh.su2").write_text("NDIME= 3\n")
     wanted = deflect_file.Targets.of(tmp_path / "mesh.su2", None, ((1.0,),))
     with pytest.raises(InputError, match=r"mesh.su2: workers need CGNS files in HDF5 .* or convert it"):
-        deflect_file.needed(wanted, None, lambda *_: None, two)
+        deflect_file.read_needed(wanted, None, lambda *_: None, two)
     wanted = deflect_file.Targets.of(block, block.with_name("out.su2"), ((1.0,),))
     with pytest.raises(InputError, match=r"out.su2: workers write copies of block.cgns alone, and no sensitivity"):
-        deflect_file.needed(wanted, None, lambda *_: None, two)
+        deflect_file.read_needed(wanted, None, lambda *_: None, two)
     FORMATS["cgns"].write(hybrid(2), tmp_path / "zones.cgns")
     wanted = deflect_file.Targets.of(tmp_path / "zones.cgns", None, ((1.0,),))
     with pytest.raises(InputError, match=r"zones.cgns: workers need CGNS .*, and this file is something else"):
-        deflect_file.needed(wanted, None, lambda *_: None, two)
+        deflect_file.read_needed(wanted, None, lambda *_: None, two)
 
 
 def refused(block, *more, code=2, name="refused"):

@@ -32,7 +32,7 @@ def folders(tmp_path_factory, hybrid_wing):
     """Three deflections of one mesh, and one of a coarser mesh; by name."""
     home, coarse = tmp_path_factory.mktemp("runs"), wing(cells=3)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sdm_deflect.cases.report.pictures.drawn", lambda *_: Gallery(()))
+        patch.setattr("sdm_deflect.cases.report.pictures.draw_pictures", lambda *_: Gallery(()))
         for name, one in (("wing.su2", hybrid_wing), ("coarse.su2", coarse)):
             write_mesh(None, one.mesh, one.mesh.points, home / name)
         own = {

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect import read
-from sdm_deflect.cases.aircraft.pipeline import meshed
+from sdm_deflect.cases.aircraft.pipeline import mesh_of_case
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.mesh.quality import mean_ratio
@@ -75,7 +75,7 @@ def test_hinges_are_those_of_the_cad_and_as_long_as_the_span(folder, sdm):
 @pytest.mark.nightly
 def test_the_mesh_made_again_is_like_it(folder, tmp_path):
     kept = read(folder / "fighter.su2")
-    made, origin = meshed(case_named("aileron"), Stopwatch(), cache=False)
+    made, origin = mesh_of_case(case_named("aileron"), Stopwatch(), cache=False)
     assert made.names == kept.names
     assert origin.boundary_to_cad_max < 1e-7
     assert len(made.points) == pytest.approx(len(kept.points), rel=0.1)

@@ -14,7 +14,7 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.volume import excerpt
 from sdm_deflect.meshing.formats import openfoam_pieces, rewriting, tables
 from sdm_deflect.meshing.formats.registry import format_of, in_pieces
-from sdm_deflect.meshing.formats.shapes import mirrored
+from sdm_deflect.meshing.formats.shapes import mirror_nodes
 from tests.deform.blocks import two_bodies
 from tests.limits import limited
 from tests.meshing.formats.gmsh_files import gmsh_data
@@ -51,14 +51,14 @@ def shuffled(mesh: Mesh) -> Mesh:
 
 def left_handed(mesh: Mesh) -> Mesh:
     """The same with the nodes of the first and the last block in the order of the mirror image."""
-    first, *others, last = (Cells(own.shape, mirrored(own.shape, own.nodes)) for own in mesh.cells)
+    first, *others, last = (Cells(own.shape, mirror_nodes(own.shape, own.nodes)) for own in mesh.cells)
     return Mesh(mesh.points, (first, *mesh.cells[1:-1], last), mesh.patches) if others else mesh
 
 
 def turned(mesh: Mesh) -> Mesh:
     """The same with all cells left-handed, as those of a case are if some are: they are one block."""
     return Mesh(
-        mesh.points, tuple(Cells(own.shape, mirrored(own.shape, own.nodes)) for own in mesh.cells), mesh.patches
+        mesh.points, tuple(Cells(own.shape, mirror_nodes(own.shape, own.nodes)) for own in mesh.cells), mesh.patches
     )
 
 

@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.run.inspection import inspect, inspected
+from sdm_deflect.cases.run.inspection import file_figures, inspect
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.cells import Cells
 from sdm_deflect.deform.mesh.mesh import Mesh
@@ -44,7 +44,7 @@ def test_every_format_gives_counts_patches_and_quality(name, tmp_path):
 
 def test_the_same_as_data(tmp_path):
     FORMATS["su2"].write(hybrid(), tmp_path / "mesh.su2")
-    found = json.loads(json.dumps(inspected(tmp_path / "mesh.su2")))
+    found = json.loads(json.dumps(file_figures(tmp_path / "mesh.su2")))
     assert (found["points"], found["cells"], found["left_handed"]) == (14, 7, False)
     assert found["patches"]["floor"] == 3
     assert found["extents"]["floor"] == [end.tolist() for end in extent_of(hybrid(), "floor")]
@@ -60,7 +60,7 @@ def test_a_file_most_of_whose_cells_are_inverted_is_refused(tmp_path):
     mesh = hybrid()
     FORMATS["vtu"].write(mesh.with_points(mesh.points * [1.0, 1.0, 0.0]), tmp_path / "mesh.vtu")
     with pytest.raises(InputError, match=r"mesh.vtu: more than half of the cells \(7 of 7\) are inverted or flat"):
-        inspected(tmp_path / "mesh.vtu")
+        file_figures(tmp_path / "mesh.vtu")
 
 
 @pytest.mark.parametrize("name", ["a.cas", "a.CAS", "a.msh", "a.cas.gz", "a.msh.gz", "a.su2.gz"])
@@ -68,7 +68,7 @@ def test_older_files_of_fluent_and_packed_files_say_how_to_convert_them(name, tm
     text = b'(0 "grid")\n(2 3)\n(10 (0 1 4 1 3))\n'
     (tmp_path / name).write_bytes(gzip.compress(text) if name.endswith("gz") else text)
     with pytest.raises(MeshFileError) as said:
-        inspected(tmp_path / name)
+        file_figures(tmp_path / name)
     assert ("fluentMeshToFoam" in str(said.value)) == (name in ("a.cas", "a.CAS", "a.msh", "a.cas.gz"))
     assert (f"unpack it first: gunzip {name}" in str(said.value)) == name.endswith("gz")
     with pytest.raises(MeshFileError, match=re.escape(str(said.value))):

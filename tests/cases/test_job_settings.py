@@ -6,7 +6,7 @@ from tomllib import loads
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.settings.conversion import structured, to_toml
+from sdm_deflect.cases.settings.conversion import structure, to_toml
 from sdm_deflect.cases.settings.job_settings import (
     JobSettings,
     angles_of,
@@ -105,7 +105,7 @@ def test_a_table_of_amounts_has_a_column_for_each_surface_in_any_order(tmp_path)
 def test_toml_repeats_the_settings(two):
     settings = job_settings(with_options(two, {}, ["surface=[]", "tolerance=1e-5"]))
     for one in (job_settings(two), settings, JobSettings()):
-        assert structured(loads(to_toml(one)), JobSettings) == one
+        assert structure(loads(to_toml(one)), JobSettings) == one
     text = to_toml(job_settings(two))
     assert all(name in text for name in ("strategy", "tolerance", "spacing_edges", "max_steps", "strip", "driven"))
 
@@ -229,7 +229,7 @@ def test_a_wrong_configuration_is_one_sentence(text, message, tmp_path):
 
 
 def test_a_motion_of_ones_own_cannot_be_written():
-    settings = structured({"surface": [{"patches": "a", "motion": Rotation.about(*np.array(HINGE))}]}, JobSettings)
+    settings = structure({"surface": [{"patches": "a", "motion": Rotation.about(*np.array(HINGE))}]}, JobSettings)
     with pytest.raises(InputError, match="no file can hold"):
         to_toml(settings)
 

@@ -247,8 +247,8 @@ def test_a_source_that_changes_ends_the_command(name, file, large, change, tmp_p
         change(path)
         return found
 
-    genuine = command.planned
-    monkeypatch.setattr(command, "planned", planned)
+    genuine = command.plan_file
+    monkeypatch.setattr(command, "plan_file", planned)
     with pytest.raises((InputError, MeshFileError)) as error:
         run(source, folder / f"out{name.removeprefix('mesh')}", **BODY)
     assert str(path) in str(error.value)

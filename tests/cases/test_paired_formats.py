@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.mesh.images import PeriodicPatches
-from sdm_deflect.deform.mesh.images import paired as with_pairs
+from sdm_deflect.deform.mesh.images import pair_patches as with_pairs
 from sdm_deflect.meshing.formats.registry import FORMATS, read
 from tests.calls import sdm
 from tests.deform import paired

@@ -15,9 +15,9 @@ from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.aircraft.report import report_data_of
 from sdm_deflect.cases.aircraft.run_folder import FinishedCase
 from sdm_deflect.cases.report.page import LARGEST, page, policy
-from sdm_deflect.cases.report.pictures import drawn
+from sdm_deflect.cases.report.pictures import draw_pictures
 from sdm_deflect.cases.report.slices import triangles_of
-from sdm_deflect.cases.report.turnable import thinned, turnable
+from sdm_deflect.cases.report.turnable import thin_patch, turnable
 
 PICTURE = re.compile(r"data:image/(?:png|webp);base64,([\w+/=]+)")
 DRAWN = "#turnable[data-state={}]"
@@ -51,7 +51,7 @@ def test_a_page_is_small(name, finish):
 
 def test_pictures_shrink_where_the_page_would_be_too_large(aileron_run, tmp_path, monkeypatch):
     data = data_of(aileron_run[0])
-    gallery = drawn(data, tmp_path)
+    gallery = draw_pictures(data, tmp_path)
     whole = page(data, gallery)
     monkeypatch.setattr("sdm_deflect.cases.report.page.LARGEST", len(whole.encode()) - 1)
     small = page(data, gallery)
@@ -173,7 +173,7 @@ def test_large_patches_are_thinned_away_from_the_hexahedra(tail_run):
     inside = data.boxes[0].nodes
     for name in ("fuselage", "tail_left", "tail_right"):
         whole = triangles_of(mesh.patch(name).faces)
-        shown = thinned(mesh, mesh.patch(name), inside, 150)
+        shown = thin_patch(mesh, mesh.patch(name), inside, 150)
         edges, ends = ({tuple(sorted(pair)) for pair in sides(one)} for one in (shown, whole))
         counts = Counter(tuple(sorted(pair)) for pair in sides(whole))
         assert set(shown.ravel()) <= set(whole.ravel())

@@ -16,10 +16,10 @@ from sdm_deflect.cases.api import Options
 from sdm_deflect.cases.cli.commands import cli
 from sdm_deflect.cases.cli.deflect import deflect as command
 from sdm_deflect.cases.cli.options import DeflectCommand, settings_options
-from sdm_deflect.cases.settings.conversion import structured, table_of, to_toml
+from sdm_deflect.cases.settings.conversion import structure, table_of, to_toml
 from sdm_deflect.cases.settings.job_settings import BY_NAME, IN_PYTHON, JobSettings, job_settings, read_job
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.schema import GROUPS, Doc, Option, Range, Spelling, check_settings, described, settings_in
+from sdm_deflect.deform.base.schema import GROUPS, Doc, Option, Range, Spelling, check_settings, describe, settings_in
 from tests.derived import GUIDE, KEYWORDS, ROOT, guide, keywords
 
 MISSPELT = """
@@ -48,18 +48,18 @@ def test_what_is_written_of_the_schema_is_as_it_is_made():
 
 def test_a_setting_is_added_in_one_place():
     settings = settings_in(More).values()
-    value = structured({"smooth_share": 0.25, "n_add": 7}, More)
+    value = structure({"smooth_share": 0.25, "n_add": 7}, More)
     assert (value.smooth_share, value.fitting.n_add) == (0.25, 7)
-    assert structured(loads(to_toml(value)), More) == value
+    assert structure(loads(to_toml(value)), More) == value
     with pytest.raises(InputError, match=r"unknown setting smooth_shar; did you mean smooth_share\?"):
-        structured({"smooth_shar": 0.25}, More)
+        structure({"smooth_shar": 0.25}, More)
     with pytest.raises(InputError, match="smooth_share = 2 must be a number from 0 to 1"):
-        structured({"smooth_share": 2}, More)
+        structure({"smooth_share": 2}, More)
     text = CliRunner().invoke(DeflectCommand("deflect", params=settings_options(settings)), ["--help"]).output
     assert "--smooth-share FLOAT" in text
     assert "How smooth (default: 0.5)." in text
     assert "    smooth_share: float\n" in keywords(settings)
-    assert "- `smooth_share`: How smooth. Of `strip`. Default: ``0.5``." in described(list(settings), "")
+    assert "- `smooth_share`: How smooth. Of `strip`. Default: ``0.5``." in describe(list(settings), "")
     line = "| `smooth_share` | `--smooth-share` | a number from 0 to 1 | `0.5` | How smooth. Of `strip`. |"
     assert line in guide(settings)
 
@@ -92,9 +92,9 @@ def test_a_setting_may_have_another_name_in_files():
     class Named:
         inner: Annotated[float, Spelling("outer")] = 1.0
 
-    assert structured({"outer": 2.0}, Named).inner == 2.0
+    assert structure({"outer": 2.0}, Named).inner == 2.0
     with pytest.raises(InputError, match="unknown setting inner"):
-        structured({"inner": 2.0}, Named)
+        structure({"inner": 2.0}, Named)
 
 
 def test_a_checker_of_types_finds_what_is_misspelt(tmp_path):

@@ -8,7 +8,7 @@ import pytest
 
 import sdm_deflect
 from sdm_deflect.cases.report.finished import FinishedRun
-from sdm_deflect.cases.run.inspection import inspect, inspected
+from sdm_deflect.cases.run.inspection import file_figures, inspect
 from sdm_deflect.cases.settings.job_settings import job_settings
 from sdm_deflect.cases.settings.jobs import jobs_of, selection
 from sdm_deflect.cases.settings.spellings import selections_of
@@ -41,7 +41,7 @@ def test_quality_lists_connected_components_with_their_extent(channel, sdm):
     text = inspect(channel)
     assert "wall has 3 connected components" in text
     assert "  wall#2 64, (0.75, -0.5, -0.2) to (1.75, 0.5, 0.2)" in text
-    found = inspected(channel)
+    found = file_figures(channel)
     assert found["components"] == {"wall": 3}
     assert [one["name"] for one in found["parts"]] == ["wall#1", "wall#2", "wall#3"]
     assert sum(one["faces"] for one in found["parts"]) == found["patches"]["wall"]

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sdm_deflect.cases.aircraft.registry import CASES, case_named, resolve
-from sdm_deflect.cases.settings.conversion import assigned, changed, structured, to_toml
+from sdm_deflect.cases.settings.conversion import parse_assignments, structure, to_toml, with_values
 from sdm_deflect.deform.base.errors import InputError
 
 AILERON = CASES["aileron"]
@@ -16,8 +16,8 @@ AILERON = CASES["aileron"]
 
 @given(st.floats(0.25, 0.45), st.integers(1, 50))
 def test_assignment_replaces_that_value_alone(half_span, n_add):
-    nested = assigned([f"wing.half_span={half_span!r}", f"adaptation.n_add={n_add}"])
-    after = changed(AILERON, nested)
+    nested = parse_assignments([f"wing.half_span={half_span!r}", f"adaptation.n_add={n_add}"])
+    after = with_values(AILERON, nested)
     assert after.fighter.wing.half_span == half_span
     assert after.adaptation.n_add == n_add
     wing = replace(after.fighter.wing, half_span=AILERON.fighter.wing.half_span)
@@ -30,7 +30,7 @@ def test_assignment_replaces_that_value_alone(half_span, n_add):
 def test_toml_repeats_the_case(name, scale, tmp_path):
     case = case_named(name, scale)
     (tmp_path / "case.toml").write_text(to_toml(case), encoding="utf-8")
-    assert structured(loads(to_toml(case)), type(case)) == case
+    assert structure(loads(to_toml(case)), type(case)) == case
     assert resolve("", config=tmp_path / "case.toml") == case
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases.api import deflect
-from sdm_deflect.cases.run.inspection import inspected
+from sdm_deflect.cases.run.inspection import file_figures
 from sdm_deflect.deform.mesh.polyhedra import pyramids_of
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Rotation
@@ -50,7 +50,7 @@ def test_layers_and_polyhedra_are_read_with_the_verdict_of_checkmesh(case):
     assert "Mesh OK." in text
     assert number("polyhedra", text) > 5000
     assert number("prisms", text) > 500
-    found = inspected(case)
+    found = file_figures(case)
     assert found["cells"] == number("cells", text) > 20_000
     assert found["quality"][0]["inverted"] == 0
     faces, theirs = found["face_quality"], foam.metrics(text)
@@ -83,7 +83,7 @@ def test_the_cells_found_inverted_are_those_of_the_faces_that_checkmesh_finds_wr
     at_face = np.isin(cells.owner[wrong], inverted)
     at_face[wrong < len(cells.neighbour)] |= np.isin(cells.neighbour[inside], inverted)
     assert at_face.all()
-    assert sum(of["inverted"] for of in inspected(tmp_path / "bent")["quality"]) == len(inverted)
+    assert sum(of["inverted"] for of in file_figures(tmp_path / "bent")["quality"]) == len(inverted)
 
 
 def test_the_aileron_deflects_and_checkmesh_finds_no_fault(case):

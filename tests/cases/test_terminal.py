@@ -9,8 +9,8 @@ from rich.console import Console
 from sdm_deflect.cases.cli.console import WIDTH, check_table, console
 from sdm_deflect.cases.cli.options import print_tables
 from sdm_deflect.cases.cli.run import case_table
-from sdm_deflect.cases.finished import finished
-from sdm_deflect.cases.run.progress import Stopwatch, lines, shown
+from sdm_deflect.cases.finished import read_run
+from sdm_deflect.cases.run.progress import Stopwatch, lines, show_stages
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import unseen
 from sdm_deflect.deform.checks import Check
@@ -76,7 +76,7 @@ def test_table_is_wide_in_a_pipe_unless_told(monkeypatch):
 def test_switches_choose_what_is_shown(switches, terminal, expected):
     out = StringIO()
     console = Console(file=out, width=WIDTH, force_terminal=terminal)
-    with shown(**{"quiet": False, "verbose": False} | switches, console=console) as show:
+    with show_stages(**{"quiet": False, "verbose": False} | switches, console=console) as show:
         watch = Stopwatch(show)
         with watch.stage("deformation") as tell:
             tell("x: 54 centres, error 7e-05 m", 0.5)
@@ -89,7 +89,7 @@ def test_switches_choose_what_is_shown(switches, terminal, expected):
 
 def test_a_pipe_gets_one_line_for_each_stage_and_no_spinner():
     out = StringIO()
-    with shown(console=Console(file=out, width=20), quiet=False, verbose=False) as display:
+    with show_stages(console=Console(file=out, width=20), quiet=False, verbose=False) as display:
         watch = Stopwatch(display)
         for stage in ("geometry", "mesh"):
             with watch.stage(stage) as progress:
@@ -103,7 +103,7 @@ def test_a_pipe_gets_one_line_for_each_stage_and_no_spinner():
 
 def test_report_of_no_run_is_a_sentence(tmp_path):
     with pytest.raises(InputError, match="is not the output folder of a run"):
-        finished(tmp_path)
+        read_run(tmp_path)
 
 
 def test_a_check_over_nothing_is_not_applicable():

@@ -11,9 +11,9 @@ from sdm_deflect.deform.mesh.images import (
     PeriodicPatches,
     RigidMotion,
     about,
-    fitted,
-    matched,
-    paired,
+    fit_motion,
+    match_nodes,
+    pair_patches,
     rotation_between,
     translation_between,
 )
@@ -39,8 +39,8 @@ def test_rotation_is_found_from_the_axis_alone_and_fitted_to_rounding(where: tup
     points, patches, pairs = two_sides(about(axis, 37.0))
     motion = rotation_between(points[patches[0].nodes], points[patches[1].nodes], axis)
     np.testing.assert_allclose(motion[0], axis.matrix(37.0), atol=ROUNDING)
-    assert np.array_equal(matched(points, patches, motion), pairs)
-    pair = fitted(points, "turn", ("left", "right"), pairs)
+    assert np.array_equal(match_nodes(points, patches, motion), pairs)
+    pair = fit_motion(points, "turn", ("left", "right"), pairs)
     assert np.abs(pair.image(points[pairs[:, 0]]) - points[pairs[:, 1]]).max() < ROUNDING
     np.testing.assert_allclose(pair.rotation, axis.matrix(37.0), atol=ROUNDING)
 
@@ -48,8 +48,8 @@ def test_rotation_is_found_from_the_axis_alone_and_fitted_to_rounding(where: tup
 def test_translation_is_found_and_has_no_rotation_at_all() -> None:
     points, patches, pairs = two_sides((np.eye(3), np.array([0.0, 3.0, 0.0])))
     motion = translation_between(points[patches[0].nodes], points[patches[1].nodes])
-    assert np.array_equal(matched(points, patches, motion), pairs)
-    assert np.array_equal(fitted(points, "shift", ("left", "right"), pairs).rotation, np.eye(3))
+    assert np.array_equal(match_nodes(points, patches, motion), pairs)
+    assert np.array_equal(fit_motion(points, "shift", ("left", "right"), pairs).rotation, np.eye(3))
 
 
 def split_grid(motion: RigidMotion) -> tuple[FloatArray, tuple[Patch, Patch], dict[int, int]]:
@@ -82,8 +82,8 @@ def test_nodes_at_one_place_have_images_of_their_own(degrees: float) -> None:
     motion = (np.eye(3), np.array([0.0, 0.0, 3.0])) if not degrees else about(Axis(np.zeros(3), np.eye(3)[0]), degrees)
     points, patches, expected = split_grid(motion)
     assert len(np.unique(points[:40], axis=0)) == 36
-    assert dict(matched(points, patches, motion).tolist()) == expected
-    (pair,) = paired(Mesh(points, (), patches), [PeriodicPatches("left", "right")]).periodic
+    assert dict(match_nodes(points, patches, motion).tolist()) == expected
+    (pair,) = pair_patches(Mesh(points, (), patches), [PeriodicPatches("left", "right")]).periodic
     assert dict(pair.nodes.tolist()) == expected
 
 
@@ -93,14 +93,14 @@ def test_faces_that_differ_are_matched_by_their_nodes() -> None:
     points = np.concatenate([quad, quad + shift])
     whole = Patch("left", (Cells("quad", np.array([[0, 1, 2, 3]])),))
     halves = Patch("right", (Cells("triangle", np.array([[4, 5, 6], [4, 6, 7]])),))
-    assert np.array_equal(matched(points, (whole, halves), motion), np.arange(8).reshape(2, 4).T)
+    assert np.array_equal(match_nodes(points, (whole, halves), motion), np.arange(8).reshape(2, 4).T)
 
 
 def test_sides_of_a_plane_mesh_turn_about_z_and_stay_in_their_plane() -> None:
     line = np.linspace([1.0, 0.0, 0.0], [2.0, 0.0, 0.0], 9)
     axis = Axis(np.zeros(3), np.array([0.0, 0.0, 1.0]))
     points = np.concatenate([line, axis.rotated(line, 90.0)])
-    pair = fitted(points, "turn", ("a", "b"), np.arange(18).reshape(2, 9).T)
+    pair = fit_motion(points, "turn", ("a", "b"), np.arange(18).reshape(2, 9).T)
     assert np.array_equal(pair.image(line)[:, 2], line[:, 2])
     assert np.abs(pair.image(line) - points[9:]).max() < ROUNDING
 
@@ -109,7 +109,7 @@ def test_node_on_the_axis_is_its_own_image() -> None:
     axis = Axis(np.zeros(3), np.array([0.0, 0.0, 1.0]))
     points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 1], [0, 1, 1], [0, 0, 1]])
     patches = (Patch("a", (), np.array([0, 1, 3, 5])), Patch("b", (), np.array([0, 2, 4, 5])))
-    assert matched(points, patches, about(axis, 90.0)).tolist() == [[0, 0], [1, 2], [3, 4], [5, 5]]
+    assert match_nodes(points, patches, about(axis, 90.0)).tolist() == [[0, 0], [1, 2], [3, 4], [5, 5]]
 
 
 @pytest.mark.parametrize("digits", [6, 9])
@@ -119,8 +119,8 @@ def test_few_digits_of_a_file_are_allowed_for(digits: int) -> None:
     motion = rotation_between(
         points[patches[0].nodes], points[patches[1].nodes], Axis(np.zeros(3), np.array([1.0, 0, 0]))
     )
-    assert np.array_equal(matched(points, patches, motion), pairs)
-    assert np.array_equal(fitted(points, "p", ("left", "right"), pairs).nodes, pairs)
+    assert np.array_equal(match_nodes(points, patches, motion), pairs)
+    assert np.array_equal(fit_motion(points, "p", ("left", "right"), pairs).nodes, pairs)
 
 
 def test_what_does_not_match_is_refused_in_a_sentence() -> None:
@@ -128,21 +128,21 @@ def test_what_does_not_match_is_refused_in_a_sentence() -> None:
     points, patches, pairs = two_sides(still)
     fewer = Patch("few", (), pairs[1:, 1])
     with pytest.raises(InputError, match="have 40 and 39 nodes"):
-        matched(points, (patches[0], fewer), still)
+        match_nodes(points, (patches[0], fewer), still)
     moved = points.copy()
     moved[pairs[7, 1]] += 0.01
     with pytest.raises(InputError, match=r"the node at .* has no image within .*check the rotation or the translation"):
-        matched(moved, patches, still)
+        match_nodes(moved, patches, still)
     with pytest.raises(InputError, match=r"no rigid motion leads to all images, the best one is 0\.0"):
-        fitted(moved, "p", ("left", "right"), pairs)
+        fit_motion(moved, "p", ("left", "right"), pairs)
     moved[pairs[7, 1]] = 1e200
     with pytest.raises(InputError, match=r"its nodes lie at up to 1e\+200; 1e\+100 is the limit"):
-        fitted(moved, "p", ("left", "right"), pairs)
+        fit_motion(moved, "p", ("left", "right"), pairs)
     with pytest.raises(InputError, match="a node has two images"):
-        fitted(points, "p", ("left", "right"), pairs[[0, 0]])
+        fit_motion(points, "p", ("left", "right"), pairs[[0, 0]])
     points[pairs[3, 0]] = points[pairs[4, 0]]
     with pytest.raises(InputError, match="two nodes have the same image"):
-        matched(points, patches, still, allowed=9.0)
+        match_nodes(points, patches, still, allowed=9.0)
     with pytest.raises(InputError, match="centre lies on the axis"):
         rotation_between(*[np.array([[1.0, 0, 0], [-1, 0, 0]])] * 2, Axis(np.zeros(3), np.eye(3)[1]))
 
@@ -161,7 +161,7 @@ def test_patches_that_a_user_names_become_a_pair(motion: RigidMotion, wanted: di
     if "axis" in wanted:
         wanted = {"axis": Axis(np.array([0.0, 5.0, 0.0]), np.array([1.0, 0.0, 1.0]))}
     mesh = Mesh(points, (), patches, periodic=(Periodic("old", ("right", "left"), pairs[:3, ::-1], *motion),))
-    (pair,) = paired(mesh, [PeriodicPatches("left", "right", **wanted)]).periodic  # type: ignore[arg-type]
+    (pair,) = pair_patches(mesh, [PeriodicPatches("left", "right", **wanted)]).periodic  # type: ignore[arg-type]
     assert np.array_equal(pair.nodes, pairs)
     np.testing.assert_allclose(pair.rotation, motion[0], atol=ROUNDING)
     np.testing.assert_allclose(pair.shift, motion[1], atol=ROUNDING)
@@ -171,8 +171,8 @@ def test_patches_that_no_motion_joins_are_refused_with_what_to_give() -> None:
     points, patches, _ = two_sides(about(Axis(np.array([0.0, 5.0, 0.0]), np.array([1.0, 0.0, 1.0])), 40.0))
     mesh = Mesh(points, (), patches)
     with pytest.raises(InputError, match=r"no rotation about x, y or z .* give the axis or the translation"):
-        paired(mesh, [PeriodicPatches("left", "right")])
+        pair_patches(mesh, [PeriodicPatches("left", "right")])
     with pytest.raises(InputError, match="periodic 'rihgt' is no patch; did you mean right"):
-        paired(mesh, [PeriodicPatches("left", "rihgt")])
+        pair_patches(mesh, [PeriodicPatches("left", "rihgt")])
     with pytest.raises(InputError, match="stands for left; name two patches"):
-        paired(mesh, [PeriodicPatches("left", "left")])
+        pair_patches(mesh, [PeriodicPatches("left", "left")])

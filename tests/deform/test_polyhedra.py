@@ -5,8 +5,8 @@ import pytest
 
 from sdm_deflect.deform.mesh import polyhedra
 from sdm_deflect.deform.mesh.cells import Polyhedra
-from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra, joined, pyramids_of
-from sdm_deflect.meshing.formats.polyhedra import bounded
+from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra, join_polyhedra, pyramids_of
+from sdm_deflect.meshing.formats.polyhedra import polyhedral_cells
 from tests.deform.repair.meshes import lattice
 
 
@@ -15,7 +15,7 @@ def mesh():
     """Points that are moved at random, and tetrahedra between them in random order."""
     mesh = lattice((1.0, 1.0, 1.0), (5, 4, 3))
     rng = np.random.default_rng(2)
-    cells = bounded(mesh).cells
+    cells = polyhedral_cells(mesh).cells
     number = rng.permutation(len(cells))
     return mesh.points + rng.normal(0.0, 0.02, mesh.points.shape), Polyhedra(
         cells.faces, number[cells.owner], number[cells.neighbour]
@@ -53,7 +53,7 @@ def test_some_of_them_counted_anew_have_the_same_bits(start, stop, mesh):
 
 def test_parts_that_share_faces_have_each_once_when_joined(mesh):
     _, cells = mesh
-    found = joined([part(cells, start, start + 60) for start in (120, 0, 60)])
+    found = join_polyhedra([part(cells, start, start + 60) for start in (120, 0, 60)])
     expected = part(cells, 0, 180)
     for one, other in zip(
         (found.numbers, found.nodes, found.sides.faces.offsets, found.sides.owner, found.sides.neighbour),

@@ -13,9 +13,9 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.polyhedra import face_centres_and_areas, pyramids_of
 from sdm_deflect.deform.mesh.quality import (
     by_shape,
+    find_orientation,
     inverted_of,
     mean_ratio,
-    oriented,
     quality_and_inverted,
     quality_of,
     summarise,
@@ -109,8 +109,8 @@ def test_a_mirror_inverts_and_the_other_orientation_mends(shape):
     assert inverted_of(mirror, cells)[good].all()
     assert np.array_equal(inverted_of(mirror, cells, orientation=-1.0), ~good)
     np.testing.assert_allclose(quality_of(mirror, cells, orientation=-1.0), quality_of(points, cells), atol=1e-14)
-    assert oriented(mirror, cells) == (-1.0, np.count_nonzero(~good))
-    assert oriented(points, cells) == (1.0, np.count_nonzero(~good))
+    assert find_orientation(mirror, cells) == (-1.0, np.count_nonzero(~good))
+    assert find_orientation(points, cells) == (1.0, np.count_nonzero(~good))
 
 
 @pytest.mark.parametrize("shape", VOLUMES)

@@ -9,7 +9,7 @@ import pytest
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.cells import Cells, Patch, Polygons
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.selection import Before, Component, Part, Selection, Within, selected
+from sdm_deflect.deform.mesh.selection import Before, Component, Part, Selection, Within, with_selections
 from tests.deform.blocks import block_with_body, two_bodies
 
 
@@ -48,27 +48,27 @@ def test_equally_large_components_come_in_the_order_of_their_first_faces():
 
 def test_a_component_is_a_patch_and_the_rest_keeps_its_name():
     mesh, whole = one_marker(), two_bodies()
-    again = selected(mesh, (), ["wall#2"])
+    again = with_selections(mesh, (), ["wall#2"])
     assert again.names == ("wall", "wall#2", "end")
     assert rows(again, "wall#2") == rows(whole, "right")
     assert len(again.patch("wall")) + len(again.patch("wall#2")) == len(mesh.patch("wall"))
     assert again.points is mesh.points
     assert again.cells == mesh.cells
-    assert selected(mesh, (), ["wall", "w*"]) is mesh
+    assert with_selections(mesh, (), ["wall", "w*"]) is mesh
 
 
 def test_a_wildcard_stands_for_the_components_that_nothing_else_has():
     mesh = one_marker()
-    assert selected(mesh, (), ["wall#*"]).names == ("wall#1", "wall#2", "wall#3", "end")
+    assert with_selections(mesh, (), ["wall#*"]).names == ("wall#1", "wall#2", "wall#3", "end")
     flap = Selection("flap", "wall#2")
-    assert set(selected(mesh, [flap], ["wall#3", "wall#*"]).names) == {"flap", "wall#1", "wall#3", "end"}
+    assert set(with_selections(mesh, [flap], ["wall#3", "wall#*"]).names) == {"flap", "wall#1", "wall#3", "end"}
 
 
 def test_a_box_and_a_plane_take_faces_by_their_centres():
     """Each face is on one side; nodes between both are on both patches."""
     mesh = one_marker()
-    ahead = selected(mesh, [Selection("ahead", "wall#2", (Before((1.25, 0, 0), (1, 0, 0)),))])
-    boxed = selected(mesh, [Selection("ahead", "wall#2", (Within((1.25, -9, -9), (9, 9, 9)),))])
+    ahead = with_selections(mesh, [Selection("ahead", "wall#2", (Before((1.25, 0, 0), (1, 0, 0)),))])
+    boxed = with_selections(mesh, [Selection("ahead", "wall#2", (Within((1.25, -9, -9), (9, 9, 9)),))])
     assert rows(ahead, "ahead") == rows(boxed, "ahead")
     centres = Part.of(ahead, ahead.patch("ahead")).centres
     assert centres[:, 0].min() > 1.25
@@ -79,20 +79,21 @@ def test_each_test_narrows_what_the_one_before_it_left():
     """The half space before z = 0 has one half of each plate and of the channel: components again."""
     mesh = one_marker()
     upper = Before((0, 0, 0.1), (0, 0, 1))
-    two = selected(mesh, [Selection("top", "wall", (upper, Component(2)))])
-    other = selected(mesh, [Selection("top", "wall#2", (upper,))])
+    two = with_selections(mesh, [Selection("top", "wall", (upper, Component(2)))])
+    other = with_selections(mesh, [Selection("top", "wall#2", (upper,))])
     assert rows(two, "top") == rows(other, "top")
 
 
 def test_sharp_edges_cut_a_cube_into_its_six_sides():
     mesh = block_with_body()
-    sides = selected(mesh, [Selection("side", "body", sharp=40.0)])
+    sides = with_selections(mesh, [Selection("side", "body", sharp=40.0)])
     names = [f"side~{k}" for k in range(1, 7)]
     assert set(sides.names) == {*(name for name in mesh.names if name != "body"), *names}
     for name in names:
         flat = np.ptp(sides.points[sides.on(name)], axis=0)
         assert sorted(flat.tolist()) == [0.0, 1.0, 1.0]
-    assert len(selected(mesh, [Selection("top", "body", (Before((0, 0, 0.4), (0, 0, 1)),), 40.0)]).patch("top~1")) == 4
+    top = Selection("top", "body", (Before((0, 0, 0.4), (0, 0, 1)),), 40.0)
+    assert len(with_selections(mesh, [top]).patch("top~1")) == 4
 
 
 @pytest.mark.parametrize("kind", ["triangles", "polygons"])
@@ -105,7 +106,7 @@ def test_faces_of_several_blocks_are_cut_alike(kind):
     else:
         blocks = (Polygons(first.ravel(), np.arange(0, first.size + 1, 4)), Cells("quad", rest))
     mixed = Mesh(mesh.points, mesh.cells, (Patch("wall", blocks),))
-    again, plain = selected(mixed, (), ["wall#2"]), selected(mesh, (), ["wall#2"])
+    again, plain = with_selections(mixed, (), ["wall#2"]), with_selections(mesh, (), ["wall#2"])
     assert again.on("wall#2").tolist() == plain.on("wall#2").tolist()
     assert again.on("wall").tolist() == plain.on("wall").tolist()
 
@@ -128,19 +129,19 @@ def test_lines_of_a_plane_mesh_are_chosen_like_faces():
     triangle, along = ring((0.0, 0.0), 10, [(0, 0), (3, 0), (0, 2)])
     lines = np.vstack([around, along[:, ::-1] + len(circle)])
     mesh = Mesh(np.vstack([circle, triangle]), (), (Patch("wall", (Cells("line", lines),)),))
-    again = selected(mesh, [Selection("side", "wall#2", sharp=40.0)])
+    again = with_selections(mesh, [Selection("side", "wall#2", sharp=40.0)])
     assert [len(again.patch(name)) for name in again.names] == [64, 10, 10, 10]
     assert rows(again, "wall") == sorted(tuple(sorted(line)) for line in around.tolist())
-    upper = selected(mesh, [Selection("upper", "wall#1", (Before((5, 0, 0), (0, 1, 0)),))])
+    upper = with_selections(mesh, [Selection("upper", "wall#1", (Before((5, 0, 0), (0, 1, 0)),))])
     assert len(upper.patch("upper")) == 32
-    right = selected(mesh, [Selection("right", "wall", (Within((5, -2, 0), (9, 2, 0)),))])
+    right = with_selections(mesh, [Selection("right", "wall", (Within((5, -2, 0), (9, 2, 0)),))])
     assert len(right.patch("right")) == 32
 
 
 def test_a_patch_of_nodes_alone_keeps_them():
     mesh = one_marker()
     patch = Patch("wall", mesh.patch("wall").faces, np.array([0, 1]))
-    again = selected(Mesh(mesh.points, (), (patch,)), (), ["wall#2"])
+    again = with_selections(Mesh(mesh.points, (), (patch,)), (), ["wall#2"])
     assert again.patch("wall").loose.tolist() == [0, 1]
     assert not len(again.patch("wall#2").loose)
 
@@ -164,12 +165,12 @@ WRONG = [
 @pytest.mark.parametrize(("selections", "words"), WRONG, ids=[words[:30] for _, words in WRONG])
 def test_what_cannot_be_chosen_is_one_sentence(selections, words):
     with pytest.raises(InputError, match=words):
-        selected(one_marker(), selections)
+        with_selections(one_marker(), selections)
 
 
 def test_a_component_that_is_chosen_under_another_name_is_none_of_its_own():
     with pytest.raises(InputError, match="flap and wall#2 overlap"):
-        selected(one_marker(), [FLAP], ["wall#2"])
+        with_selections(one_marker(), [FLAP], ["wall#2"])
 
 
 def test_too_many_regions_are_refused():
@@ -177,13 +178,13 @@ def test_too_many_regions_are_refused():
     points = rng.normal(size=(3000 * 3, 3))
     mesh = Mesh(points, (), (Patch("dust", (Cells("triangle", np.arange(9000).reshape(-1, 3)),)),))
     with pytest.raises(InputError, match="3000 regions; choose a larger angle"):
-        selected(mesh, [Selection("grain", "dust", sharp=40.0)])
+        with_selections(mesh, [Selection("grain", "dust", sharp=40.0)])
     with pytest.raises(InputError, match="stands for 3000 components"):
-        selected(mesh, (), ["dust#*"])
+        with_selections(mesh, (), ["dust#*"])
     with pytest.raises(InputError, match="; and 2994 more"):
-        selected(mesh, (), ["dust#3001"])
+        with_selections(mesh, (), ["dust#3001"])
 
 
 def test_what_a_reader_has_noted_stays():
     mesh = replace(one_marker(), notes=("parts were joined",))
-    assert selected(mesh, (), ["wall#2"]).notes == mesh.notes
+    assert with_selections(mesh, (), ["wall#2"]).notes == mesh.notes

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.arrays import counted, distinct
+from sdm_deflect.deform.base.arrays import count_distinct, distinct
 
 
 @pytest.mark.parametrize("size", [0, 1, 2, 50])
@@ -11,5 +11,5 @@ def test_distinct_numbers_and_how_often_they_occur(size):
     values = np.random.default_rng(size).integers(0, 9, size).astype(np.uint64)
     known, count = np.unique(values, return_counts=True)
     assert distinct(values).tolist() == known.tolist()
-    found = counted(values.copy())
+    found = count_distinct(values.copy())
     assert [found[0].tolist(), found[1].tolist()] == [known.tolist(), count.tolist()]

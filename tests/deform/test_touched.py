@@ -11,7 +11,7 @@ from sdm_deflect.deform.mesh.cells import Cells, Polygons, Polyhedra
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.mesh.touched import WEIGHT, TouchedCells, first_layer, layers
-from sdm_deflect.meshing.formats.polyhedra import bounded
+from sdm_deflect.meshing.formats.polyhedra import polyhedral_cells
 from tests.deform.blocks import FACES, block_with_body, grid
 from tests.meshing.formats.examples import hybrid
 from tests.meshing.formats.wing import wing
@@ -73,7 +73,7 @@ def test_a_mesh_most_of_whose_cells_are_inverted_is_not_read_right(mirror):
 
 
 def test_cells_with_a_node_that_may_move_are_touched():
-    points, cells = grid([0, 0, 0], [1, 1, 1], [60, 40, 30])
+    points, cells = grid([0, 0, 0], [1, 1, 1], [60, 60, 30])
     assert len(cells) * WEIGHT > SERIAL_PAIRS  # on several threads
     moved = np.array([5, len(points) - 1])
     expected = np.flatnonzero(np.isin(cells, moved).any(axis=1))
@@ -115,7 +115,7 @@ def test_heights_of_the_first_layer_are_compared_edge_by_edge():
 def test_layers_of_polyhedra_have_the_heights_of_the_shapes_that_they_are(part):
     w = wing(cells=3)
     walls = w.mesh.on("wing_upper", "wing_lower", "flap_upper", "flap_lower")
-    other = replace(w.mesh, cells=(bounded(w.mesh).cells,))
+    other = replace(w.mesh, cells=(polyhedral_cells(w.mesh).cells,))
     points = w.mesh.points + np.random.default_rng(1).normal(0.0, 1e-5, w.mesh.points.shape)
     shapes, polyhedra = (TouchedCells.of(mesh, np.arange(len(points))[part]) for mesh in (w.mesh, other))
     found = first_layer(shapes, walls, points)

@@ -16,7 +16,7 @@ from sdm_deflect.geometry.datum import (
     ribs,
     trailing_edge,
 )
-from sdm_deflect.geometry.deflected import rotated
+from sdm_deflect.geometry.deflected import rotate
 from sdm_deflect.geometry.parameters import MIRROR, Aileron, Fighter, Rudder
 
 MOVED = {"aileron": [0.0, 0.0, -1.0], "tail": [0.0, 0.0, -1.0], "rudder": [0.0, -1.0, 0.0]}
@@ -31,7 +31,7 @@ def test_parameters_and_datum_do_not_import_the_cad_kernel():
 @pytest.mark.parametrize("surface", SURFACES)
 def test_a_positive_turn_moves_the_trailing_edge_down_or_to_port(fighter, surface):
     before = trailing_edge(fighter, surface)[1]
-    moved = rotated(before, hinge_line(fighter, surface), 1.0) - before
+    moved = rotate(before, hinge_line(fighter, surface), 1.0) - before
     assert moved @ MOVED[surface.split("_")[0]] > 0.9 * np.linalg.norm(moved) > 0.0
 
 
@@ -50,7 +50,7 @@ def test_the_left_side_is_the_mirrored_right_side(gapped):
 def test_the_paper_s_proportions_of_the_aileron(gapped):
     """The trailing edge moves about 1 gap at -12 degrees and 2.6 gaps at -30 (section 5.2)."""
     edge, line = trailing_edge(gapped, "aileron_left")[0], hinge_line(gapped, "aileron_left")
-    lifts = [rotated(edge, line, angle)[2] / gapped.aileron.gap for angle in (-12.0, -30.0)]
+    lifts = [rotate(edge, line, angle)[2] / gapped.aileron.gap for angle in (-12.0, -30.0)]
     assert lifts == pytest.approx([1.08, 2.6], abs=0.05)
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from sdm_deflect.geometry.aircraft import build
 from sdm_deflect.geometry.datum import ends, hinge_edges, hinge_line, trailing_edge
-from sdm_deflect.geometry.deflected import CadTurn, rotated
+from sdm_deflect.geometry.deflected import CadTurn, rotate
 from sdm_deflect.geometry.parameters import TE
 
 ANGLES = {"aileron_left": -12.0, "aileron_right": 12.0, "tail_left": 12.0, "tail_right": -12.0, "rudder": 15.0}
@@ -18,14 +18,14 @@ def nearest(model, points):
 
 @pytest.mark.parametrize("surface", ANGLES)
 def test_rigid_trailing_edges_end_where_the_rotation_puts_them(rigid_model, fighter, surface):
-    turned = rotated(trailing_edge(fighter, surface), hinge_line(fighter, surface), ANGLES[surface])
+    turned = rotate(trailing_edge(fighter, surface), hinge_line(fighter, surface), ANGLES[surface])
     exposed = turned[1:] if surface.startswith("tail") else turned
     assert nearest(rigid_model, exposed).max() < 1e-9
 
 
 @pytest.mark.parametrize("surface", ["aileron_left", "aileron_right", "rudder"])
 def test_blended_surfaces_keep_their_hinge_edges_and_turn_their_trailing_edge(blended_model, gapped, surface):
-    turned = rotated(trailing_edge(gapped, surface), hinge_line(gapped, surface), ANGLES[surface])
+    turned = rotate(trailing_edge(gapped, surface), hinge_line(gapped, surface), ANGLES[surface])
     assert nearest(blended_model, turned).max() < 1e-9
     assert nearest(blended_model, hinge_edges(gapped, surface).reshape(-1, 3)).max() < 1e-9
 
@@ -43,7 +43,7 @@ def test_rigid_tail_faces_are_the_rotated_ones(plain_model, rigid_model, fighter
     axis = hinge_line(fighter, "tail_left")
     for before in plain_model.faces_of("tail_left"):
         centre = np.array([before.shape.Center().toTuple()])
-        turned = rotated(centre, axis, 12.0)
+        turned = rotate(centre, axis, 12.0)
         distances = [np.abs(after.project(turned) - turned).max() for after in rigid_model.faces_of("tail_left")]
         assert min(distances) < 1e-12
 
@@ -73,7 +73,7 @@ def test_nothing_but_the_deflected_surfaces_and_their_seats_changes(plain_model,
 @pytest.mark.parametrize("angle", [-30.0, 20.0])
 def test_large_deflections_build_without_a_gap(fighter, angle):
     model = build(fighter, {"aileron_left": CadTurn(angle)})
-    turned = rotated(trailing_edge(fighter, "aileron_left"), hinge_line(fighter, "aileron_left"), angle)
+    turned = rotate(trailing_edge(fighter, "aileron_left"), hinge_line(fighter, "aileron_left"), angle)
     assert nearest(model, turned).max() < 1e-9
 
 
@@ -81,7 +81,7 @@ def test_an_opposite_deflection_is_the_mirror_image(fighter):
     """The whole aircraft is symmetric about z = 0 at the wing: TE up and TE down lie at opposite heights."""
     sections = ends(fighter, "aileron_left")
     axis = hinge_line(fighter, "aileron_left")
-    up, down = (rotated(sections[:, TE], axis, angle) for angle in (-12.0, 12.0))
+    up, down = (rotate(sections[:, TE], axis, angle) for angle in (-12.0, 12.0))
     assert up * [1, 1, -1] == pytest.approx(down, abs=1e-15)
 
 

@@ -10,7 +10,7 @@ from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.geometry.aircraft import build
 from sdm_deflect.geometry.assemble import assemble
 from sdm_deflect.geometry.datum import hinge_edges, hinge_line
-from sdm_deflect.geometry.deflected import CadTurn, rotated
+from sdm_deflect.geometry.deflected import CadTurn, rotate
 from sdm_deflect.geometry.parameters import Aileron, Fighter
 from sdm_deflect.geometry.quantity import CadError
 
@@ -54,7 +54,7 @@ def test_the_turned_aileron_is_the_undeflected_one_rotated(free_model, angle):
     turned, axis = build(FREE, {"aileron_left": CadTurn(angle)}, notch=NOTCH), hinge_line(FREE, "aileron_left")
     before, after = (model.faces_of("aileron_left") for model in (free_model, turned))
     assert len(before) == len(after) == 5
-    corners = np.vstack([rotated(face.tessellation()[0], axis, angle) for face in before])
+    corners = np.vstack([rotate(face.tessellation()[0], axis, angle) for face in before])
     found = np.vstack([face.tessellation()[0] for face in after])
     assert max(np.linalg.norm(found - corner, axis=1).min() for corner in corners) < 1e-15
     assert max(np.linalg.norm(corners - corner, axis=1).min() for corner in found) < 1e-15

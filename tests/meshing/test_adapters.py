@@ -8,7 +8,7 @@ import pyvista as pv
 from sdm_deflect.cases.api import deflect
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.formats.adapters import accepted
+from sdm_deflect.meshing.formats.adapters import accept
 from sdm_deflect.meshing.mesh import Skin, tetrahedral
 from tests.meshing.formats.examples import KINDS
 
@@ -70,7 +70,7 @@ def test_a_tet_mesh():
     points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1.0]])
     tets, triangles = np.array([[0, 1, 2, 3], [1, 2, 3, 4]]), np.array([[0, 2, 1], [0, 1, 3], [1, 2, 4]])
     mesh = tetrahedral(points, tets, Skin(triangles, np.array([0, 0, 1]), np.full(3, -1)), ("flap", "rest"))
-    found, with_points = accepted(mesh)
+    found, with_points = accept(mesh)
     assert found.patch("flap").nodes.tolist() == [0, 1, 2, 3]
     assert isinstance(with_points(points + 1.0), Mesh)
 
@@ -87,4 +87,4 @@ def test_a_tet_mesh():
 )
 def test_what_cannot_be_taken_is_said(mesh, words):
     with pytest.raises(InputError, match=words):
-        accepted(mesh)
+        accept(mesh)

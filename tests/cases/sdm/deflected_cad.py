@@ -3,10 +3,10 @@
 from functools import cache
 
 from sdm_deflect.cases.aircraft.case import Case
-from sdm_deflect.cases.aircraft.reference import Reference, answer, decoded, question
+from sdm_deflect.cases.aircraft.reference import Reference, answer, decode, question
 
 
 @cache
 def built(case: Case) -> Reference:
     """Return the reference of a case as a run gets it."""
-    return decoded(answer(question(case)))
+    return decode(answer(question(case)))

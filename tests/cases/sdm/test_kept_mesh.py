@@ -18,12 +18,12 @@ def told(monkeypatch):
     skin = Skin(np.array([[0, 2, 1]]), np.array([0]), np.array([0]))
     mesh = tetrahedral(np.vstack([np.zeros(3), np.eye(3)]), np.array([[0, 1, 2, 3]]), skin, ("wing",))
     report = SimpleNamespace(verification=SimpleNamespace(boundary_to_cad_max=0.0), attempts=1, seconds=1.0)
-    monkeypatch.setattr(cad, "undeflected", lambda case, watch: SimpleNamespace(mesh=mesh, report=report))
+    monkeypatch.setattr(cad, "generate_undeflected", lambda case, watch: SimpleNamespace(mesh=mesh, report=report))
 
     def run():
         texts = []
         watch = Stopwatch(lambda _: nullcontext(lambda text, _: texts.append(text)))
-        found, _ = pipeline.meshed(case_named("aileron", "small"), watch)
+        found, _ = pipeline.mesh_of_case(case_named("aileron", "small"), watch)
         np.testing.assert_array_equal(tets_of(found), tets_of(mesh))
         return texts
 

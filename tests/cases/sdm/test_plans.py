@@ -9,7 +9,7 @@ from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.deform.held import HeldPlan
 from sdm_deflect.deform.surface.motions import Powers, Turn
-from sdm_deflect.deform.volume.deflection import deflect, stepped
+from sdm_deflect.deform.volume.deflection import deflect, deflect_in_steps
 
 pytestmark = pytest.mark.mesher
 
@@ -35,7 +35,7 @@ def test_a_tail_is_met_between_the_angles_that_were_read(make_mesh):
     held, (box,) = HeldPlan.of(plan), plan.boxes
     (step,) = held.mesh.readings[0].deflections[0].steps
     for angle in np.linspace(-14.0, 14.0, 15):
-        expected = stepped(box, (angle,), 1, earlier=step, held=True).points
+        expected = deflect_in_steps(box, (angle,), 1, earlier=step, held=True).points
         assert np.abs(held.at(angle) - expected).max() <= 0.1 * box.sites.tolerance
         assert not held.deflection(angle).inverted
         assert held.deflection(angle).boxes[0].site_error <= 1.1 * box.sites.tolerance

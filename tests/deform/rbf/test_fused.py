@@ -6,7 +6,7 @@ import pytest
 from sdm_deflect.deform.base.arrays import farthest
 from sdm_deflect.deform.box.hexahedron import box
 from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.rbf.data_sites import DataSites, joined, multivariate, pinned, univariate
+from sdm_deflect.deform.rbf.data_sites import DataSites, fixed_sites, joined, multivariate, univariate
 from sdm_deflect.deform.rbf.greedy import adapt, fused
 from sdm_deflect.deform.rbf.kernels import Multiquadric, ThinPlateSpline
 from sdm_deflect.deform.rbf.rules import GreedyOptions
@@ -25,7 +25,7 @@ def _plate(n=12):
 def _fits(group):
     surface = _plate()
     hinge = Axis(np.zeros(3), np.array([0.0, 1.0, 0.0]))
-    parts = [DataSites(surface, hinge.displacement(surface, -12.0)), pinned(REGION.face_sites(0.4))]
+    parts = [DataSites(surface, hinge.displacement(surface, -12.0)), fixed_sites(REGION.face_sites(0.4))]
     return [adapt(g, ThinPlateSpline(), farthest(g.points, 10), OPTIONS) for g in group(parts)]
 
 
@@ -50,7 +50,7 @@ def test_mv_and_squv_agree_to_the_tolerance(squv):
 
 
 def test_displacement_vanishes_at_pinned_faces(squv):
-    sites = joined([pinned(REGION.face_sites(0.4))]).points
+    sites = joined([fixed_sites(REGION.face_sites(0.4))]).points
     assert np.abs(fused(squv)(sites)).max() < 1e-3
 
 

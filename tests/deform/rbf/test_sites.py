@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.rbf.data_sites import DataSites, joined, multivariate, pinned, univariate
+from sdm_deflect.deform.rbf.data_sites import DataSites, fixed_sites, joined, multivariate, univariate
 
 GRID = np.stack(np.meshgrid(*[np.arange(4.0)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
 
@@ -11,7 +11,7 @@ GRID = np.stack(np.meshgrid(*[np.arange(4.0)] * 3, indexing="ij"), axis=-1).resh
 def test_sites_reject_what_makes_the_matrix_singular():
     twice = np.vstack([GRID, GRID[5:7]])
     with pytest.raises(ValueError, match="2 data sites coincide with another, for example rows 5 and 64"):
-        pinned(twice)
+        fixed_sites(twice)
 
 
 @pytest.mark.parametrize(
@@ -33,7 +33,7 @@ def test_sites_reject_bad_arrays(points, values, components, match):
 
 def test_joining_drops_and_counts_what_is_there_already():
     moved = DataSites(GRID[:10], np.zeros((10, 3)))
-    both = joined([moved, pinned(GRID[5:20] + 1e-12)])
+    both = joined([moved, fixed_sites(GRID[5:20] + 1e-12)])
     assert len(both) == 20
     assert both.merged == 5
     assert np.array_equal(both.points[:10], GRID[:10])
@@ -42,16 +42,16 @@ def test_joining_drops_and_counts_what_is_there_already():
 def test_joining_refuses_contradictions():
     moved = DataSites(GRID[:10], np.ones((10, 3)))
     with pytest.raises(ValueError, match="5 pairs of coinciding data sites are to move differently"):
-        joined([moved, pinned(GRID[5:20])])
+        joined([moved, fixed_sites(GRID[5:20])])
     with pytest.raises(ValueError, match="cannot join"):
-        joined([moved, pinned(GRID[20:], (1,))])
+        joined([moved, fixed_sites(GRID[20:], (1,))])
     with pytest.raises(ValueError, match="no data sites"):
         joined([])
 
 
 def _chimera():
     surface = DataSites(GRID[:10], np.arange(30.0).reshape(10, 3))
-    return [surface, pinned(GRID[10:30]), pinned(GRID[30:40], (1,))]
+    return [surface, fixed_sites(GRID[10:30]), fixed_sites(GRID[30:40], (1,))]
 
 
 def test_squv_is_one_problem_per_direction_with_its_own_sites():
@@ -72,5 +72,5 @@ def test_mv_joins_the_directions_that_share_their_sites():
 
 
 def test_directions_without_sites_are_no_problem_of_their_own():
-    assert [g.components for g in univariate([pinned(GRID, (2,))])] == [(2,)]
-    assert [g.components for g in multivariate([pinned(GRID, (2,))])] == [(2,)]
+    assert [g.components for g in univariate([fixed_sites(GRID, (2,))])] == [(2,)]
+    assert [g.components for g in multivariate([fixed_sites(GRID, (2,))])] == [(2,)]

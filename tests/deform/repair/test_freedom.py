@@ -7,7 +7,7 @@ from sdm_deflect.deform.mesh.sliding import Plane
 from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.repair.elements import Crossing
 from sdm_deflect.deform.repair.freedom import FreeNodes
-from sdm_deflect.deform.repair.repair import repaired
+from sdm_deflect.deform.repair.repair import repair_cells
 from tests.deform.repair.meshes import inner, lattice
 
 COUNT = 6
@@ -48,7 +48,7 @@ def test_shuffled_faces_and_edges_find_back(box, freedom, seed):
     points = box.points + way
     touched = TouchedCells.of(box, np.arange(len(points)))
     assert touched.newly_inverted(points).sum() > 100
-    found = repaired(points, touched, freedom, 0.9)
+    found = repair_cells(points, touched, freedom, 0.9)
     assert not len(found.inverted)
     assert not found.left
     np.testing.assert_allclose(found.points[box.points == 1.0], 1.0, atol=1e-15)
@@ -64,7 +64,7 @@ def test_where_every_face_is_left_nothing_moves(box, monkeypatch):
     points = box.points.copy()
     points[inner(box)] += np.random.default_rng(0).uniform(-0.3, 0.3, (len(inner(box)), 3))
     touched = TouchedCells.of(box, np.arange(len(points)))
-    found = repaired(points, touched, sliding, 0.9)
+    found = repair_cells(points, touched, sliding, 0.9)
     assert np.array_equal(found.points, points)
     assert found.left == found.spoiled > 0
 

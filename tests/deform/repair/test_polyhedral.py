@@ -8,7 +8,7 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.repair.elements import Tetrahedra, corners_of
 from sdm_deflect.deform.repair.freedom import FreeNodes
-from sdm_deflect.deform.repair.repair import repaired
+from sdm_deflect.deform.repair.repair import repair_cells
 from tests.deform.blocks import grid
 from tests.meshing.formats.examples import hybrid, polyhedral
 
@@ -63,7 +63,7 @@ def test_a_shuffled_mesh_of_polyhedra_comes_back(mirrored):
     bent = points.copy()
     bent[inner] += 0.8 * np.random.default_rng(4).uniform(-1.0, 1.0, (len(inner), 3))
     assert touched.newly_inverted(bent).sum() > 20
-    found = repaired(bent, touched, FreeNodes(inner, ()), 0.9)
+    found = repair_cells(bent, touched, FreeNodes(inner, ()), 0.9)
     assert touched.newly_inverted(found.points).sum() == 0
     assert touched.quality(found.points)[0].min > 0.9 / 6.0
     assert np.array_equal(np.delete(found.points, inner, axis=0), np.delete(points, inner, axis=0))

@@ -7,7 +7,7 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.repair import patch as goal
 from sdm_deflect.deform.repair.freedom import FreeNodes
-from sdm_deflect.deform.repair.repair import repaired
+from sdm_deflect.deform.repair.repair import repair_cells
 from tests.deform.repair.meshes import all_of, inner, lattice
 
 
@@ -20,7 +20,7 @@ def test_shuffled_nodes_find_back(seed):
     points[some] = points[rng.permutation(some)]
     touched, freedom = all_of(mesh)
     assert touched.newly_inverted(points).sum() > 1000
-    found = repaired(points, touched, freedom, 0.9)
+    found = repair_cells(points, touched, freedom, 0.9)
     assert not len(found.inverted)
     assert not found.left
     before, after = touched.quality(mesh.points)[0], touched.quality(found.points)[0]
@@ -42,7 +42,7 @@ def test_a_bar_whose_surface_is_bent_and_twisted_is_followed(degrees, least):
     points[wall] = np.column_stack([radius * np.sin(bend), radius * np.cos(bend), z])
     touched, freedom = all_of(mesh)
     assert touched.newly_inverted(points).sum() > 1000
-    found = repaired(points, touched, freedom, 0.9)
+    found = repair_cells(points, touched, freedom, 0.9)
     assert not len(found.inverted)
     assert touched.quality(found.points)[0].min > least
 
@@ -57,7 +57,7 @@ def test_many_cells_are_not_traded_for_few(lost, monkeypatch):
     y, z = np.cos(turn) * y - np.sin(turn) * z, np.sin(turn) * y + np.cos(turn) * z
     points = np.column_stack([x, 0.5 + y, 0.5 + z])
     touched, freedom = all_of(mesh)
-    found = repaired(points, touched, freedom, 0.9)
+    found = repair_cells(points, touched, freedom, 0.9)
     (before,), (after,) = touched.quality(points), touched.quality(found.points)
     assert not before.inverted
     assert (before.mean - after.mean < 0.005) == (lost < 1.0)
@@ -82,7 +82,7 @@ def test_good_cells_far_away_keep_their_bits():
     (node,) = np.flatnonzero(np.abs(points - [0.5, 0.5, 0.5]).max(axis=1) < 1e-9)
     points[node] += [0.3, 0.0, 0.0]
     touched, freedom = all_of(mesh)
-    found = repaired(points, touched, freedom, 0.9)
+    found = repair_cells(points, touched, freedom, 0.9)
     assert not len(found.inverted)
     assert 0 < len(found.moved) < 0.5 * len(freedom.nodes)
     assert points[found.moved, 0].max() < 2.0
@@ -92,7 +92,7 @@ def test_good_cells_far_away_keep_their_bits():
 
 def test_a_good_mesh_is_left_alone():
     mesh = lattice()
-    found = repaired(mesh.points, *all_of(mesh), 0.9)
+    found = repair_cells(mesh.points, *all_of(mesh), 0.9)
     assert found.points is mesh.points
     assert (found.spoiled, found.left, found.steps, len(found.moved)) == (0, 0, 0, 0)
 
@@ -107,7 +107,7 @@ def test_a_cell_whose_nodes_are_held_inverted_is_told():
     normal = np.cross(points[b] - points[a], points[c] - points[a])
     points[d] -= 2.0 * normal / (normal @ normal) * ((points[d] - points[a]) @ normal)
     touched, freedom = all_of(mesh)
-    found = repaired(points, touched, freedom, 0.9)
+    found = repair_cells(points, touched, freedom, 0.9)
     assert held[0] in found.inverted
 
 
@@ -121,7 +121,7 @@ def test_other_cells_get_their_own_shape_back(block):
     moved[free] += rng.uniform(-0.6, 0.6, (len(free), 3))
     touched = TouchedCells.of(mesh, np.arange(len(points)))
     assert touched.newly_inverted(moved).sum() > 100
-    found = repaired(moved, touched, FreeNodes(free, ()), 0.9)
+    found = repair_cells(moved, touched, FreeNodes(free, ()), 0.9)
     assert not len(found.inverted)
     assert np.abs(found.points - points).max() < 0.25
     assert touched.quality(found.points)[0].min > 0.9
@@ -134,5 +134,5 @@ def test_the_same_bits_for_any_number_of_threads(monkeypatch):
     found = []
     for threads in (1, 2):
         monkeypatch.setattr("sdm_deflect.deform.base.threads.available_threads", lambda threads=threads: threads)
-        found.append(repaired(points, *all_of(mesh), 0.9).points.tobytes())
+        found.append(repair_cells(points, *all_of(mesh), 0.9).points.tobytes())
     assert found[0] == found[1]

@@ -13,7 +13,7 @@ from sdm_deflect.deform.mesh.edges import polygons_of
 from sdm_deflect.deform.rbf.fitting import Fitting
 from sdm_deflect.deform.surface.appendix_a import blend
 from sdm_deflect.deform.volume import deflection as between
-from sdm_deflect.deform.volume.deflection import ErrorBetween, _corners, _means, deflect, stepped
+from sdm_deflect.deform.volume.deflection import ErrorBetween, _corners, _means, deflect, deflect_in_steps
 from sdm_deflect.deform.volume.plan import Plan
 from tests.deform.blocks import block_with_body
 from tests.deform.jobs import FLAP, Y_AXIS, blended, box_plan, job, turn
@@ -33,7 +33,7 @@ def finer_points(n):
 def test_it_is_the_error_at_the_nodes_of_a_finer_mesh(steps):
     mesh = block_with_body(8)
     plan = box_plan(mesh, job(("body",), angle=20.0, near_wall=False))
-    one = stepped(plan, (20.0,), steps, silent)
+    one = deflect_in_steps(plan, (20.0,), steps, silent)
     start = finer_points(8)
     places = start.copy()
     for step in one.steps:

@@ -66,7 +66,7 @@ def test_sensitivity_of_the_last_of_several_steps(inboard_wing):
     """The end of the last step varies, the steps before it do not."""
     h, plan = 1e-3, flapped(inboard_wing, 8.0)
     (box,) = plan.boxes
-    course = deflection.stepped(box, (8.0,), 2, silent)
+    course = deflection.deflect_in_steps(box, (8.0,), 2, silent)
     boundary, last = box.boundary, course.steps[-1]
     assert len(course.steps) == 2
     before = boundary.displacement((4.0,))
@@ -134,7 +134,7 @@ def counted(monkeypatch):
 
     def count(mesh, inverted, max_steps=8):
         plan = box_plan(mesh, job(("body",), fitting=Fitting(max_steps=max_steps)))
-        tried, stepped = [], deflection.stepped
+        tried, stepped = [], deflection.deflect_in_steps
 
         def known(plan, amounts, count, progress, earlier=None):
             tried.append(count)
@@ -142,7 +142,7 @@ def counted(monkeypatch):
             found.__dict__["inverted"] = inverted[count]  # the cached value
             return found
 
-        monkeypatch.setattr(deflection, "stepped", known)
+        monkeypatch.setattr(deflection, "deflect_in_steps", known)
         return deflection.deflect_box(plan, plan.job.amounts), tried
 
     return count
@@ -168,7 +168,7 @@ def test_a_number_of_steps_at_which_a_node_meets_another_is_passed_over():
     given = {"motion": table, "angle": 1.0, "box": box, "fixed": ("z+",), "fitting": Fitting(max_steps=4)}
     plan = box_plan(mesh, job(("body",), **given))
     with pytest.raises(CoincidentSitesError, match="data sites coincide"):
-        deflection.stepped(plan, (1.0,), 2, silent)
+        deflection.deflect_in_steps(plan, (1.0,), 2, silent)
     found = deflection.deflect_box(plan, (1.0,))
     assert found.inverted
     assert len(found.steps) != 2
@@ -182,7 +182,7 @@ def test_of_equal_attempts_the_one_of_fewer_steps_is_kept(block, counted):
 def test_steps_end_where_one_step_does_and_at_the_places_asked_for(block):
     """The moving nodes are set, not added up: no rounding of steps is left in them."""
     plan = box_plan(block, job(("body",)))
-    one, four = (deflection.stepped(plan, (10.0,), count, silent) for count in (1, 4))
+    one, four = (deflection.deflect_in_steps(plan, (10.0,), count, silent) for count in (1, 4))
     moving = plan.sites.moving
     assert np.array_equal(one.points[moving], four.points[moving])
     assert np.array_equal(four.points[moving], block.points[moving] + plan.boundary.displacement((10.0,)))

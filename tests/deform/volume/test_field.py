@@ -6,7 +6,7 @@ import pytest
 from sdm_deflect import deflect
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import silent
-from sdm_deflect.deform.volume.deflection import Deflection, stepped
+from sdm_deflect.deform.volume.deflection import Deflection, deflect_in_steps
 from sdm_deflect.deform.volume.deflection import deflect as carried_out
 from sdm_deflect.deform.volume.field import Field
 from sdm_deflect.deform.volume.plan import Plan
@@ -24,7 +24,7 @@ def plan(inboard_wing):
 
 
 def two_steps(plan):
-    return Deflection(plan, (stepped(plan.boxes[0], (12.0,), 2, silent),))
+    return Deflection(plan, (deflect_in_steps(plan.boxes[0], (12.0,), 2, silent),))
 
 
 @pytest.mark.parametrize("how", [lambda plan: carried_out(plan, (12.0,)), two_steps])

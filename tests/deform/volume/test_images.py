@@ -10,7 +10,7 @@ from sdm_deflect.deform.box.automatic import Outline
 from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.mesh.cells import Cells, Patch, Periodic
 from sdm_deflect.deform.mesh.images import Images
-from sdm_deflect.deform.mesh.selection import Selection, Within, selected
+from sdm_deflect.deform.mesh.selection import Selection, Within, with_selections
 from sdm_deflect.deform.repair import patch as goal
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Rotation
@@ -262,8 +262,8 @@ def test_a_plane_mesh_has_pairs():
 def test_parts_of_a_pair_cannot_be_selected():
     mesh, _ = made("cyclic")
     with pytest.raises(InputError, match="patch side0 is one side of a pair"):
-        selected(mesh, [Selection("part", "side0")])
-    some = selected(made("empty")[0], [Selection("tip", "flap", (Within((0.9, -1.0, -1.0), (1.1, 1.0, 1.0)),))])
+        with_selections(mesh, [Selection("part", "side0")])
+    some = with_selections(made("empty")[0], [Selection("tip", "flap", (Within((0.9, -1.0, -1.0), (1.1, 1.0, 1.0)),))])
     assert [p.constraint for p in some.patches if p.name.startswith("side")] == ["empty"] * 2
     assert len(some.periodic) == 1
 

@@ -15,7 +15,7 @@ from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import Multiquadric, ThinPlateSpline
 from sdm_deflect.deform.repair.freedom import FreeNodes
-from sdm_deflect.deform.repair.repair import repaired
+from sdm_deflect.deform.repair.repair import repair_cells
 from sdm_deflect.deform.surface.motions import Moving, Rotation
 from sdm_deflect.deform.volume.deflection import deflect as carried_out
 from sdm_deflect.deform.volume.job import Job, Sliding
@@ -145,7 +145,7 @@ def test_shuffled_nodes_find_back(shape, seed):
     points[some] = points[rng.permutation(some)]
     touched = TouchedCells.of(mesh, np.arange(len(points)))
     assert touched.newly_inverted(points).sum() > 40
-    found = repaired(points, touched, FreeNodes(inner, ()), 0.9)
+    found = repair_cells(points, touched, FreeNodes(inner, ()), 0.9)
     assert not len(found.inverted)
     assert not found.left
     assert (found.points[:, 2] == 0.0).all()

@@ -5,7 +5,7 @@ import pytest
 
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.checks import checks_of
-from sdm_deflect.deform.mesh.sliding import CylinderWall, Plane, SlidingPatch, fitted
+from sdm_deflect.deform.mesh.sliding import CylinderWall, Plane, SlidingPatch, fit_shape
 from sdm_deflect.deform.volume.job import Sliding
 from tests.deform.jobs import WING, turn
 
@@ -24,14 +24,14 @@ def round_points(count=300, radius=0.7, arc=1.0):
 
 def test_a_plane_along_the_axes_is_found_exactly():
     points = np.column_stack([rng.random(50), np.full(50, 0.3), rng.random(50)])
-    wall = fitted("plane", points, "sym")
+    wall = fit_shape("plane", points, "sym")
     assert np.array_equal(np.abs(wall.normal), [0.0, 1.0, 0.0])
     assert np.array_equal(wall.projected(points, rng.random((50, 3)))[:, 1], np.zeros(50))
 
 
 def test_an_oblique_plane_keeps_nodes_to_rounding():
     points = turned(np.column_stack([rng.random((50, 2)), np.full(50, 0.4)]))
-    wall = fitted("plane", points, "sym")
+    wall = fit_shape("plane", points, "sym")
     moved = points + wall.projected(points, rng.random((50, 3)))
     assert np.abs(wall.distance(moved)).max() < 1e-15
 
@@ -39,7 +39,7 @@ def test_an_oblique_plane_keeps_nodes_to_rounding():
 @pytest.mark.parametrize("arc", [0.4, 2.0, 6.2])
 def test_a_cylinder_is_found_in_any_direction(arc):
     points = turned(round_points(arc=arc)) + np.array([3.0, -1.0, 2.0])
-    wall = fitted("cylinder", points, "tube")
+    wall = fit_shape("cylinder", points, "tube")
     assert isinstance(wall, CylinderWall)
     assert wall.cylinder.radius == pytest.approx(0.7, rel=1e-6)
     move = 0.05 * rng.normal(size=points.shape)
@@ -50,13 +50,13 @@ def test_a_cylinder_is_found_in_any_direction(arc):
 def test_a_patch_of_another_shape_is_refused_with_its_residual(shape):
     x, y = rng.random((2, 100))
     with pytest.raises(InputError, match=f"slide = hill:{shape}: the patch is no {shape}; of 100 nodes one lies"):
-        fitted(shape, np.column_stack([x, y, x**2 - 0.7 * y**3]), "hill")
+        fit_shape(shape, np.column_stack([x, y, x**2 - 0.7 * y**3]), "hill")
 
 
 @pytest.mark.parametrize("shape", ["plane", "cylinder"])
 def test_rates_are_derivatives_of_projections(shape):
     points = turned(round_points() if shape == "cylinder" else rng.random((20, 3)) * [1, 1, 0])
-    wall = fitted(shape, points, "wall")
+    wall = fit_shape(shape, points, "wall")
     move, speed, h = 0.1 * rng.normal(size=points.shape), rng.normal(size=points.shape), 1e-6
     difference = (wall.projected(points, move + h * speed) - wall.projected(points, move - h * speed)) / (2.0 * h)
     np.testing.assert_allclose(wall.rate(points, move, speed), difference, atol=1e-8)
@@ -80,14 +80,14 @@ def test_a_node_that_would_leave_the_plane_is_counted(inboard_wing):
 @pytest.mark.parametrize("shape", ["plane", "cylinder"])
 def test_nodes_that_do_not_move_keep_their_bits(shape):
     points = turned(round_points() if shape == "cylinder" else rng.random((300, 3)) * [1, 1, 0])
-    wall, none = fitted(shape, points, "wall"), np.zeros_like(points)
+    wall, none = fit_shape(shape, points, "wall"), np.zeros_like(points)
     assert np.array_equal(points + wall.projected(points, none), points)
 
 
 def test_what_is_in_the_shape_already_stays_as_it_is():
     """Projection is idempotent: sliding along the shape is not changed by it."""
     points, move = round_points(), 0.1 * rng.normal(size=(300, 3))
-    for wall in (fitted("plane", points * [1, 0, 1], "p"), fitted("cylinder", points, "c")):
+    for wall in (fit_shape("plane", points * [1, 0, 1], "p"), fit_shape("cylinder", points, "c")):
         own = points * [1, 0, 1] if isinstance(wall, Plane) else points
         once = wall.projected(own, move)
         assert np.abs(once - move).max() > 0.01
@@ -97,7 +97,7 @@ def test_what_is_in_the_shape_already_stays_as_it_is():
 
 def test_a_plane_keeps_what_nodes_do_in_it():
     """Only the part along the normal is dropped, whatever plane of three points it is."""
-    wall = fitted("plane", np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]]), "p")
+    wall = fit_shape("plane", np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]]), "p")
     assert isinstance(wall, Plane)
     np.testing.assert_allclose(np.abs(wall.normal), 1.0 / np.sqrt(3.0), atol=1e-15)
     move = rng.normal(size=(9, 3))
@@ -108,8 +108,8 @@ def test_a_plane_keeps_what_nodes_do_in_it():
 
 def test_too_few_nodes_and_unknown_shapes(block):
     with pytest.raises(InputError, match="slide = p:plane: 2 nodes do not determine a plane"):
-        fitted("plane", np.eye(2, 3), "p")
-    for made in (lambda: Sliding("x-", "sphere"), lambda: fitted("sphere", np.eye(3), "x-")):
+        fit_shape("plane", np.eye(2, 3), "p")
+    for made in (lambda: Sliding("x-", "sphere"), lambda: fit_shape("sphere", np.eye(3), "x-")):
         with pytest.raises(InputError, match="slide = x-:sphere: the shape must be plane, cylinder or surface"):
             made()
     with pytest.raises(InputError, match="slide = body:plane: the patch is no plane"):

@@ -8,8 +8,8 @@ import numpy as np
 
 from sdm_deflect.deform.mesh.cells import Cells, Patch, Polyhedra
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.formats.polyhedra import Bounded, bounded
-from sdm_deflect.meshing.formats.shapes import polygons, turned
+from sdm_deflect.meshing.formats.polyhedra import Bounded, polyhedral_cells
+from sdm_deflect.meshing.formats.shapes import polygons, turn_faces
 
 TYPES = {"triangle": 1, "quad": 3, "tetra": 2, "hexahedron": 4, "pyramid": 5, "wedge": 6}
 """Fluent's numbers of the shapes of cells; polyhedra are 7."""
@@ -23,10 +23,10 @@ KINDS = {"symmetry": 7, "inlet": 10, "far_field": 9, "left": 12, "right": 8}
 
 def written(mesh: Mesh, path: Path, layout: str = "solver", real: str = "f8", **stored: Any) -> Path:
     """Write a mesh; `stored` says how h5py stores the larger arrays, such as ``compression="gzip"``."""
-    found = lines_of(mesh) if mesh.plane else bounded(mesh)
+    found = lines_of(mesh) if mesh.plane else polyhedral_cells(mesh)
     faces, dimension = found.cells.faces, 2 if mesh.plane else 3
     if dimension == 3:
-        faces = turned(faces, np.ones(len(faces), dtype=bool))  # normals into c0
+        faces = turn_faces(faces, np.ones(len(faces), dtype=bool))  # normals into c0
     inner, count = len(found.cells.neighbour), len(faces)
     zones = [("interior-fluid", 0, inner, 2)]
     zones += [(name, first, first + size, KINDS.get(name, 3)) for name, first, size in found.patches]
@@ -78,7 +78,7 @@ def plane_mesh() -> Mesh:
 
 
 def lines_of(mesh: Mesh) -> Bounded:
-    """The lines of a plane mesh, with their cells on the left, as `bounded` has faces."""
+    """The lines of a plane mesh, with their cells on the left, as `polyhedral_cells` has faces."""
     cells = [row for block in mesh.cells for row in block.nodes.tolist()]
     pairs: dict[frozenset[int], list[tuple[int, tuple[int, int]]]] = {}
     for i, row in enumerate(cells):

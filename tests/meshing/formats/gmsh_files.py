@@ -8,7 +8,7 @@ import numpy as np
 from sdm_deflect.deform.mesh.cells import Cells
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.gmsh import FACES, SOLIDS
-from sdm_deflect.meshing.formats.shapes import mirrored
+from sdm_deflect.meshing.formats.shapes import mirror_nodes
 
 VARIANTS = [(version, binary) for version in (2.2, 4.1) for binary in (0, 1)]
 KINDS = {shape: kind for kind, shape in {**SOLIDS, **FACES}.items()}
@@ -38,7 +38,7 @@ def gmsh_data(mesh: Mesh, numbers=None, groups=None) -> bytes:
     for volume in (1, 2):
         for own in mesh.cells:
             rows = own.nodes[: len(own) // 3] if volume == 1 else own.nodes[len(own) // 3 :]
-            parts.append((3, volume, Cells(own.shape, mirrored("wedge", rows) if own.shape == "wedge" else rows)))
+            parts.append((3, volume, Cells(own.shape, mirror_nodes("wedge", rows) if own.shape == "wedge" else rows)))
     total = sum(len(own) for _, _, own in parts)
     elements, first = pack("<4Q", len(parts), total, 1, total), 1
     for dimension, entity, own in parts:

@@ -10,7 +10,7 @@ import pyvista as pv
 from vtkmodules.vtkIOCGNSReader import vtkCGNSReader
 
 import sdm_deflect
-from sdm_deflect.cases.run.inspection import inspect, inspected
+from sdm_deflect.cases.run.inspection import file_figures, inspect
 from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.cgns_nodes import AXES, create
 from sdm_deflect.meshing.formats.cgns_read import PLANE
@@ -101,7 +101,7 @@ def test_blocks_become_one_mesh_in_the_order_of_the_file(made):
 
 def test_zones_that_fit_are_listed_and_each_may_be_named(made):
     assert "9 zones of the file fit together: upper-0, upper-1, upper-2, lower-0" in inspect(made)
-    assert inspected(made)["blocks"] == {"upper-0": [block.name for block in wing_blocks(6)]}
+    assert file_figures(made)["blocks"] == {"upper-0": [block.name for block in wing_blocks(6)]}
     settings = {"motion": "blended", "fixed": "wing", "slide": {"root": "plane", "end": "plane"}}
     hinge = [[HINGE, FLAP[0], 0.0], [HINGE, FLAP[1], 0.0]]
     assert sdm_deflect.deflect(made, "flap", hinge, 1.0, zones=["lower-2"], **settings).passed
@@ -284,7 +284,7 @@ def test_what_could_not_be_read_is_said_by_the_commands_and_matters_where_it_is_
     write_blocks(tmp_path / "plane.cgns", blocks, dimension=2)
     where = "zone upper: boundary condition lost: it is on the points (1, 5) to (9, 6) of a block of 9 x 5"
     note = f"patch upper/lost is absent: {where}"
-    assert inspected(tmp_path / "plane.cgns")["notes"] == [note]
+    assert file_figures(tmp_path / "plane.cgns")["notes"] == [note]
     assert note in inspect(tmp_path / "plane.cgns").splitlines()
     box = [[-2.05, -2.05], [2.05, 2.05]]
     given = {"hinge": [[0.0, 0.0]], "angle": 10.0, "box": box}

@@ -13,7 +13,7 @@ import sdm_deflect
 from sdm_deflect.cases.run.mesh_files import Targets
 from sdm_deflect.deform.mesh.cells import Polyhedra
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import by_shape, oriented
+from sdm_deflect.deform.mesh.quality import by_shape, find_orientation
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.known import entries
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of, read
@@ -61,7 +61,7 @@ def test_one_mesh_has_one_quality_in_every_format(tmp_path: Path) -> None:
     assert len(expected) == 4
     for path in (*paths, tmp_path / "ngon.cgns"):
         stored = read(path)
-        signs = [oriented(stored.points, block)[0] for block in stored.cells]
+        signs = [find_orientation(stored.points, block)[0] for block in stored.cells]
         found = by_shape(stored.points, zip(stored.cells, repeat(None), signs, strict=False))
         assert {quality.shape: quality.cells for quality in found} == {name: q.cells for name, q in expected.items()}
         for quality in found:

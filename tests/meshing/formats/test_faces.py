@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.mesh.cells import MIRRORED, Cells, Patch, Polygons, taken
+from sdm_deflect.deform.mesh.cells import MIRRORED, Cells, Patch, Polygons, take_faces
 from sdm_deflect.deform.mesh.faces import FACES, face_keys, node_keys
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.formats.shapes import loose_faces, mirrored, oriented, turned
-from sdm_deflect.meshing.formats.zones import joined, part
+from sdm_deflect.meshing.formats.shapes import loose_faces, mirror_nodes, orient, turn_faces
+from sdm_deflect.meshing.formats.zones import join_zones, part
 from tests.meshing.formats.alike import content
 from tests.meshing.formats.examples import hybrid
 
@@ -34,18 +34,18 @@ def test_faces_close_every_cell_with_normals_out_of_it():
 def test_mirroring_twice_is_nothing_and_once_turns_the_volume(shape):
     mesh = hybrid()
     (block,) = (block for block in mesh.cells if block.shape == shape)
-    once = Cells(shape, mirrored(shape, block.nodes))
-    np.testing.assert_array_equal(mirrored(shape, once.nodes), block.nodes)
+    once = Cells(shape, mirror_nodes(shape, block.nodes))
+    np.testing.assert_array_equal(mirror_nodes(shape, once.nodes), block.nodes)
     np.testing.assert_allclose(volume(mesh.points, once), -volume(mesh.points, block), rtol=1e-12)
-    np.testing.assert_array_equal(oriented(mesh.points, once).nodes, block.nodes)
-    assert oriented(mesh.points, block) is block
+    np.testing.assert_array_equal(orient(mesh.points, once).nodes, block.nodes)
+    assert orient(mesh.points, block) is block
 
 
 def test_a_single_inverted_cell_stays_inverted():
     mesh = hybrid()
     nodes = mesh.cells[2].nodes.copy()
     nodes[0] = nodes[0, [1, 0, 2, 3]]
-    np.testing.assert_array_equal(oriented(mesh.points, Cells("tetra", nodes)).nodes, nodes)
+    np.testing.assert_array_equal(orient(mesh.points, Cells("tetra", nodes)).nodes, nodes)
 
 
 def test_the_key_of_a_face_is_that_of_its_nodes_in_any_order():
@@ -68,7 +68,7 @@ def test_zones_apart_and_together_are_the_mesh():
     mesh = hybrid(3)
     parts = [part(mesh, zone) for zone in mesh.zones]
     assert [len(own.points) for own in parts] == [14, 14, 14]
-    again = joined([zone.name for zone in mesh.zones], parts)
+    again = join_zones([zone.name for zone in mesh.zones], parts)
     assert content(again) == content(mesh)
     np.testing.assert_array_equal(again.points, mesh.points)
 
@@ -88,8 +88,8 @@ def test_blocks_across_zones_are_divided_and_torn_cells_refused():
 
 def test_polygons_are_selected_and_turned():
     faces = Polygons(np.arange(12), np.array([0, 3, 8, 12]))
-    some = taken(faces, np.array([2, 0]))
+    some = take_faces(faces, np.array([2, 0]))
     assert (some.nodes.tolist(), some.offsets.tolist()) == ([8, 9, 10, 11, 0, 1, 2], [0, 4, 7])
-    backward = turned(faces, np.array([False, True, False]))
+    backward = turn_faces(faces, np.array([False, True, False]))
     assert backward.nodes.tolist() == [0, 1, 2, 7, 6, 5, 4, 3, 8, 9, 10, 11]
     assert backward.offsets.tolist() == faces.offsets.tolist()

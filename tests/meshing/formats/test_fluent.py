@@ -14,7 +14,7 @@ from sdm_deflect.deform.mesh.quality import inverted_of
 from sdm_deflect.meshing.formats.fluent import Fluent
 from sdm_deflect.meshing.formats.polyhedra import faces_by_cell, standard_cells
 from sdm_deflect.meshing.formats.registry import read
-from sdm_deflect.meshing.formats.shapes import turned
+from sdm_deflect.meshing.formats.shapes import turn_faces
 from tests.meshing.formats.alike import rows, tree
 from tests.meshing.formats.examples import grid, hybrid, polyhedral
 from tests.meshing.formats.fluent_files import LAYOUTS, PACKED, ZONES, plane_mesh, written
@@ -54,7 +54,7 @@ def test_patches_face_outwards_whichever_cell_normals_point_to(tmp_path):
     path = written(hybrid(), tmp_path / "b.cas.h5")
     with h5py.File(path, "r+") as file:
         nodes = file["meshes/1/faces/nodes/1/nodes"]
-        backward = turned(usual.cells[0].faces, np.zeros(len(usual.cells[0].faces), dtype=bool))
+        backward = turn_faces(usual.cells[0].faces, np.zeros(len(usual.cells[0].faces), dtype=bool))
         nodes[...] = backward.nodes + 1
     other = read(path)
     assert [rows(p.faces[0]) for p in other.patches] == [rows(p.faces[0]) for p in usual.patches]

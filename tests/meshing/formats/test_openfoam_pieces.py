@@ -112,7 +112,7 @@ def listed(name: str, values):
 
     def change(mesh: Path) -> None:
         file = open_foam(mesh, name)
-        own = openfoam_pieces.located(file, file.start, "label", 1)
+        own = openfoam_pieces.locate_list(file, file.start, "label", 1)
         new = values(np.frombuffer(file.data, own.kind, own.rows, own.begin)).astype(own.kind)
         (mesh / name).write_bytes(file.data[: file.start] + b"\n%d(" % len(new) + new.tobytes() + b")\n")
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect import deflect
-from sdm_deflect.cases.run.inspection import inspected
+from sdm_deflect.cases.run.inspection import file_figures
 from sdm_deflect.cases.run.mesh_files import write_mesh
 from sdm_deflect.deform.mesh.cells import Cells
 from sdm_deflect.deform.mesh.mesh import Mesh
@@ -84,9 +84,9 @@ def test_cells_that_run_clockwise_are_turned_one_by_one(tmp_path):
         cells.append(Cells(block.shape, nodes))
     path = tmp_path / "plate.su2"
     format_of(path).write(Mesh(mesh.points, tuple(cells), mesh.patches), path)
-    assert [one["inverted"] for one in inspected(path)["quality"]] == [0, 0]
-    assert inspected(path)["plane"]
-    assert not inspected(path)["left_handed"]
+    assert [one["inverted"] for one in file_figures(path)["quality"]] == [0, 0]
+    assert file_figures(path)["plane"]
+    assert not file_figures(path)["left_handed"]
 
 
 @pytest.mark.parametrize("version", [2.2, 4.1])

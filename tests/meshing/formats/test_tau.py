@@ -9,7 +9,7 @@ import pytest
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkIONetCDF import vtkNetCDFReader
 
-from sdm_deflect.cases.run.inspection import inspect, inspected
+from sdm_deflect.cases.run.inspection import file_figures, inspect
 from sdm_deflect.cases.run.mesh_files import Targets
 from sdm_deflect.deform.mesh.cells import Patch
 from sdm_deflect.deform.mesh.mesh import Mesh
@@ -102,7 +102,7 @@ def test_quality_and_names_of_other_endings(tmp_path):
     assert Targets.of(tmp_path / "wing.taumesh", None, ((5.0,),)).out == tmp_path / "wing-deflected.taumesh"
     written(hybrid(), tmp_path / "wing", "hdf5")
     for name in ("wing", "wing.grid.def.1"):
-        assert inspected(tmp_path / name)["patches"]["roof"] == 5
+        assert file_figures(tmp_path / name)["patches"]["roof"] == 5
         assert "1 prisms, 0 inverted" in inspect(tmp_path / name)
 
 

@@ -14,9 +14,9 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.cells import Cells, Patch
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.registry import read
-from sdm_deflect.meshing.formats.shapes import mirrored
+from sdm_deflect.meshing.formats.shapes import mirror_nodes
 from sdm_deflect.meshing.formats.ugrid import Ugrid
-from sdm_deflect.meshing.formats.ugrid_file import ENCODINGS, UgridFile, encoded
+from sdm_deflect.meshing.formats.ugrid_file import ENCODINGS, UgridFile, encode
 from tests.deform.blocks import block_with_body
 from tests.meshing.formats.examples import grid, hybrid
 from tests.meshing.formats.test_hostile import complaint
@@ -53,7 +53,7 @@ def test_meshio_reads_the_same_cells(suffix, tmp_path):
     np.testing.assert_allclose(found.points, hybrid().points, rtol=1e-6)
     cells = {block.type: block.data for block in found.cells if block.type not in ("triangle", "quad")}
     for block in hybrid().cells:
-        wanted = mirrored("wedge", block.nodes) if block.shape == "wedge" else block.nodes  # meshio leaves prisms
+        wanted = mirror_nodes("wedge", block.nodes) if block.shape == "wedge" else block.nodes  # meshio leaves prisms
         np.testing.assert_array_equal(cells[block.shape], wanted)
     assert {label for own in found.cell_data["ugrid:ref"] for label in own.tolist()} == {0, *range(1, 7)}
 
@@ -201,7 +201,7 @@ def test_nodes_that_are_not_there(suffix, name, node, tmp_path):
         tables = UgridFile.opened(file, encoding, lambda _: None).tables(path)
     arrays = {name: table.read(0, table.rows).copy() for name, table in tables.items()}
     arrays[name][0, 1] = node
-    path.write_bytes(b"".join(encoded(arrays, encoding)))
+    path.write_bytes(b"".join(encode(arrays, encoding)))
     assert f"1 {name} elements name points that are not among the 14 (1 to 14)" in complaint(Ugrid(), path)
 
 

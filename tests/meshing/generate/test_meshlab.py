@@ -117,7 +117,7 @@ def test_meshlab_that_fails_is_a_fault(made, body, monkeypatch) -> None:
 @pytest.fixture(scope="module")
 def judge(make_mesh):
     """Judge the mesh of a case after a change of it, in this process, with the CAD built once."""
-    cads, parts, triangulated = {}, {}, meshlab.triangulated
+    cads, parts, triangulated = {}, {}, meshlab.triangulate
 
     def call(name, change=lambda mesh, cad: mesh):
         mesh, _ = make_mesh(case_named(name))
@@ -128,7 +128,7 @@ def judge(make_mesh):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(child, "call", lambda module, question, seconds: meshlab_worker.judge(question))
-        patch.setattr(meshlab, "triangulated", lambda model: parts[id(model)])
+        patch.setattr(meshlab, "triangulate", lambda model: parts[id(model)])
         yield call
 
 

@@ -5,7 +5,7 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio, signed_volumes
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.generate.attachment import boundary_failures
-from sdm_deflect.meshing.generate.generation import Generated, refined, split
+from sdm_deflect.meshing.generate.generation import Generated, refine, split_cells
 from sdm_deflect.meshing.generate.parameters import MeshParameters
 from sdm_deflect.meshing.generate.verify import verify
 from sdm_deflect.meshing.mesh import skin, tets_of
@@ -13,7 +13,7 @@ from sdm_deflect.meshing.mesh import skin, tets_of
 
 def test_eight_positive_children_fill_each_parent(cube: Mesh) -> None:
     sheared = cube.with_points(cube.points @ np.array([[1.0, 0.3, 0], [0, 0.8, 0.2], [0.1, 0, 1.1]]))
-    finer = split(sheared)
+    finer = split_cells(sheared)
     volumes = signed_volumes(finer.points, tets_of(finer)).reshape(-1, 8)
     assert (volumes > 0.0).all()
     parents = signed_volumes(sheared.points, tets_of(sheared))
@@ -21,7 +21,7 @@ def test_eight_positive_children_fill_each_parent(cube: Mesh) -> None:
 
 
 def test_meshes_are_nested_and_keep_their_boundary(cube: Mesh) -> None:
-    finer = split(cube)
+    finer = split_cells(cube)
     assert np.array_equal(finer.points[: len(cube.points)], cube.points)
     assert boundary_failures(finer) == []
     assert len(skin(finer).triangles) == 4 * len(skin(cube).triangles)
@@ -31,13 +31,13 @@ def test_meshes_are_nested_and_keep_their_boundary(cube: Mesh) -> None:
 
 
 def test_children_have_few_shapes_however_often_they_are_split(cube: Mesh) -> None:
-    once = split(cube)
-    twice = split(once)
+    once = split_cells(cube)
+    twice = split_cells(once)
     assert mean_ratio(twice.points, tets_of(twice)).min() == pytest.approx(mean_ratio(once.points, tets_of(once)).min())
 
 
 def test_new_boundary_nodes_lie_on_the_cad(made: Generated, body: CadModel, coarse: MeshParameters) -> None:
-    finer = refined(made.mesh, body)
+    finer = refine(made.mesh, body)
     checked = verify(finer, body, coarse)
     assert checked.failures == ()
     assert np.array_equal(finer.points[: len(made.mesh.points)], made.mesh.points)

@@ -5,7 +5,7 @@ import pytest
 
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.geometry.model import CadModel
-from sdm_deflect.meshing.generate.attachment import attach, snapped
+from sdm_deflect.meshing.generate.attachment import attach, snap
 from sdm_deflect.meshing.generate.generation import Generated
 from sdm_deflect.meshing.generate.parameters import MeshParameters
 from sdm_deflect.meshing.generate.verify import EXACT, verify
@@ -101,5 +101,5 @@ def test_snapping_undoes_what_moves_nodes_off_the_cad(made: Generated, body: Cad
     noise[own] = 1e-4 * (np.random.default_rng(0).random((len(own), 3)) - 0.5)
     shaken = mesh.with_points(mesh.points + noise)
     assert failures(shaken, body, coarse)
-    restored = shaken.with_points(snapped(shaken.points, body_attachment(shaken, body), body))
+    restored = shaken.with_points(snap(shaken.points, body_attachment(shaken, body), body))
     assert failures(restored, body, coarse) == ""
