@@ -179,7 +179,7 @@ class Result:
             precision = precision_of(Path(mesh.source) if mesh.source else None, path_of(path), mesh)
         if precision == self.plan.precision:
             return self
-        one = self.deflection.stored(precision)
+        one = self.deflection.rounded(precision)
         return replace(self, deflection=one, checks=checks_of(one))
 
     def report(self, folder: str | PathLike[str]) -> Path:

@@ -166,7 +166,7 @@ def differing_settings(runs: Sequence[ComparedRun]) -> tuple[Row, ...]:
 def _subject(runs: Sequence[ComparedRun]) -> Iterator[Row]:
     data = [run.data for run in runs]
     yield Row("mesh", tuple(one.mesh.name for one in data))
-    yield Row("moves", tuple("; ".join(f"{s.name} {s.turned}" for s in one.surfaces) for one in data))
+    yield Row("moves", tuple("; ".join(f"{s.name} {s.amount_text}" for s in one.surfaces) for one in data))
     for name in ("points", "cells"):
         yield Row(name, _of([one.figures for one in data], "mesh", name))
     for name in ("scale", "strategy", "version"):

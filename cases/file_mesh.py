@@ -35,7 +35,7 @@ class FileMesh(Mesh):
 
     def __getitem__(self, name: str) -> Patch:
         """Return a patch; InputError if there is none of that name, with the nearest ones."""
-        return self.patch(self.named([name], "patch")[0])
+        return self.patch(self.expand([name], "patch")[0])
 
     def quality(self) -> tuple[Quality, ...]:
         """Return the quality of all cells, by type."""

@@ -136,7 +136,7 @@ def checks_of(deflection: Deflection, unit: str = "") -> tuple[Check, ...]:
     precision = deflection.plan.precision
     if precision.is_double or all(check.passed for check in checks):
         return checks
-    failing = {check.name for check in _checks(deflection.stored(EVERY_BIT), unit) if not check.passed}
+    failing = {check.name for check in _checks(deflection.rounded(EVERY_BIT), unit) if not check.passed}
     why = f"; fails by rounding to {precision}"
     return tuple(one if one.passed or one.name in failing else replace(one, where=one.where + why) for one in checks)
 
@@ -151,9 +151,9 @@ def site_error(deflection: BoxDeflection, unit: str = "") -> Check:
 def _checks(deflection: Deflection, unit: str) -> Iterator[Check]:
     plan, points = deflection.plan, deflection.points
     mesh = plan.mesh
-    moved = np.abs(points - plan.undeflected).max(axis=1)
+    moved = np.abs(points - plan.undeflected_points).max(axis=1)
     outside = np.ones(len(points), dtype=bool)
-    outside[plan.changed] = False
+    outside[plan.movable] = False
     rest = mesh.point_count - len(points)
     beyond = f", of all {rest + int(outside.sum())}: the others are copied" if rest else ""
     yield _unmoved("outside_moved", moved[outside], f"nodes outside the box{beyond}", unit)
@@ -182,12 +182,12 @@ def _checks(deflection: Deflection, unit: str) -> Iterator[Check]:
 
 def left_behind(deflection: Deflection, unit: str = "") -> Check:
     """Check that no other zone or patch has a copy of the moving surface that stays behind."""
-    mesh, moved = deflection.plan.mesh, np.linalg.norm(deflection.points - deflection.plan.undeflected, axis=1)
+    mesh, moved = deflection.plan.mesh, np.linalg.norm(deflection.points - deflection.plan.undeflected_points, axis=1)
     behind: dict[str, int] = {}
     largest, stay, over = 0.0, 0, 0
     for box in deflection.plan.boxes:
         near = SAME_PLACE * float(np.ptp(box.region.hexahedron.corners, axis=0).max())
-        goes = box.changed[moved[box.changed] > near]
+        goes = box.movable[moved[box.movable] > near]
         over += len(goes)
         for holder, places in _staying(box, moved == 0.0, near):
             stay += len(places)
@@ -212,7 +212,7 @@ def _staying(box: BoxPlan, still: BoolArray, near: float) -> Iterator[tuple[str,
     """Yield the patches and zones of the file, with their nodes (K, 3) in the box that are `still` (N,)."""
     mesh, job, region = box.mesh, box.job, box.region
     held = [surface.motion.held for surface in job.surfaces if isinstance(surface.motion, Blended)]
-    names = [name for nodes in held if isinstance(nodes, OnPatches) for name in mesh.named(nodes.names, "held")]
+    names = [name for nodes in held if isinstance(nodes, OnPatches) for name in mesh.expand(nodes.names, "held")]
     may = still.copy()
     may[union(mesh.on(*box.boundary.fixed, *names), *(pair.nodes.ravel() for pair in mesh.periodic))] = False
     rows = np.flatnonzero(may)
@@ -257,7 +257,7 @@ def _pairs(deflection: Deflection) -> Iterator[Check]:
     """Check that periodic nodes in the box still match their images, and that thin cases stay in their planes."""
     mesh, points = deflection.plan.mesh, deflection.points
     may_move = np.zeros(len(points), dtype=np.bool_)
-    may_move[deflection.plan.changed] = True
+    may_move[deflection.plan.movable] = True
     for pair in mesh.periodic:
         nodes = pair.nodes[may_move[pair.nodes].any(axis=1)]
         size = float(np.abs(mesh.points[nodes]).max(initial=0.0))
@@ -355,7 +355,7 @@ def _rounding(deflection: Deflection) -> Check:
         faces = [block.faces] if isinstance(block, Polyhedra) else faces_of(block, np.arange(len(block)))
         for start, end in (edges_of(polygons_of([own]))[0].T for own in faces):
             edges = plan.mesh.points[end] - plan.mesh.points[start]
-            change = np.linalg.norm(plan.undeflected[end] - plan.undeflected[start] - edges, axis=1)
+            change = np.linalg.norm(plan.undeflected_points[end] - plan.undeflected_points[start] - edges, axis=1)
             lengths = np.linalg.norm(edges, axis=1)
             largest = max(largest, float((change[lengths > 0.0] / lengths[lengths > 0.0]).max(initial=0.0)))
             count += len(start)

@@ -169,7 +169,7 @@ class HeldPlan:
                 controls.append(Control(functions=functions, patches=patches, **one))
                 rows = (row | {"failed": tuple(row["failed"])} for row in known["measured"][i])
                 measured.append(tuple(Measured(**row) for row in rows))
-                fields = (Field.stored(stored, f"_{i}_{j}") for j in range(known["readings"][i]))
+                fields = (Field.from_arrays(stored, f"_{i}_{j}") for j in range(known["readings"][i]))
                 weights = stored.get(f"weights_{i}")
                 placed.append(PlacedFields(tuple(fields), weights))
             own = tuple(controls), tuple(known["amounts"]), tuple(measured), tuple(placed)
@@ -251,21 +251,21 @@ class HeldPlan:
 
         Raises InputError for an amount outside its range, or for a plan from a file, which has no mesh: see `on`.
         """
-        return self._on_mesh.modes.at(self.named(amounts))
+        return self._on_mesh.modes.at(self.in_order(amounts))
 
     def jvp(self, amounts: Wanted, speeds: Wanted) -> FloatArray:
         """Return the derivative (N, 3) of the coordinates along `speeds`, which are given like amounts."""
-        return self._on_mesh.modes.jvp(self.named(amounts), self.named(speeds))
+        return self._on_mesh.modes.jvp(self.in_order(amounts), self.in_order(speeds))
 
     def vjp(self, amounts: Wanted, gradient: ArrayLike) -> FloatArray:
         """Return the derivative (n,) by the amounts of a function whose gradient by the coordinates is (N, 3)."""
-        return self._on_mesh.modes.vjp(self.named(amounts), np.asarray(gradient, dtype=np.float64))
+        return self._on_mesh.modes.vjp(self.in_order(amounts), np.asarray(gradient, dtype=np.float64))
 
     def deflection(self, amounts: Wanted, precision: Precision = EVERY_BIT) -> Deflection:
         """Return the mesh at amounts as a deflection, with the steps of the nearest reading."""
-        return self._on_mesh.deflection(self.named(amounts), precision)
+        return self._on_mesh.deflection(self.in_order(amounts), precision)
 
-    def turned(self, pose: Amounts, precision: Precision = EVERY_BIT) -> Deflection:
+    def at_pose(self, pose: Amounts, precision: Precision = EVERY_BIT) -> Deflection:
         """Return the mesh at a pose of the plan's surfaces, rounded for a file."""
         return self._on_mesh.deflection(self._on_mesh.pose(pose), precision)
 
@@ -326,7 +326,7 @@ class HeldPlan:
         """Return whether at most one surface is away from where it stood during the checks."""
         return sum(one != other for one, other in zip(amounts, self.amounts, strict=True)) <= 1
 
-    def named(self, amounts: Wanted) -> Amounts:
+    def in_order(self, amounts: Wanted) -> Amounts:
         """Return the amounts in the order of the surfaces; InputError for a wrong name or number of them."""
         if isinstance(amounts, Mapping):
             out = [0.0] * len(self.controls)
@@ -388,7 +388,7 @@ class OnMesh:
         """Modes at all nodes."""
         start, rows, fields = self.plan.mesh.points, [], []
         for own in self.readings:
-            rows.append(own.box.changed)
+            rows.append(own.box.movable)
             ends = [one.exact[rows[-1]] for one in own.deflections]
             fields.append(combine(own.weights, start[rows[-1]], ends))
         return Modes(tuple(own.control for own in self.readings), start, tuple(rows), tuple(fields))
@@ -406,7 +406,7 @@ class OnMesh:
 
     def pose(self, pose: Amounts) -> Amounts:
         """Return the amounts of the surfaces with a range, given those of all."""
-        parts = {id(box): own for box, own in self.plan.parted(pose)}
+        parts = {id(box): own for box, own in self.plan.by_box(pose)}
         return tuple(parts[id(own.box)][own.row] for own in self.readings)
 
     def deflection(self, amounts: Amounts, precision: Precision) -> Deflection:
@@ -432,7 +432,7 @@ def _finer(box: BoxPlan) -> BoxPlan:
 def _name(moving: Moving, surface: Surface) -> str:
     """Return a name for a surface, without the panel that moves with its root."""
     following = moving.motion.panel if isinstance(moving.motion, RootOnCylinder) else ()
-    return name_of([name for name in surface.named if name not in following])
+    return name_of([name for name in surface.plain_names if name not in following])
 
 
 def combine(weights: FloatArray | None, points: FloatArray, ends: Sequence[FloatArray]) -> FloatArray:

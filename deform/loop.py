@@ -28,7 +28,7 @@ class Judged(NamedTuple):
 class Turnable(Protocol):
     """Brings a mesh to any pose without a fit."""
 
-    def turned(self, pose: Amounts, precision: Precision) -> Deflection:
+    def at_pose(self, pose: Amounts, precision: Precision) -> Deflection:
         """Return the mesh at a pose of all surfaces, rounded for a file."""
 
 
@@ -47,7 +47,7 @@ def run(plan: Plan, stage: Stage = unseen, unit: str = "", held: Turnable | None
     earlier = None
     for pose in dict.fromkeys((plan.largest, *plan.poses)):
         with stage("deflect") as progress:
-            deflection = held.turned(pose, plan.precision) if held else deflect(plan, pose, progress, earlier)
+            deflection = held.at_pose(pose, plan.precision) if held else deflect(plan, pose, progress, earlier)
             progress(f"{deflection.angle:+g} {plan.unit}", 1.0)
         pairs = zip(deflection.boxes, (earlier or deflection).boxes, strict=True)
         earlier = replace(deflection, boxes=tuple(new if len(new.steps) == 1 else old for new, old in pairs))

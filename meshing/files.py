@@ -31,7 +31,7 @@ _permitted = ContextVar("_permitted", default=0o7777)
 
 @contextmanager
 def permitted_as(*sources: Path | str | None) -> Iterator[None]:
-    """Withhold new files and folders that are written in this block from those who may not read or write a source."""
+    """Give new files and folders in this block no more permissions than the sources have."""
     token = _permitted.set(reduce(and_, (_permissions(Path(one)) for one in sources if one), _permitted.get()))
     try:
         yield
@@ -178,7 +178,7 @@ def _prepare(new: Path, old: Path) -> None:
 
 
 def _flush(path: Path) -> None:
-    """Bring a file or a folder to the disk; Windows knows no handles of folders."""
+    """Flush a file or a folder to the disk; Windows has no handles of folders."""
     if os.name == "posix":
         handle = os.open(path, os.O_RDONLY)
         os.fsync(handle)

@@ -52,7 +52,7 @@ def tetrahedral(points: FloatArray, tets: IntArray, skin: Skin, names: Sequence[
 
 
 def tets_of(mesh: Mesh) -> IntArray:
-    """Return the tetrahedra (M, 4) of a mesh that has no other cells."""
+    """Return the tetrahedra (M, 4) of a mesh of tetrahedra alone."""
     (block,) = mesh.cells
     if not isinstance(block, Cells) or block.shape != "tetra":
         raise ValueError(f"{mesh.name} holds other cells than tetrahedra")

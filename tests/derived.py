@@ -77,7 +77,7 @@ def row(setting: Setting) -> str:
     options = settings_options([setting])
     words, within = choices_of(setting.kind), setting.note(Range)
     values = ", ".join(f"`{word}`" for word in words) or (f"a number {within}" if within else "")
-    shown = f"`{setting.shown}`" if setting.shown else ""
+    shown = f"`{setting.default_text}`" if setting.default_text else ""
     option = f"`{options[0].opts[0]}`" if options else ""
     text = f"{setting.doc.text} {setting.doc.more}".rstrip().replace("|", "\\|")
     return f"| `{setting.name}` | {option} | {values} | {shown} | {text} |\n"

@@ -130,7 +130,7 @@ FAULTS = (
           "given[:, -1].astype(np.intp) - 1 if numbered else", "tests/cases/test_gradient.py"),
     Fault("a derivative of another amount", "out[rows] += speed * rate * one", "out[rows] += rate * one",
           "tests/deform/test_held.py tests/cases/test_gradient.py"),
-    Fault("sliding nodes leave their shape", "out[rows] = self._projected(patch, rows, out[rows])", "pass",
+    Fault("sliding nodes leave their shape", "out[rows] = self._project(patch, rows, out[rows])", "pass",
           "tests/deform/volume/test_sliding.py tests/deform/volume/test_boundary.py"),
     Fault("two surfaces may tear a node apart", "if apart.any():", "if apart.all():",
           "tests/deform/volume/test_boundary.py tests/deform/volume/test_deflection.py"),

@@ -187,7 +187,7 @@ BUDGETS = {
     "cases/aircraft": (2046, 13),
     "cases/cli": (1490, 7),
     "cases/report": (2224, 11),
-    "cases/run": (2353, 11),
+    "cases/run": (2357, 11),
     "cases/settings": (1289, 6),
     "deform": (1188, 7),
     "deform/around": (618, 6),
@@ -204,7 +204,7 @@ BUDGETS = {
     "meshing/generate": (1551, 12),
 }
 """Lines and files that each room may have. A change by hand alone raises one: say in its commit what is worth it."""
-MOST_COMPLEXITY, LONGEST = 9_119, 450
+MOST_COMPLEXITY, LONGEST = 9_118, 450
 """Functions, branches, loops, handlers, comprehensions and logical operators of all installed code; lines of a file."""
 COUNTED = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.BoolOp, ast.Match)
 

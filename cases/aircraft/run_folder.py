@@ -110,14 +110,14 @@ class FinishedCase(FinishedRun):
         found = Deflection.at(self.plan, self.points, self.repair)
         return validate(self.case, found, checks_of(found, unit="m"), cad(), background)
 
-    def validated(self) -> tuple[Check, ...]:
+    def recheck(self) -> tuple[Check, ...]:
         """Return the checks that the run made, against CAD built afresh if it can be, and those of its files."""
         if self.lacks:
             return (*self.verdict(None, lambda: None), *stored_checks(read_figures(self.folder)[1]))
         with reference(self.case, cache=False) as deflected_cad:
-            return self.checked(deflected_cad, undeflected_models)
+            return self.recheck_with(deflected_cad, undeflected_models)
 
-    def checked(
+    def recheck_with(
         self, deflected_cad: Callable[[], Reference], models: "Callable[[Case], tuple[CadModel, ...]]"
     ) -> tuple[Check, ...]:
         """Return the checks as `validated` does; all files are read before either CAD is asked for.

@@ -258,4 +258,4 @@ def _part(plan: Plan, name: str) -> str:
         return "fixed"
     if any(name in (*box.boundary.pairs, *box.boundary.sides) for box in plan.boxes):
         return "moves as its image"
-    return "slides" if any(name in box.boundary.declared for box in plan.boxes) else "outside"
+    return "slides" if any(name in box.boundary.declared_patches for box in plan.boxes) else "outside"

@@ -87,8 +87,8 @@ def _help(setting: Setting) -> str:
     """Return what a setting means, with its default, and with options instead of the names of settings."""
     words = setting.doc.text.split("`")
     text = "".join(flag(BY_NAME[word]) if i % 2 and word in BY_NAME else word for i, word in enumerate(words))
-    hidden = not setting.default or setting.default is True or not setting.shown
-    return text if hidden else f"{text.removesuffix('.')} (default: {setting.shown})."
+    hidden = not setting.default or setting.default is True or not setting.default_text
+    return text if hidden else f"{text.removesuffix('.')} (default: {setting.default_text})."
 
 
 class DeflectCommand(click.Command):

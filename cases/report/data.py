@@ -127,7 +127,7 @@ class MovedSurface:
     axis: Axis | None = None
 
     @property
-    def turned(self) -> str:
+    def amount_text(self) -> str:
         """Amount and unit."""
         return f"{self.amount:+g} {self.unit}"
 
@@ -161,14 +161,14 @@ class Box:
     def of(cls, plan: BoxPlan, amounts: Amounts, name: str, fits: FitRows) -> "Box":
         """Return the box of a plan with its surfaces at some amounts."""
         surfaces = [
-            MovedSurface(name_of(own.named), amount, one.motion.unit, own.patches, own.nodes, one.motion.axis)
+            MovedSurface(name_of(own.plain_names), amount, one.motion.unit, own.patches, own.nodes, one.motion.axis)
             for (one, own), amount in zip(plan.moving, amounts, strict=True)
         ]
         return cls(
             name=name,
             surfaces=tuple(surfaces),
             hexahedron=plan.hexahedron,
-            nodes=plan.changed,
+            nodes=plan.movable,
             sites=plan.sites.moving,
             touched=plan.touched,
             zero=np.vstack([np.empty((0, 3)), *(part.points for part in plan.sites.zero)]),

@@ -87,7 +87,7 @@ class FinishedRun:
         path = self.folder / PLAN
         return HeldPlan.load(path) if path.exists() else None
 
-    def validated(self) -> tuple[Check, ...]:
+    def recheck(self) -> tuple[Check, ...]:
         """Return its checks, made again from its files, and those of the files.
 
         Raises InputError or MeshFileError if a file is missing or damaged, or the files do not belong together.
@@ -141,7 +141,7 @@ def _read_points(path: Path, plan: Plan) -> FloatArray:
     points, out = format_of(path).read(path).points, plan.mesh.points.copy()
     node = np.arange(len(out))
     if len(points) != len(out):
-        node = part_of(plan.mesh, plan.touched.rows, plan.changed)[1]
+        node = part_of(plan.mesh, plan.touched.rows, plan.movable)[1]
     if len(points) != len(node):
         raise InputError(f"{path} does not belong to the mesh {plan.mesh.name}")
     out[node] = points

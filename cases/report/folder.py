@@ -145,9 +145,9 @@ def job_data(
     mesh, (settings, folder) = plan.mesh, stored
     boxes = tuple(
         Box.of(box, own, name_of(plan.patches) if len(plan.boxes) == 1 else box.surface, fit)
-        for (box, own), fit in zip(plan.parted(pose), fits, strict=True)
+        for (box, own), fit in zip(plan.by_box(pose), fits, strict=True)
     )
-    moves = "; ".join(f"{surface.name} by {surface.turned}" for box in boxes for surface in box.surfaces)
+    moves = "; ".join(f"{surface.name} by {surface.amount_text}" for box in boxes for surface in box.surfaces)
     shown = in_view(mesh, (*plan.patches, *plan.stays))
     places, nested = mesh.points[mesh.on(*shown)], loads(settings)
     tables = {f"surface[{i}]": rows_of(row) for i, row in enumerate(nested.pop("surface", []))}
@@ -217,7 +217,7 @@ def settings_of(deflection: Deflection, home: Path, folder: Path) -> dict[str, A
     boxes = {"box_each": True} if len(plan.boxes) > 1 else _numbers(plan.boxes[0])
 
     def shapes(slides: Sequence[Sliding], setting: str) -> dict[str, str]:
-        return {name: slide.shape for slide in slides for name in plan.mesh.named([slide.patch], setting)}
+        return {name: slide.shape for slide in slides for name in plan.mesh.expand([slide.patch], setting)}
 
     return {
         **({"mesh": relpath(source, home)} if source else {}),
@@ -308,7 +308,7 @@ def _ends(axis: Axis, points: FloatArray) -> list[list[float]]:
 
 def _nodes(nodes: NodeSet, surface: Surface) -> list[str] | list[int]:
     if isinstance(nodes, OnPatches):
-        return list(surface.mesh.named(nodes.names, "a node set") or surface.neighbours)
+        return list(surface.mesh.expand(nodes.names, "a node set") or surface.neighbours)
     if isinstance(nodes, TrailingEdge):
         return [f"edges:{nodes.dihedral:g}"]
     return [int(node) for node in nodes.nodes] if isinstance(nodes, Listed) else [type(nodes).__name__]
@@ -342,7 +342,7 @@ def _mesh_shown(plan: Plan, points: FloatArray, whole: bool) -> tuple[Mesh, IntA
     parts = zip(mesh.cells, rows, touched.orientation, strict=True)
     quality = np.concatenate([np.empty(0), *(quality_of(points, *part) for part in parts)])
     if not whole:
-        mesh, node = part_of(mesh, rows, plan.changed)
+        mesh, node = part_of(mesh, rows, plan.movable)
     return mesh, node, quality
 
 

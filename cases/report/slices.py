@@ -186,7 +186,7 @@ def slices(data: ReportData, box: Box, surface: MovedSurface) -> tuple[Figure, s
     figure = Figure(figsize=(9.6, 4.0 * len(cuts)))
     figure.subplots_adjust(left=0.09, right=0.86, bottom=0.05, top=0.94, wspace=0.28, hspace=0.28)
     axes = figure.subplots(len(cuts), 2)
-    states = (("undeflected", data.mesh.points), (surface.turned, data.points))
+    states = (("undeflected", data.mesh.points), (surface.amount_text, data.points))
     for row, plane in zip(axes, cuts, strict=True):
         pairs = zip(row, states, strict=True)
         before, after = (draw_slice(one, data, points, box, plane, name) for one, (name, points) in pairs)

@@ -109,7 +109,7 @@ class Turning:
                 poses.append(tuple(row.amount if i == j else other for j, other in enumerate(held.amounts)))
         return cls(held.at_nodes(data.mesh.points), tuple(own), tuple(poses))
 
-    def stored(self, nodes: IntArray, points: FloatArray, exact: bool) -> tuple[list[Json], FloatArray]:
+    def page_fields(self, nodes: IntArray, points: FloatArray, exact: bool) -> tuple[list[Json], FloatArray]:
         """Return the fields of nodes (K,) at points (K, 3), and where the page computes these at the run's amounts."""
         out, computed, place = [], np.sum(_split(points, exact), axis=0), np.full(len(self.modes.start), -1)
         surfaces = zip(self.modes.controls, self.own, self.modes.rows, self.modes.fields, strict=True)
@@ -403,7 +403,7 @@ def _part(
     before, after = data.mesh.points[nodes], data.points[nodes]
     largest = float(np.abs(before).max(initial=0.0))
     exact = exact or SEEN * largest > COARSE * data.surface_size > 0.0
-    modes, computed = turning.stored(nodes, before, exact)
+    modes, computed = turning.page_fields(nodes, before, exact)
     between = after if data.interpolated is None else data.interpolated[nodes]
     small = (EXACT if exact else SEEN) * largest
     rest, mended = _without_small(after - computed, small), _without_small(between - after, small)

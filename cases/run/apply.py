@@ -79,7 +79,7 @@ def apply_plan(
         If a mesh cannot be read or written.
     """
     held = HeldPlan.load(path)
-    pose = held.named(amounts)
+    pose = held.in_order(amounts)
     held.check_ranges(pose)
     states = states_of(file for mesh in meshes for file in _files(mesh))
     places, found = check_places(held, path, meshes, zones, progress)

@@ -53,7 +53,7 @@ def amount_derivatives(
     Raises InputError if sensitivities do not belong to the mesh at these amounts; MeshFileError for a damaged mesh.
     """
     held = HeldPlan.load(plan)
-    pose, mesh = held.named(amounts), mesh or plan.with_name(held.source or "undeflected mesh")
+    pose, mesh = held.in_order(amounts), mesh or plan.with_name(held.source or "undeflected mesh")
     if not mesh.exists():
         raise InputError(f"{mesh} is not there: name the undeflected mesh of the plan in --mesh")
     check_places(held, plan, [mesh], zones, progress)

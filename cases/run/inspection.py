@@ -156,7 +156,7 @@ def _slot(mesh: Mesh, names: tuple[str, ...]) -> Json | None:
     from sdm_deflect.deform.surface.slots import Slot
 
     setting = Slot.of(mesh, *names).setting
-    nodes = mesh.on(*mesh.named(names, "slot"))
+    nodes = mesh.on(*mesh.expand(names, "slot"))
     return {"gap": setting.gap, "overlap": setting.overlap, "chord": float(np.ptp(mesh.points[nodes, 0]))}
 
 

@@ -105,12 +105,13 @@ class Search:
 
     def limits(self, repair: RepairMode, progress: Progress) -> tuple[Limit, ...]:
         """Find the limits of both signs, without repair and, unless it is off, with it; InputError if nothing moves."""
-        if reason := self.tried(0.0, "off").reason:
-            raise InputError(reason)
+        still = self.trial(0.0, "off")
+        if still.reason:
+            raise InputError(still.reason)
         modes: tuple[RepairMode, ...] = ("off",) if repair == "off" else ("off", repair)
-        return tuple(self._limit(mode, sign, progress) for mode in modes for sign in (-1.0, 1.0))
+        return tuple(self._limit(mode, sign, still, progress) for mode in modes for sign in (-1.0, 1.0))
 
-    def tried(self, angle: float, repair: RepairMode) -> Trial:
+    def trial(self, angle: float, repair: RepairMode) -> Trial:
         """Deflect by an amount, and judge the mesh; without one the trial says why."""
         try:
             plan = self.plan(angle, repair)
@@ -128,14 +129,17 @@ class Search:
             faults.append(f"least quality {least:.3f} {where}")
         return Trial(angle, least, steps, where, "", "; ".join(faults), tuple(check.name for check in failed))
 
-    def _limit(self, repair: RepairMode, sign: float, progress: Progress) -> Limit:
-        """Go on in steps until cells invert or there is no mesh; then bisect between good amounts and bad ones."""
-        trials: dict[float, Trial] = {}
+    def _limit(self, repair: RepairMode, sign: float, still: Trial, progress: Progress) -> Limit:
+        """Go on in steps until cells invert or there is no mesh; then bisect between good amounts and bad ones.
+
+        `still` is the trial of amount 0: there no cell is repaired.
+        """
+        trials = {0.0: still}
 
         def at(size: float) -> Trial:
             if size not in trials:
                 progress(f"repair {repair}: {sign * size:+.4g} {self.unit}", float("nan"))
-                trials[size] = self.tried(sign * size if size else 0.0, repair)
+                trials[size] = self.trial(sign * size, repair)
             return trials[size]
 
         def last(holds: Callable[[Trial], bool]) -> float:

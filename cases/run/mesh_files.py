@@ -177,7 +177,7 @@ class Targets:
     def _check_target(self, target: Path, read: Sequence[Path]) -> None:
         if target.exists() and any(given.exists() and target.samefile(given) for given in read):
             raise InputError(f"{target}: this is a file that is read; name another one in out")
-        if target.exists() and not self._replaced(target):
+        if target.exists() and not self._may_replace(target):
             rule = "and only the file that out names, and an earlier sensitivity, are replaced"
             fault = rule if target.is_file() or target.is_dir() else "and is a pipe or a device"
             raise InputError(f"{target} exists already, {fault}; delete it, or choose another name in out")
@@ -188,7 +188,7 @@ class Targets:
         meshes = [mesh for mesh in map(self.mesh, self.poses) if form.named_otherwise(self.source, mesh)]
         return [table for mesh in meshes for table in form.name_files(mesh)]
 
-    def _replaced(self, target: Path) -> bool:
+    def _may_replace(self, target: Path) -> bool:
         """Whether what is there may be replaced."""
         if target.is_dir():
             return self._is_folder and not target.suffix[1:2].isalpha() and not any(target.iterdir())

@@ -203,7 +203,7 @@ def notes_of(plan: Plan) -> tuple[str, ...]:
 
 def farthest(plan: Plan) -> Iterator[tuple[str, FloatArray, FloatArray]]:
     """Yield each surface's name, place and displacement (3,) of its node that moves farthest, at the largest pose."""
-    for box, own in plan.parted(plan.largest):
+    for box, own in plan.by_box(plan.largest):
         for surface, place, move in box.boundary.farthest(own):
             yield surface.label, place, move
 
@@ -219,7 +219,7 @@ def _hinge(moving: Moving, law: MotionLaw, amount: float) -> list[list[float]] |
     if axis is None:
         return None
     ends = np.array([axis.point, axis.point + (axis.length or 1.0) * axis.direction])
-    carried = law.functions.carried(ends, amount) if moving.motion.unit == TRACK_UNIT else ends
+    carried = law.functions.positions(ends, amount) if moving.motion.unit == TRACK_UNIT else ends
     first, second = carried.tolist()
     return [first, second]
 
@@ -230,8 +230,8 @@ def surface_figures(plan: Plan, pose: Amounts) -> Json:
     The hinge of a track is where the motion brings it.
     """
     out = {}
-    for box, amounts in plan.parted(pose):
-        rows = zip(box.moving, box.boundary.laws, amounts, box.boundary.reached(amounts), strict=True)
+    for box, amounts in plan.by_box(pose):
+        rows = zip(box.moving, box.boundary.laws, amounts, box.boundary.reaches(amounts), strict=True)
         for (moving, _), law, amount, (surface, reached) in rows:
             hinge = _hinge(moving, law, amount)
             share = {"full": reached.full, "mean": reached.mean} if reached else {"full": None, "mean": None}
@@ -255,8 +255,8 @@ def motions(plan: Plan) -> Iterator[tuple[str, str]]:
 
 def _reached(plan: Plan, pose: Amounts) -> Iterator[tuple[str, Reached | None]]:
     """Yield the name of each surface, and what it reaches at a pose."""
-    for box, own in plan.parted(pose):
-        for surface, reached in box.boundary.reached(own):
+    for box, own in plan.by_box(pose):
+        for surface, reached in box.boundary.reaches(own):
             yield surface.label, reached
 
 

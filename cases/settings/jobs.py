@@ -344,7 +344,7 @@ def _track_about(hinge: Axis, surface: SurfaceSettings, angle: float) -> Motion:
         return Track.read(surface.track, hinge)
     if surface.slot:
         return SlotSetting(hinge, surface.slot, angle, surface.gap, surface.overlap)
-    return Track.shifted(hinge, angle, *shifts_of(surface.shift or ()))
+    return Track.straight(hinge, angle, *shifts_of(surface.shift or ()))
 
 
 def _rotation(hinge: tuple[Corner, ...]) -> Rotation:

@@ -30,7 +30,7 @@ class Acting:
         del known, last
         return ()
 
-    def corrected(self, u: FloatArray, known: FloatArray, last: bool) -> FloatArray:
+    def correct(self, u: FloatArray, known: FloatArray, last: bool) -> FloatArray:
         """Return the corrected displacements u (M, 3): of the free nodes in the last pass, else of the bound nodes."""
         del known, last
         return u

@@ -97,7 +97,7 @@ class Binding(Acting):
         values = known[len(known) - len(self.points) :]
         return (DataSites(self.points[rows], values[rows][:, columns], columns),)
 
-    def corrected(self, u: FloatArray, known: FloatArray, last: bool) -> FloatArray:
+    def correct(self, u: FloatArray, known: FloatArray, last: bool) -> FloatArray:
         """Project nodes onto their shapes, and make images move alike."""
         del known
         if last:

@@ -111,7 +111,7 @@ class RigidFollow:
             nodes[:], ends = known[nearest[:, :count]], BEYOND * distance[:, count]
         return cls(rows, points[rows], boundary, nodes, ends)
 
-    def displaced(self, boundary: FloatArray, turns: FloatArray) -> FloatArray:
+    def displacement(self, boundary: FloatArray, turns: FloatArray) -> FloatArray:
         """Return the displacements (Q, 3), given the boundary's displacements (K, 3) and rotations R - 1 (K, 3, 3)."""
         motions = np.concatenate([boundary[:, :, None], turns], axis=2)
         return _carried(self.places, self.boundary, self.nodes, self.ends, motions)
@@ -220,7 +220,7 @@ class NearWall:
     def following(self, displacement: FloatArray, boundary: FloatArray, turns: FloatArray) -> FloatArray:
         """Return the displacement (M, 3) of points, given the boundary's displacement (K, 3) and rotations R - 1."""
         out, rows = np.array(displacement), self.follow.rows
-        out[rows] += self.weight[:, None] * (self.follow.displaced(boundary, turns) - out[rows])
+        out[rows] += self.weight[:, None] * (self.follow.displacement(boundary, turns) - out[rows])
         return out
 
 
@@ -290,9 +290,9 @@ class FollowingWalls(Acting):
         del last
         if not len(self.layers.places):
             return ()
-        values = self.layers.displaced(known, self.turning.rotations(known))
+        values = self.layers.displacement(known, self.turning.rotations(known))
         return (DataSites(self.layers.places, values[:, self.components], self.components),)
 
-    def corrected(self, u: FloatArray, known: FloatArray, last: bool) -> FloatArray:
+    def correct(self, u: FloatArray, known: FloatArray, last: bool) -> FloatArray:
         """Let nodes near walls follow them."""
         return (self.free if last else self.bound).following(u, known, self.turning.rotations(known))

@@ -31,7 +31,7 @@ class StayingInFaces(Acting):
 
     faces: tuple[tuple[int, BoolArray], ...] = field(repr=False)
 
-    def corrected(self, u: FloatArray, known: FloatArray, last: bool) -> FloatArray:
+    def correct(self, u: FloatArray, known: FloatArray, last: bool) -> FloatArray:
         """Set displacements along the normals of the faces to zero."""
         del known
         for component, rows in self.faces if last else ():

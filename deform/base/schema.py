@@ -60,10 +60,10 @@ class Range:
 
     def __str__(self) -> str:
         if self.high == inf:
-            return f"{'above' if self.above else 'of at least'} {self.measured(self.low)}"
-        return f"{'above' if self.above else 'from'} {self.low:g} to {self.measured(self.high)}"
+            return f"{'above' if self.above else 'of at least'} {self.with_unit(self.low)}"
+        return f"{'above' if self.above else 'from'} {self.low:g} to {self.with_unit(self.high)}"
 
-    def measured(self, value: float) -> str:
+    def with_unit(self, value: float) -> str:
         """Return a number with its unit as text."""
         return f"{value:g} {self.unit}".rstrip()
 
@@ -144,7 +144,7 @@ class Setting:
         return self.note(Option) or Option()
 
     @property
-    def shown(self) -> str:
+    def default_text(self) -> str:
         """Its default as shown to users; empty without one."""
         if self.default is MISSING or self.default in (None, (), {}):
             return ""
@@ -200,7 +200,7 @@ def check_settings(instance: Any) -> None:
         kind, what = (Integral, "a whole number") if kind_of(setting.kind) is int else (Real, "a number")
         number = isinstance(value, kind) and not isinstance(value, bool)
         if within and not (number and within.holds(value)):
-            given = within.measured(value) if number else shortened(value)
+            given = within.with_unit(value) if number else shortened(value)
             raise InputError(f"{name} = {given} must be {what} {within}")
 
 
@@ -225,5 +225,5 @@ def describe(settings: Iterable[Setting], indent: str) -> str:
 
 
 def _line(setting: Setting) -> str:
-    default = f" Default: ``{setting.shown}``." if setting.shown else ""
+    default = f" Default: ``{setting.default_text}``." if setting.default_text else ""
     return f"`{setting.name}`: {setting.doc.text} {setting.doc.more}".rstrip() + default

@@ -105,7 +105,7 @@ class Images:
             out[self.nodes] &= all_in[self.group]
         return out
 
-    def closed(self, nodes: IntArray, size: int) -> IntArray:
+    def closure(self, nodes: IntArray, size: int) -> IntArray:
         """Return sorted nodes (L,) with all nodes of their groups; `size` is the number of nodes of the mesh."""
         if not len(self.nodes):
             return nodes
@@ -420,7 +420,7 @@ def pair_patches(mesh: Mesh, wanted: Sequence[PeriodicPatches]) -> Mesh:
     """
     own = []
     for one in wanted:
-        names = mesh.named([one.first, one.second], "periodic")
+        names = mesh.expand([one.first, one.second], "periodic")
         if len(names) != 2:
             raise InputError(
                 f"{mesh.name}: periodic {one.first} {one.second} stands for {short_list(names)}; name two patches"

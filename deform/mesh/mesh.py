@@ -166,7 +166,7 @@ class Mesh:
         """Return the faces of the named patches."""
         return tuple(faces for name in names for faces in self.patch(name).faces)
 
-    def named(self, wanted: Sequence[str], what: str) -> tuple[str, ...]:
+    def expand(self, wanted: Sequence[str], what: str) -> tuple[str, ...]:
         """Return the patches that names and wildcards (``wing*``, in any zone) mean.
 
         Raises InputError for a name of no patch, with the most similar names, or of a patch that could not be read,

@@ -218,7 +218,7 @@ class Ring:
         sides = np.column_stack([faces, owner[faces], ahead])
         return cls(cells.faces.nodes, spans, owner, neighbour, count, sides, numbers, sign, own)
 
-    def measured(self, points: FloatArray) -> State:
+    def measure(self, points: FloatArray) -> State:
         """Measure the faces with the nodes at points (N, 3)."""
         pairs, judged = self.couples, np.empty((len(self.sides), 2))
         count = self.count + len(pairs.faces)
@@ -287,12 +287,12 @@ def face_quality(mesh: Mesh) -> FaceQuality | None:
             ring = Ring.of(block, rows[part], sign, couples)
             owner = block.owner[ring.numbers]
             own = (owner >= part.start) & (owner < part.stop)
-            found += ring.measured(mesh.points).quality(own)
+            found += ring.measure(mesh.points).quality(own)
     return found if blocks else None
 
 
 def _joined(rings: tuple[Ring, ...], points: FloatArray) -> State:
-    return State(*map(np.concatenate, zip(*(ring.measured(points) for ring in rings), strict=True)))
+    return State(*map(np.concatenate, zip(*(ring.measure(points) for ring in rings), strict=True)))
 
 
 def _where(old: FloatArray, new: FloatArray, counted: float, limit: float, what: str, places: FloatArray) -> str:

@@ -316,7 +316,7 @@ class SomePolyhedra:
         """Nodes (K,) of all faces, one face after another."""
         return self.sides.faces.nodes
 
-    def counted(self, nodes: IntArray, start: int, stop: int) -> Polyhedra:
+    def renumbered(self, nodes: IntArray, start: int, stop: int) -> Polyhedra:
         """Return the cells with other nodes (K,); cells start to stop - 1 get numbers from 0, all others become one."""
         owner, neighbour = (
             np.where((cells >= start) & (cells < stop), cells - start, stop - start).astype(np.intp, copy=False)

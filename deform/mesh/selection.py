@@ -247,7 +247,7 @@ class Selection:
     def _resolved(self, mesh: Mesh, place: str) -> tuple[str, tuple[Condition, ...]]:
         base, mark, number = self.patch.rpartition(MARK)
         numbered = self.patch not in mesh.names and mark and number.isascii() and number.isdigit()
-        names = mesh.named([base if numbered else self.patch], place)
+        names = mesh.expand([base if numbered else self.patch], place)
         if len(names) > 1:
             several = f"{self.patch} stands for several patches, {short_list(names)}; name one of them"
             raise InputError(f"{mesh.name}: {place} {several}")
@@ -298,7 +298,7 @@ def _components_of(mesh: Mesh, found: dict[str, list[Part]], text: str) -> Itera
     if which.isascii() and which.isdigit():
         yield Selection(text, text).parts(mesh)
         return
-    for name in mesh.named([base], f"{text}:"):
+    for name in mesh.expand([base], f"{text}:"):
         part = Part.of(mesh, mesh.patch(name))
         labels, free = part.components(), np.ones(len(part), dtype=np.bool_)
         if (count := labels.max(initial=-1) + 1) > MOST_PARTS:

@@ -62,7 +62,7 @@ class Halfway:
         return cls(component, float(axis.point[component] if axis else 0.5 * (low + high)), axis, outward)
 
     @classmethod
-    def stored(cls, numbers: FloatArray) -> Halfway:
+    def from_numbers(cls, numbers: FloatArray) -> Halfway:
         """Return the plane described by `numbers`; ValueError if they describe none."""
         component, station, *rest = numbers.tolist()
         wedge = np.reshape(rest, (-1, 3))
@@ -148,7 +148,7 @@ class ThinMesh:
         kept = {name: shape for name, shape in shapes.items() if name not in sides or shape != "plane"}
         return {name: shape if name in sides else lines.get(shape, shape) for name, shape in kept.items()}
 
-    def moved(self, places: FloatArray) -> FloatArray:
+    def to_whole_mesh(self, places: FloatArray) -> FloatArray:
         """Return the moved nodes (N, 3), given those of the plane mesh (N, 3)."""
         moves = self.displacement(places - self.mesh.points)
         return np.where(moves, self.points + moves, self.points)  # keeps the sign of zeros

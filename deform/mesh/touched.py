@@ -107,7 +107,7 @@ class CellScores(NamedTuple):
     quality: FloatArray
     inverted: BoolArray
 
-    def replaced(self, cells: BoolArray, scores: CellScores) -> CellScores:
+    def with_scores(self, cells: BoolArray, scores: CellScores) -> CellScores:
         """Return the scores with those of some cells, a mask (C,), replaced."""
         quality, inverted = self.quality.copy(), self.inverted.copy()
         quality[cells], inverted[cells] = scores

@@ -194,7 +194,7 @@ class CholeskyBasis:
 
     def _completed(self, gamma: FloatArray) -> Coefficients:
         """Add the coefficients of the anchors and of the polynomial."""
-        alpha, at_anchors, others = self.kernel.completed(self.chosen[self.beside], gamma)
+        alpha, at_anchors, others = self.kernel.complete(self.chosen[self.beside], gamma)
         beta = np.empty((len(self.chosen), others.shape[1]))
         beta[self.anchor_places] = at_anchors
         beta[self.beside] = others

@@ -127,7 +127,7 @@ class ReducedKernel:
         k -= self.left[i] @ self.right[j].T
         return np.asarray(k)
 
-    def completed(self, rows: IndexArray, gamma: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def complete(self, rows: IndexArray, gamma: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the polynomial (4, k), and the coefficients of the anchors (q, k) and of `rows` (C, k).
 
         Parameters

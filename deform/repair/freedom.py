@@ -54,7 +54,7 @@ class Columns:
             levels.append(pairs[first[count == 1]])
         return cls(tuple(levels), forked)
 
-    def closed(self, nodes: IntArray, size: int) -> IntArray:
+    def closure(self, nodes: IntArray, size: int) -> IntArray:
         """Return sorted nodes (K,) with all nodes above them; `size` is the number of nodes of the mesh."""
         mark = np.zeros(size, dtype=np.bool_)
         mark[nodes] = True
@@ -225,7 +225,7 @@ class FreeNodes:
                 slides.append(Slide(nodes[own], shape, pieces[k].faces + pieces[other].faces))
         return cls(free, tuple(slides), images=images or Images())
 
-    def left_by(self, start: FloatArray, points: FloatArray) -> tuple[Slide, ...]:
+    def slides_left_by(self, start: FloatArray, points: FloatArray) -> tuple[Slide, ...]:
         """Return the slides on plane faces that some nodes left on the way from `start` (N, 3) to `points` (N, 3).
 
         While no polygon of a face is reversed, and its rim stays on its curves, all nodes are inside the rim.
@@ -240,13 +240,13 @@ class FreeNodes:
         """Return the same without some of the slides."""
         return replace(self, slides=tuple(one for one in self.slides if one not in some))
 
-    def closed(self, nodes: IntArray, size: int) -> IntArray:
+    def closure(self, nodes: IntArray, size: int) -> IntArray:
         """Return sorted nodes (K,) with all nodes that move with them; `size` is the number of nodes of the mesh."""
         while True:
-            found = self.columns.closed(nodes, size)
+            found = self.columns.closure(nodes, size)
             if not len(self.images.nodes):
                 return found
-            found = self.images.closed(found, size)
+            found = self.images.closure(found, size)
             if len(found) == len(nodes):
                 return found
             nodes = found
@@ -271,7 +271,7 @@ class FreeNodes:
         stay = np.setdiff1d(first, levels[0][:, 0]) if levels else first
         images = self.images
         if len(images.nodes):
-            stay = images.closed(stay, len(points))
+            stay = images.closure(stay, len(points))
             levels = [pairs[np.isin(pairs[:, 0], stay, invert=True)] for pairs in levels]
             anywhere[:] = True
             anywhere[stay] = False

@@ -119,7 +119,7 @@ class QualityGoal:
         """Judge the cells with the nodes at points (N, 3)."""
         return self.touched.scores(points)
 
-    def missed(self, found: CellScores, share: float) -> BoolArray:
+    def misses(self, found: CellScores, share: float) -> BoolArray:
         """Return which cells (C,) are inverted, or below a share of their floor."""
         poor = (self.floor > 0.0) & (found.quality < share * np.maximum(self.floor, 0.0))
         return np.asarray((self.floor > -np.inf) & (found.inverted | poor))
@@ -131,7 +131,7 @@ class QualityGoal:
 
     def rank(self, found: CellScores) -> tuple[int, float]:
         """Return what is larger for the better of two meshes: minus the inverted cells, then the least quality."""
-        return -int(self.missed(found, 0.0).sum()), self.least(found)
+        return -int(self.misses(found, 0.0).sum()), self.least(found)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -170,7 +170,7 @@ class RepairResult:
         goal = QualityGoal.of(touched, freedom)
         before, after = goal.scores(start), goal.scores(points)
         moved = np.flatnonzero((points != start).any(axis=1))
-        spoiled, left = (int(goal.missed(one, share).sum()) for one in (before, after))
+        spoiled, left = (int(goal.misses(one, share).sum()) for one in (before, after))
         inverted = np.flatnonzero(after.inverted & ~touched.before.inverted)
         return cls(start, points, freedom, touched.quality(start), moved, spoiled, left, inverted)
 
@@ -300,12 +300,12 @@ class Chart:
 
     def place(self, way: FloatArray) -> FloatArray:
         """Return the places (U, 3) for free displacements (U, 3)."""
-        return self._placed(way)[0]
+        return self._places(way)[0]
 
-    def pulled(self, way: FloatArray, gradient: FloatArray) -> FloatArray:
+    def pull_back(self, way: FloatArray, gradient: FloatArray) -> FloatArray:
         """Return the gradient (U, 3) by the free displacements, given the gradient by the places."""
         if len(self.heights.rows):
-            self.heights.pull(self._placed(way)[1], gradient)
+            self.heights.pull(self._places(way)[1], gradient)
         for rows, shape in self.slides:
             gradient[rows] = shape.rate(self.base[rows], way[rows], gradient[rows])  # the derivative is symmetric
         rows, tracks = self.edges
@@ -313,7 +313,7 @@ class Chart:
         gradient[rows] = along[:, None] * tracks.tangent
         return self.images.projected(gradient) if self.images else gradient
 
-    def _placed(self, way: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _places(self, way: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the places (U, 3), and the arms (K, 3) of the nodes of layers."""
         out = self.base + (self.images.projected(way) if self.images else way)
         for rows, shape in self.slides:
@@ -369,7 +369,7 @@ class RepairPatch:
 
     def below(self, way: FloatArray, level: float) -> int:
         """Return the number of cells that are inverted, or below a share of their floor."""
-        return int(self.goal.missed(self.goal.scores(self.everywhere(way)), level).sum())
+        return int(self.goal.misses(self.goal.scores(self.everywhere(way)), level).sum())
 
     def least(self, way: FloatArray) -> float:
         """Return the least mean ratio of an element to its target; 0 if one is inverted."""
@@ -391,7 +391,7 @@ class RepairPatch:
 
         def function(way: FloatArray) -> tuple[float, FloatArray]:
             value, gradient = self.energy(self.at(way), eps, power)
-            return value, self.chart.pulled(way, gradient) if np.isfinite(value) else gradient
+            return value, self.chart.pull_back(way, gradient) if np.isfinite(value) else gradient
 
         curvature = self.energy.curvature(self.at(way), eps, power)
         if not np.isfinite(curvature).all():

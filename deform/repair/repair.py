@@ -86,7 +86,7 @@ def _repair(
         wanted = Target(level, sizes, far, kept, progress)
         there, other, count = _raise_quality(here, found, tetrahedra, freedom, goal, wanted)
         steps += count
-        reached = not goal.missed(other, level).any()
+        reached = not goal.misses(other, level).any()
         if reached or goal.least(other) >= goal.least(found):
             here, found = there, other
         if not reached:
@@ -144,7 +144,7 @@ def _raise_quality(
     """
     level, sizes, far, spread, progress = wanted
     size, last, steps, vain, careful = 0, 0, 0, 0, spread is not None
-    below = goal.missed(found, level)
+    below = goal.misses(found, level)
     while below.any() and vain < VAIN:
         count = int(below.sum())
         size, unknown = _patch_nodes(tetrahedra, below, freedom, len(points), sizes, (size, last))
@@ -154,12 +154,12 @@ def _raise_quality(
         progress(f"repair: {count} cells, {len(unknown)} nodes", nan)
         patch = RepairPatch.of(points, tetrahedra, unknown, freedom, goal.weighted(found, careful))
         new, taken = improve(patch, level, REST * (size > 0))
-        beyond = freedom.left_by(points, new)
+        beyond = freedom.slides_left_by(points, new)
         if beyond:
             freedom, last, steps = freedom.without(beyond), 0, steps + taken
             continue
-        after = found.replaced(patch.cells, patch.goal.scores(new))
-        steps, left = steps + taken, goal.missed(after, level)
+        after = found.with_scores(patch.cells, patch.goal.scores(new))
+        steps, left = steps + taken, goal.misses(after, level)
         if _is_better(left.sum() < count, goal.least(after) - goal.least(found), level) and goal.keeps(after, spread):
             points, found, below, vain = new, after, left, 0
             size = (size + 1) * int(left.sum() > FEWER * count)
@@ -188,7 +188,7 @@ def _patch_nodes(
     """
     movable = np.bincount(freedom.nodes, minlength=points) > 0
     for size in range(after[0], len(sizes)):
-        nodes = freedom.closed(_around(tetrahedra, spoiled, movable, sizes[size]), len(movable))
+        nodes = freedom.closure(_around(tetrahedra, spoiled, movable, sizes[size]), len(movable))
         crowded = sizes[size] < len(movable) and spoiled.sum() > MANY * len(nodes)
         if len(nodes) > LARGER * after[1] and not crowded:
             return size, nodes

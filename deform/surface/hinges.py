@@ -89,7 +89,7 @@ def device(
 
     Raises InputError if stations or share are not ascending between 0 and 1, or if there is no section at a station.
     """
-    (patch,) = mesh.named([wall], "device")
+    (patch,) = mesh.expand([wall], "device")
     if not 0.0 <= stations[0] < stations[1] <= 1.0 or not 0.0 < share < 1.0:
         raise InputError(f"device: stations {stations} must ascend from 0 to 1, and the share {share:g} be between")
     edges = np.unique(np.sort(edges_of(polygons_of(mesh.faces_of([patch])))[0], axis=1), axis=0)

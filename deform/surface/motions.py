@@ -59,7 +59,7 @@ class Functions:
         """Amounts that the box must contain besides evenly spaced ones."""
         return ()
 
-    def carried(self, points: FloatArray, amount: float) -> FloatArray:
+    def positions(self, points: FloatArray, amount: float) -> FloatArray:
         """Return where an amount brings points (N, 3) of the hinge."""
         del amount
         return points

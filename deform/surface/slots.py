@@ -53,7 +53,7 @@ class Slot:
         """
         if not mesh.plane or mesh.across != 2:
             raise InputError(f"{mesh.name}: gap and overlap are measured in a plane mesh of x and y")
-        names = [mesh.named([name], "slot") for name in (one, other)]
+        names = [mesh.expand([name], "slot") for name in (one, other)]
         ahead, behind = sorted(names, key=lambda some: float(mesh.points[mesh.on(*some), 0].mean()))
         lines = polygons_of(mesh.faces_of(behind))
         skin = mesh.points[lines.nodes.reshape(-1, 2), :2]
@@ -125,7 +125,7 @@ class SlotSetting(Hinged):
 
     def law(self, surface: Surface) -> TrackLaw:
         """Return the straight track to the setting; InputError if no place of the element has it."""
-        if {*surface.mesh.named([self.beside], "slot")} & {*surface.patches}:
+        if {*surface.mesh.expand([self.beside], "slot")} & {*surface.patches}:
             raise InputError(f"slot = {self.beside}: this is the surface itself; name the element beyond the slot")
         slot = self.slot(surface)
         is_ahead = bool((np.abs(surface.points[:, :2] - slot.edge).max(axis=1) == 0.0).any())
@@ -133,7 +133,7 @@ class SlotSetting(Hinged):
         gap, overlap = (old if new is None else new for old, new in zip(now[:2], (self.gap, self.overlap), strict=True))
         shift = slot.turned(self.hinge, self.angle, is_ahead).shift(gap, overlap) * (-1.0 if is_ahead else 1.0)
         whole = np.append(shift, 0.0)
-        return Track.shifted(self.hinge, self.angle, whole, whole).law(surface)
+        return Track.straight(self.hinge, self.angle, whole, whole).law(surface)
 
 
 def _trailing_edge(mesh: Mesh, patches: tuple[str, ...], skin: FloatArray) -> FloatArray:

@@ -39,7 +39,7 @@ class Surface:
     @classmethod
     def of(cls, mesh: Mesh, names: Sequence[str]) -> "Surface":
         """Collect the nodes of patches; InputError for an unknown patch, or if there are no nodes."""
-        patches = mesh.named(names, "the surface")
+        patches = mesh.expand(names, "the surface")
         nodes = mesh.on(*patches)
         if not len(nodes):
             raise InputError(f"{mesh.name}: {', '.join(patches)} has no nodes")
@@ -51,14 +51,14 @@ class Surface:
         return self.mesh.points[self.nodes]
 
     @property
-    def named(self) -> tuple[str, ...]:
+    def plain_names(self) -> tuple[str, ...]:
         """Names of the patches without panels such as ``body~tail``."""
         return tuple(name for name in self.patches if not any(name.endswith(f"{REGION}{own}") for own in self.patches))
 
     @property
     def label(self) -> str:
         """Names of the patches, for messages."""
-        return ", ".join(self.named)
+        return ", ".join(self.plain_names)
 
     def on(self, names: Sequence[str]) -> BoolArray:
         """Return which of the nodes (K,) are also on the named patches."""
@@ -103,7 +103,7 @@ class OnPatches:
         del hinge
         if not self.names:
             return surface.on(surface.neighbours)
-        names = surface.mesh.named(self.names, "a node set")
+        names = surface.mesh.expand(self.names, "a node set")
         return surface.on([name for name in names if name in self.names or name not in surface.patches])
 
 

@@ -74,8 +74,8 @@ class Root(Hinged):
         """
         from sdm_deflect.deform.mesh.selection import with_parts
 
-        names = mesh.named(self.on, "on")
-        root = np.intersect1d(mesh.on(*mesh.named([self.tail], "the surface")), mesh.on(*names))
+        names = mesh.expand(self.on, "on")
+        root = np.intersect1d(mesh.on(*mesh.expand([self.tail], "the surface")), mesh.on(*names))
         if not len(root):
             raise InputError(f"{mesh.name}: {self.tail} shares no node with {', '.join(names)}, on which it turns")
         panels = dict(zip(names, self._around(mesh, names, root, CHORDS, PANEL), strict=True))
@@ -104,7 +104,7 @@ class Root(Hinged):
         """Find the shape of the body, and the nodes of tail, root line, panel and the panel's border."""
         mesh, panels = surface.mesh, tuple(name for name in surface.patches if name.endswith(self.panels[1:]))
         tail, panel, border = _parts(surface, panels)
-        root, body = surface.nodes[tail & panel], (*panels, *mesh.named(self.on, "on"))
+        root, body = surface.nodes[tail & panel], (*panels, *mesh.expand(self.on, "on"))
         skin = [part.faces.nodes for part in self._around(mesh, body, root, 2.0 * CHORDS, SKIN)]
         sites = mesh.points[distinct(np.concatenate(skin))]
         depth = self.depth or CHORDS * float(np.ptp(mesh.points[root], axis=0).max())

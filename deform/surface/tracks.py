@@ -66,7 +66,7 @@ class Track(Hinged):
         object.__setattr__(self, "rows", rows)
 
     @classmethod
-    def shifted(cls, hinge: Axis, angle: float, first: FloatArray, second: FloatArray) -> "Track":
+    def straight(cls, hinge: Axis, angle: float, first: FloatArray, second: FloatArray) -> "Track":
         """Return the straight track that ends, at 1, with an angle and a shift (3,) of each hinge point."""
         return cls(hinge, np.array([np.zeros(8), [1.0, angle, *first, *second]]), smooth=False)
 
@@ -192,7 +192,7 @@ class Places(Functions):
         """The parameters of the track's rows."""
         return tuple(row[0] for row in self.rows)
 
-    def carried(self, points: FloatArray, amount: float) -> FloatArray:
+    def positions(self, points: FloatArray, amount: float) -> FloatArray:
         """Return points (N, 3) after the rigid motion."""
         return points + TrackLaw(self.track, points).displacement(amount)
 

@@ -77,14 +77,14 @@ class PrescribedNodes:
     def of(cls, mesh: Mesh, job: Job) -> "PrescribedNodes":
         """Sort the patches of a mesh by role; InputError for an unknown patch, or one with two roles."""
         thin, mesh = _thin(mesh, job)
-        moves = [name for moving in job.surfaces for name in mesh.named(moving.patches, "the surface")]
-        slides = {name: slide.shape for slide in job.slides for name in mesh.named([slide.patch], "slide")}
+        moves = [name for moving in job.surfaces for name in mesh.expand(moving.patches, "the surface")]
+        slides = {name: slide.shape for slide in job.slides for name in mesh.expand([slide.patch], "slide")}
         slides = thin.slides(slides) if thin else slides
-        pairs, sides, flat = _bound(mesh, moves, slides)
+        pairs, sides, flat = _bound_patches(mesh, moves, slides)
         slides = {name: slides[name] for name in _without(slides, flat)}
         surfaces = tuple(Surface.of(mesh, moving.patches) for moving in job.surfaces)
         others = {*moves, *slides, *pairs, *sides}.difference(job.fixed)
-        fixed = _without(mesh.named(job.fixed, "fixed"), others)
+        fixed = _without(mesh.expand(job.fixed, "fixed"), others)
         slides |= _symmetry(mesh, (*others, *fixed))
         _check_parts(mesh, moves, fixed, slides)
         _check_sections(mesh, job)
@@ -94,7 +94,7 @@ class PrescribedNodes:
         sliding = tuple(SlidingPatch.of(mesh, name, shape) for name, shape in slides.items())
         fixed_nodes = np.setdiff1d(mesh.on(*fixed), nodes, assume_unique=True)
         bound = _images(mesh, flat), _without(pairs, fixed), _without(sides, fixed), _walls(mesh)
-        covered = _covered(mesh, (*moves, *fixed, *slides, *pairs))
+        covered = _covered_patches(mesh, (*moves, *fixed, *slides, *pairs))
         size = _size(mesh, nodes)
         return cls(job, mesh, surfaces, laws, nodes, fixed, fixed_nodes, sliding, size, *bound, covered, thin)
 
@@ -110,10 +110,10 @@ class PrescribedNodes:
 
     def both(self, nodes: IntArray) -> IntArray:
         """Return sorted nodes (K,); in a mesh one cell thick with their images on the other side."""
-        return self.thin.images.closed(nodes, len(self.mesh.points)) if self.thin else nodes
+        return self.thin.images.closure(nodes, len(self.mesh.points)) if self.thin else nodes
 
     @property
-    def declared(self) -> tuple[str, ...]:
+    def declared_patches(self) -> tuple[str, ...]:
         """Patches with a role: named by the job, paired by the file, or covered."""
         return (*self.moving, *self.fixed, *(patch.patch for patch in self.sliding), *self.pairs, *self.covered)
 
@@ -131,11 +131,11 @@ class PrescribedNodes:
         if amounts in self.known:
             return self.known[amounts]
         parts = [law.displacement(amount) for law, amount in zip(self.laws, amounts, strict=True)]
-        out = self._joined(parts, "move differently")
+        out = self._join(parts, "move differently")
         self._check_fixed(out)
         out[self.shared_with_fixed] = 0.0
         for patch, rows in self._on_sliding():
-            out[rows] = self._projected(patch, rows, out[rows])
+            out[rows] = self._project(patch, rows, out[rows])
         out = self._alike(out)
         self._keep_plane(out)
         out.flags.writeable = False
@@ -161,7 +161,7 @@ class PrescribedNodes:
             texts.append(f"tolerance = {tolerance:g} is above {COARSE:g} of the surface's median edge, {edge:.3g}")
         for patch, rows in self._on_sliding() if any(map(self._ends_on, self.sliding)) else ():
             parts = [law.displacement(amount) for law, amount in zip(self.laws, self.job.amounts, strict=True)]
-            off = self._joined(parts, "move differently")[rows] - self.displacement(self.job.amounts)[rows]
+            off = self._join(parts, "move differently")[rows] - self.displacement(self.job.amounts)[rows]
             if (far := float(np.linalg.norm(off, axis=1).max())) > ON_SHAPE * self.size:
                 texts.append(
                     f"nodes on {patch.patch}: {len(rows)} put back into its plane, up to {far:.4g} from the motion"
@@ -176,7 +176,7 @@ class PrescribedNodes:
             row = int(np.argmax(np.linalg.norm(vectors, axis=1)))
             yield surface, surface.points[row], vectors[row]
 
-    def reached(self, amounts: Amounts) -> Iterator[tuple[Surface, Reached | None]]:
+    def reaches(self, amounts: Amounts) -> Iterator[tuple[Surface, Reached | None]]:
         """Yield each surface with the share of its angle that it reaches; None without a hinge, and at angle 0."""
         move = self.displacement(amounts)
         for surface, law, moving, amount in zip(self.surfaces, self.laws, self.job.surfaces, amounts, strict=True):
@@ -196,7 +196,7 @@ class PrescribedNodes:
             if len(rows):
                 yield patch, rows
 
-    def _joined(self, parts: list[FloatArray], fault: str) -> FloatArray:
+    def _join(self, parts: list[FloatArray], fault: str) -> FloatArray:
         """Join the displacements of the surfaces to those of `nodes` (K, 3); InputError where two differ."""
         out = np.full((len(self.nodes), 3), np.nan)
         for surface, part in zip(self.surfaces, parts, strict=True):
@@ -265,7 +265,7 @@ class PrescribedNodes:
         displacement[lone] = 0.0
         return largest
 
-    def _projected(self, patch: SlidingPatch, rows: IntArray, displacement: FloatArray) -> FloatArray:
+    def _project(self, patch: SlidingPatch, rows: IntArray, displacement: FloatArray) -> FloatArray:
         points = self.mesh.points[self.nodes[rows]]
         on_shape = patch.surface.projected(points, displacement)
         off = np.linalg.norm(on_shape - displacement, axis=1)
@@ -299,7 +299,7 @@ def _thin(mesh: Mesh, job: Job) -> "tuple[ThinMesh | None, Mesh]":
     return thin, thin.mesh if thin else mesh
 
 
-def _bound(mesh: Mesh, moves: list[str], slides: dict[str, str]) -> tuple[tuple[str, ...], ...]:
+def _bound_patches(mesh: Mesh, moves: list[str], slides: dict[str, str]) -> tuple[tuple[str, ...], ...]:
     """Return the patches of periodic pairs, the sides of cases one cell thick, and the patches of both that stay plane.
 
     Raises InputError if one of them moves, or slides on another shape than a plane.
@@ -354,7 +354,7 @@ def _symmetry(mesh: Mesh, named: tuple[str, ...]) -> dict[str, str]:
     return {patch.name: "plane" for patch in unnamed if plane_of(mesh, patch.nodes)}
 
 
-def _covered(mesh: Mesh, named: tuple[str, ...]) -> tuple[str, ...]:
+def _covered_patches(mesh: Mesh, named: tuple[str, ...]) -> tuple[str, ...]:
     """Return the unnamed patches whose faces all belong to named ones, such as a group of all walls."""
     nodes = mesh.on(*named)
     some = [p for p in mesh.patches if p.name not in named and np.isin(p.nodes, nodes, assume_unique=True).all()]

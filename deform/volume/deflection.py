@@ -125,7 +125,7 @@ class BoxDeflection:
         `repair` is the displacement (N, 3) by a repair, if there was one.
         """
         repaired, wanted = None, plan.job.repair
-        if repair is not None and wanted.mode != "off" and repair[plan.changed].any():
+        if repair is not None and wanted.mode != "off" and repair[plan.movable].any():
             start = points - repair
             repaired = RepairResult.of(start, points, plan.touched, plan.freedom(start), wanted.wanted)
         return cls(plan, amounts, (), points, 0.0, repaired)
@@ -150,7 +150,7 @@ class BoxDeflection:
         """Quality of the touched cells by type."""
         return self.plan.touched.quality(self.points)
 
-    def stored(self, precision: Precision) -> "BoxDeflection":
+    def rounded(self, precision: Precision) -> "BoxDeflection":
         """Return the deflection rounded for another file, from its unrounded coordinates."""
         return replace(self, plan=replace(self.plan, precision=precision))
 
@@ -199,7 +199,7 @@ class Deflection:
 
         `repair` is the displacement (N, 3) by repairs, if there were any.
         """
-        return cls(plan, tuple(BoxDeflection.at(box, own, points, repair) for box, own in plan.parted(plan.pose)))
+        return cls(plan, tuple(BoxDeflection.at(box, own, points, repair) for box, own in plan.by_box(plan.pose)))
 
     @property
     def parts(self) -> "tuple[Deflection, ...]":
@@ -221,9 +221,9 @@ class Deflection:
         """Deflected coordinates (N, 3); each box moves its own nodes."""
         if len(self.boxes) == 1:  # saves a copy of a large array
             return self.boxes[0].points
-        points = self.plan.undeflected.copy()
+        points = self.plan.undeflected_points.copy()
         for box in self.boxes:
-            changed = box.plan.changed
+            changed = box.plan.movable
             points[changed] = box.points[changed]
         return points
 
@@ -264,9 +264,9 @@ class Deflection:
             return None
         return np.asarray(np.sum([box.points - box.interpolated for box in self.boxes], axis=0))
 
-    def stored(self, precision: Precision) -> "Deflection":
+    def rounded(self, precision: Precision) -> "Deflection":
         """Return the deflection rounded for another file."""
-        return Deflection(self.plan.keeping(precision), tuple(box.stored(precision) for box in self.boxes))
+        return Deflection(self.plan.keeping(precision), tuple(box.rounded(precision) for box in self.boxes))
 
     def sensitivity(self) -> dict[str, FloatArray]:
         """Return the derivative (N, 3) by each surface's amount, by the surface's name, on the same centres.
@@ -283,9 +283,9 @@ class Deflection:
         rates = {}
         for box in self.boxes:
             for row, (_, surface) in enumerate(box.plan.moving):
-                own, changed, mirror = np.zeros_like(self.points), box.plan.changed, box.plan.mirror
+                own, changed, mirror = np.zeros_like(self.points), box.plan.movable, box.plan.mirror
                 if mirror and box.image_of:
-                    own = mirror.reflected(_rate(box.image_of, row), own)
+                    own = mirror.reflect(_rate(box.image_of, row), own)
                 else:
                     own[changed] = _rate(box, row)[changed]
                 rates[surface.label] = own
@@ -304,7 +304,7 @@ def _rate(one: BoxDeflection, row: int) -> FloatArray:
         move = boundary.displacement(amounts)
         points = take(step.start, move + before, step, held=True, runner=plan.runner).points
         points[plan.sites.moving] = boundary.mesh.points[plan.sites.moving] + move
-        ends.append(plan.moved(points))
+        ends.append(plan.to_whole_mesh(points))
     return np.asarray((8.0 * (ends[2] - ends[1]) - (ends[3] - ends[0])) / (12.0 * h))
 
 
@@ -313,7 +313,7 @@ def deflect(
 ) -> Deflection:
     """Deflect every box to a pose, by default the plan's; start from the centres of an earlier deflection."""
     known, done = earlier.boxes if earlier else [None] * len(plan.boxes), list[BoxDeflection]()
-    for (box, own), reused in zip(plan.parted(pose or plan.pose), known, strict=True):
+    for (box, own), reused in zip(plan.by_box(pose or plan.pose), known, strict=True):
         done.append(_reflect(box, own, done, progress) if box.mirror else deflect_box(box, own, progress, reused))
     return Deflection(plan, tuple(done))
 
@@ -323,8 +323,8 @@ def _reflect(plan: BoxPlan, amounts: Amounts, done: Sequence[BoxDeflection], pro
     mirror, one = plan.mirror, done[plan.job.image_of]
     assert mirror
     one = one if one.amounts == amounts else deflect_box(one.plan, amounts, progress)
-    repair = mirror.reflected(one.exact - one.interpolated, np.zeros_like(one.exact)) if one.repaired else None
-    found = BoxDeflection.at(plan, amounts, mirror.reflected(one.exact, plan.mesh.points), repair)
+    repair = mirror.reflect(one.exact - one.interpolated, np.zeros_like(one.exact)) if one.repaired else None
+    found = BoxDeflection.at(plan, amounts, mirror.reflect(one.exact, plan.mesh.points), repair)
     return replace(found, steps=one.steps, residual=one.site_error, image_of=one)
 
 
@@ -407,7 +407,7 @@ def deflect_in_steps(
             raise InputError(f"{plan.boundary.mesh.name}: {given}: {error} {remedy}") from None
         points, reached = steps[-1].points, target
     points[nodes] = start[nodes] + reached  # the exact places, without the rounding of the steps
-    return BoxDeflection(plan, amounts, tuple(steps), plan.moved(points), perf_counter() - begin)
+    return BoxDeflection(plan, amounts, tuple(steps), plan.to_whole_mesh(points), perf_counter() - begin)
 
 
 def shared(amounts: Amounts, k: int, count: int) -> Amounts:

@@ -180,7 +180,7 @@ def scan_cells(task: ScanTask, item: tuple[int, int, int]) -> CellsFound:
     if isinstance(stored, Cells):
         cells, rows = Cells(stored.shape, nodes), None
     else:
-        cells, rows = stored.counted(nodes, start, stop), np.arange(stop - start)
+        cells, rows = stored.renumbered(nodes, start, stop), np.arange(stop - start)
     inverted = int(np.count_nonzero(inverted_of(view.points, cells, rows, task.sign[block])))
     other = other_handed(view.points, cells, task.sign[block]) if inverted else np.empty(0, dtype=np.intp)
     if len(other) and isinstance(stored, Cells):

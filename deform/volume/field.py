@@ -108,7 +108,7 @@ class FieldBox:
         plan, sites, thin = one.plan, one.plan.sites, one.plan.boundary.thin
         prescribed = np.zeros(len(plan.mesh.points), dtype=np.bool_)
         images = (thin or plan.boundary).images
-        prescribed[np.intersect1d(images.nodes, plan.changed, assume_unique=True)] = True
+        prescribed[np.intersect1d(images.nodes, plan.movable, assume_unique=True)] = True
         prescribed[sites.known] = True
         if one.repaired is not None:
             prescribed[one.repaired.moved] = True
@@ -227,7 +227,7 @@ class Field:
         return arrays
 
     @classmethod
-    def stored(cls, arrays: Mapping[str, Any], tag: str = "") -> "Field":
+    def from_arrays(cls, arrays: Mapping[str, Any], tag: str = "") -> "Field":
         """Make a field of the arrays of `arrays`; ValueError or KeyError if they do not fit together."""
         return cls(tuple(_box(arrays, f"_{b}{tag}") for b in _counted(arrays, f"boxes{tag}")))
 
@@ -243,7 +243,7 @@ def _box(stored: Mapping[str, Any], tag: str) -> FieldBox:
     if f"halfway{tag}" in stored:
         from sdm_deflect.deform.mesh.thin import Halfway
 
-        halfway = Halfway.stored(bounded(stored[f"halfway{tag}"], "halfway"))
+        halfway = Halfway.from_numbers(bounded(stored[f"halfway{tag}"], "halfway"))
     return FieldBox(Hexahedron(stored[f"corners{tag}"]), zones, steps, places, ends, planes.reshape(-1, 3), halfway)
 
 

@@ -256,8 +256,8 @@ def _planes(mesh: Mesh, job: Job) -> set[str]:
     """Return the patches that slide in their plane: as the job says, else as the file says."""
     moving = [patch for surface in job.surfaces for patch in surface.patches]
     parts = ((moving, "the surface"), (job.fixed, "fixed"), ([one.patch for one in job.slides], "slide"))
-    named = {name for patches, what in parts for name in mesh.named(patches, what)}
-    planes = mesh.named([one.patch for one in job.slides if one.shape == "plane"], "slide")
+    named = {name for patches, what in parts for name in mesh.expand(patches, what)}
+    planes = mesh.expand([one.patch for one in job.slides if one.shape == "plane"], "slide")
     return {*planes, *(p.name for p in mesh.patches if p.constraint == "symmetry" and p.name not in named)}
 
 

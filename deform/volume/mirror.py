@@ -38,7 +38,7 @@ class Mirror:
         paired = len(nodes) == len(others) == len(np.unique(row)) and not distance.any()
         return cls(nodes, others[row]) if paired else None
 
-    def reflected(self, values: FloatArray, start: FloatArray) -> FloatArray:
+    def reflect(self, values: FloatArray, start: FloatArray) -> FloatArray:
         """Return `start` (N, 3) with the values (N, 3) at the images reflected to the nodes."""
         out = start.copy()
         out[self.nodes] = values[self.images] * FLIP

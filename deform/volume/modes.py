@@ -97,7 +97,7 @@ class Readings(NamedTuple):
         """
         while True:
             found = cls._read(box, row, control, progress, known)
-            error = found.missed() / box.sites.tolerance
+            error = found.error() / box.sites.tolerance
             if error <= MISSED:
                 return found
             if control.functions.finer is None:
@@ -158,7 +158,7 @@ class Readings(NamedTuple):
         """Return the deflection at the end of the range nearest to an amount."""
         return min(self.ends, key=lambda one: abs(one.amounts[self.row] - amount))
 
-    def missed(self) -> float:
+    def error(self) -> float:
         """Return the largest distance between the modes and a deflection on the centres of one reading.
 
         It is measured halfway between the amounts that were read, and 0.

@@ -130,7 +130,7 @@ class BoxPlan:
         return self.boundary.both(self.region.inside)
 
     @property
-    def changed(self) -> IntArray:
+    def movable(self) -> IntArray:
         """Sorted indices of all nodes that may move."""
         return self.boundary.both(union(self.region.inside, self.sites.moving))
 
@@ -142,7 +142,7 @@ class BoxPlan:
     @cached_property
     def unheld(self) -> BoundaryGaps:
         """Boundary faces near moving nodes that are on no patch, and patch faces that are no boundary."""
-        return BoundaryGaps.of(self.touched, self.changed, self.patches)
+        return BoundaryGaps.of(self.touched, self.movable, self.patches)
 
     def freedom(self, points: FloatArray) -> FreeNodes:
         """Return the nodes that a repair may move, with the mesh at `points` (N, 3), and their shapes.
@@ -153,7 +153,7 @@ class BoxPlan:
         mesh, job = self.mesh, self.job
         shapes: dict[str, SlidingSurface | str] = {}
         for slide in job.repair_slides:
-            shapes |= dict.fromkeys(mesh.named([slide.patch], "repair_slides"), slide.shape)
+            shapes |= dict.fromkeys(mesh.expand([slide.patch], "repair_slides"), slide.shape)
         kept = [one for addition in self.additions for one in addition.shapes()]
         shapes |= {one.name: one.shape for one in kept if one.of_patch}
         inside = np.zeros(len(mesh.points), dtype=np.bool_)
@@ -174,9 +174,9 @@ class BoxPlan:
         freedom = FreeNodes.of(mesh, points, inside, np.flatnonzero(free), shapes, images, within)
         return freedom.with_columns(Columns.of(self.touched, self.walls), points)
 
-    def moved(self, places: FloatArray) -> FloatArray:
+    def to_whole_mesh(self, places: FloatArray) -> FloatArray:
         """Return the moved nodes (N, 3) of the whole mesh, given those of the mesh that is interpolated."""
-        return self.boundary.thin.moved(places) if self.boundary.thin else places
+        return self.boundary.thin.to_whole_mesh(places) if self.boundary.thin else places
 
     @cached_property
     def additions(self) -> tuple[Addition, ...]:
@@ -247,7 +247,7 @@ class Plan:
 
             first = boxes[job.image_of]
             box = BoxPlan.of(mesh, with_box_of(job, first.region.hexahedron), own, progress)
-            boxes.append(replace(box, mirror=Mirror.of(mesh, box.changed, first.changed)))
+            boxes.append(replace(box, mirror=Mirror.of(mesh, box.movable, first.movable)))
         check_disjoint([(box.surface, box.region.hexahedron) for box in boxes], jobs[0].box.settings)
         return cls(tuple(boxes), wanted)
 
@@ -314,9 +314,9 @@ class Plan:
         return tuple(name for name in names if name not in moving)
 
     @property
-    def changed(self) -> IntArray:
+    def movable(self) -> IntArray:
         """Sorted indices of all nodes that may move."""
-        return union(*(box.changed for box in self.boxes))
+        return union(*(box.movable for box in self.boxes))
 
     @property
     def fixed(self) -> IntArray:
@@ -328,12 +328,12 @@ class Plan:
         """Sorted indices of the moving and fixed nodes inside."""
         return union(*(box.walls for box in self.boxes))
 
-    def parted(self, pose: Amounts) -> Iterator[tuple[BoxPlan, Amounts]]:
+    def by_box(self, pose: Amounts) -> Iterator[tuple[BoxPlan, Amounts]]:
         """Yield each box with the amounts of its surfaces, given those of all."""
         yield from zip(self.boxes, by_job([box.job for box in self.boxes], pose), strict=True)
 
     @cached_property
-    def undeflected(self) -> FloatArray:
+    def undeflected_points(self) -> FloatArray:
         """Coordinates (N, 3) of the undeflected mesh, rounded as the file rounds them."""
         return self.precision.rounded(self.mesh.points, self.mesh.points)
 

@@ -149,7 +149,7 @@ def _shares(boundary: PrescribedNodes, amounts: Amounts) -> list[float]:
 
 def _obstacles(boundary: PrescribedNodes, zones: tuple[Zone, ...]) -> IntArray:
     """Return the nodes (O,) of patches without a role, in the zones that deform."""
-    known = (*boundary.declared, *boundary.sides)
+    known = (*boundary.declared_patches, *boundary.sides)
     nodes = boundary.mesh.on(*(name for name in boundary.mesh.names if name not in known))
     return np.concatenate([nodes[(nodes >= zone.start) & (nodes < zone.stop)] for zone in zones])
 
@@ -174,7 +174,7 @@ def check_moving(boundary: PrescribedNodes, hexahedron: Hexahedron, all_amounts:
 
 def _check_clear(boundary: PrescribedNodes, hexahedron: Hexahedron, inside: IntArray) -> None:
     mesh, job, tol = boundary.mesh, boundary.job, ON_FACE * boundary.size
-    allowed = {*boundary.declared, *boundary.sides} - (set() if job.near_wall else set(boundary.fixed))
+    allowed = {*boundary.declared_patches, *boundary.sides} - (set() if job.near_wall else set(boundary.fixed))
     for patch in mesh.patches:
         if patch.name in allowed:
             continue
@@ -192,7 +192,7 @@ def _check_clear(boundary: PrescribedNodes, hexahedron: Hexahedron, inside: IntA
                 + f", which must not move; {f'{_remedy(mesh, patch, tol)}, or ' if job.near_wall else ''}take a "
                 f"smaller box ({job.box.settings})"
             )
-        if len(shared) and patch.name not in boundary.declared:
+        if len(shared) and patch.name not in boundary.declared_patches:
             raise InputError(
                 f"{mesh.name}: {len(shared)} nodes of the moving surface also belong to {patch.name}; "
                 f"{_remedy(mesh, patch, tol)}"

@@ -151,7 +151,7 @@ class Sites:
 
 def _edges(boundary: PrescribedNodes, known: IntArray) -> IntArray:
     mesh = boundary.mesh
-    faces = mesh.faces_of(boundary.declared)
+    faces = mesh.faces_of(boundary.declared_patches)
     if not faces:
         near = cKDTree(mesh.points[known]).query(mesh.points[known], min(NEIGHBOURS, len(known)))[1]
         return np.column_stack([np.repeat(near[:, 0], near.shape[1] - 1), near[:, 1:].ravel()])

@@ -125,7 +125,7 @@ def _passed(
     to = evaluate(u.interpolant, start.points[start.free], runner) if last else u(nodes[-start.bound :])
     seconds = perf_counter() - begin
     for one in start.acting:
-        to = one.corrected(to, known, last)
+        to = one.correct(to, known, last)
     return u, to, seconds
 
 

@@ -1,4 +1,4 @@
-"""Meshes of other libraries: what we take of them, and how they get their points back."""
+"""Meshes of other libraries: their conversion to ours, and the return of moved points."""
 
 from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import replace
@@ -23,7 +23,7 @@ VTK_SHAPES = {kind: shape for shape, kind in TYPES.items()}
 
 
 class Accepted(NamedTuple):
-    """A mesh as the deformation sees it, and how to make one of its own kind from new points (N, 3)."""
+    """A mesh as ours, and the function that returns the caller's kind of mesh for new points (N, 3)."""
 
     mesh: Mesh
     with_points: Callable[[FloatArray], Any]
@@ -79,7 +79,7 @@ def _of_meshio(mesh: Any) -> Accepted:
 
 
 def _kinds(shapes: Set[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the shapes of cells and of faces: those of a plane mesh where there are no volume cells."""
+    """Return the shapes of cells and of faces; without volume cells the mesh is plane."""
     return (VOLUMES, PLANE) if shapes & {*VOLUMES} else (PLANE, ("line",))
 
 

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 
 RENUMBERED = 3.05
-"""Version of CGNS, about, from which types of elements have their numbers; 3.0 has others."""
+"""First version of CGNS with today's numbers of element types, as far as single precision tells it; 3.0 has others."""
 CELLS = {number: shape for number, shape in SHAPES.items() if shape in VOLUMES}
 ADF = b"ADF Database"
 """Mark at the beginning of files in ADF."""
@@ -71,7 +71,7 @@ def in_pieces(path: Path, file: Any) -> MeshInPieces | None:
 
 
 def _points(path: Path, base: Base, zone: str, count: int) -> tuple[PointRange, ...]:
-    """Return where the coordinates of a zone are; nothing if some are packed, or two axes share theirs."""
+    """Return where the coordinates of a zone are; an empty result if some are packed, or if two axes share an array."""
     axes = coordinate_data(base, zone)
     places = [axis.id.get_offset() for axis in axes]
     if not all(places) or len(set(places)) < len(axes):
@@ -81,7 +81,7 @@ def _points(path: Path, base: Base, zone: str, count: int) -> tuple[PointRange, 
 
 
 def _cells(path: Path, found: Sequence[ElementSection]) -> tuple[CellTable, ...]:
-    """Return where the cells of all sections are; nothing if some are packed, mixed or given by their faces."""
+    """Return where the cells of all sections are; an empty result if some are packed, mixed or polyhedra."""
     if any(_is_mixed(section) for section in found):
         return ()
     cells = []
@@ -95,7 +95,7 @@ def _cells(path: Path, found: Sequence[ElementSection]) -> tuple[CellTable, ...]
 
 
 def _is_mixed(section: ElementSection) -> bool:
-    """Whether cells are given by their faces, or are of several shapes, as far as the first element tells."""
+    """Whether cells are polyhedra, or of several shapes; only the first element is read."""
     if section.kind == MIXED:
         first = np.ravel(data(child(section.node, "ElementConnectivity"))[:1])[:1].tolist()
         return not first or first[0] not in SHAPES or first[0] in CELLS
@@ -115,7 +115,7 @@ def _table(path: Path, section: ElementSection) -> FileTable | None:
 
 
 def _faces(found: Sequence[ElementSection], points: int) -> list[NumberedFaces] | None:
-    """Return the faces of all sections that are not of cells alone; None if there are cells in one of them."""
+    """Return the faces of all sections without cells; None if a section has faces and cells."""
     faces = []
     for section in found:
         for block, numbers in blocks(section, points, 3) if section.kind not in CELLS else ():
@@ -175,7 +175,7 @@ class Cgns(Format):
 
 
 class _Kept(io.FileIO):
-    """A file that takes whatever HDF5 writes, and keeps the first error: HDF5 crashes on errors while it closes."""
+    """A file that accepts every write of HDF5 and keeps the first error: HDF5 crashes on errors while it closes."""
 
     error: OSError | None = None
 

@@ -24,7 +24,7 @@ Size = tuple[int, ...]
 Indices = Sequence[int] | IntArray
 AXES = "ijk"
 LOCATIONS = {"IFaceCenter": 0, "JFaceCenter": 1, "KFaceCenter": 2}
-"""Axis along which the faces have one number, where a condition says so."""
+"""The axis normal to the faces, by the location that a condition names."""
 SHAPES = {2: ("quad", "line"), 3: ("hexahedron", "quad")}
 """Cells and faces by the number of axes."""
 CORNERS = {
@@ -33,7 +33,7 @@ CORNERS = {
 }
 """Corners of a cell from its first one, in VTK's order; those of a face are the same with one axis less."""
 Sides = dict[tuple[int, int], BoolArray]
-"""By axis and number, which faces of an outer plane are on no patch yet."""
+"""Masks of the outer faces that are on no patch yet, by axis and plane number."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,7 +117,7 @@ def block_border(base: Any, zone: Any, size: Size, left_handed: bool) -> tuple[B
 
 
 def equal_neighbours(points: FloatArray, size: Size) -> IntArray:
-    """Return pairs (K, 2) of the block's points (N, 3) that are neighbours on a side, and at the same place."""
+    """Return pairs (K, 2) of neighbouring points on a side of the block that are at the same place."""
     grid = np.arange(len(points)).reshape(size, order="F")
     pairs = [np.empty((0, 2), dtype=np.intp)]
     for axis in wide(size):
@@ -156,7 +156,7 @@ def donors_of(
 
 
 def faces_at(begin: Indices, end: Indices, where: str, size: Size) -> IntArray:
-    """Return the points (K,) of the faces (``FaceCenter``, ``CellCenter``, ...) from `begin` to `end`, repeated."""
+    """Return the points (K,) of the faces (``FaceCenter``, ``CellCenter``, ...) from `begin` to `end`; some repeat."""
     planes = _plane_of_range(begin, end, where, size)
     return np.concatenate([np.empty(0, dtype=np.intp), *(faces(size, plane, False).nodes.ravel() for plane in planes)])
 
@@ -203,7 +203,7 @@ def _planes(node: Any, size: Size) -> Iterator[BlockFace]:
 def _plane_of_range(
     begin: Sequence[int] | IntArray, end: Sequence[int] | IntArray, where: str, size: Size
 ) -> Iterator[BlockFace]:
-    """Yield the faces of a range; none if it is an edge or a point of the block, or all of a plane one."""
+    """Yield the faces of a range; an edge, a point, or a whole plane block has none."""
     low, high = np.minimum(begin, end), np.maximum(begin, end)
     found = _face_axis(low, high, where, size)
     if found is None:  # by points, or faces told by the points around them
@@ -220,7 +220,7 @@ def _plane_of_range(
 
 
 def _face_axis(low: IntArray, high: IntArray, where: str, size: Size) -> tuple[int, int] | None:
-    """Axis and number of the plane of a range of faces, or of cells at the boundary; None if it is one of points."""
+    """Axis and number of the plane of a range of faces or boundary cells; None for a range of points."""
     if where == "Vertex":
         return None
     axes = [axis for axis in wide(size) if LOCATIONS.get(where, axis) == axis]
@@ -229,7 +229,7 @@ def _face_axis(low: IntArray, high: IntArray, where: str, size: Size) -> tuple[i
 
 
 def _across(axis: int, low: IntArray, high: IntArray, where: str, size: Size) -> tuple[bool, int, int] | None:
-    """Whether a range is less than a whole plane across an axis, with the axis and its number; None if it is none."""
+    """Return whether a range is only a part of its plane, the plane's axis and its number; None without a plane."""
     last = size[axis] - (2 if where == "CellCenter" else 1)
     others = _others(size, axis)
     outer = low[axis] in (0, last) or where in LOCATIONS
@@ -264,7 +264,7 @@ def _planes_of_faces(at: IntArray, where: str, size: Size) -> Iterator[BlockFace
 
 
 def _take_free(plane: BlockFace, free: Sides) -> IntArray:
-    """Return the rows of a plane that are free still, and take them; those within a block are always free."""
+    """Return the faces of a plane that are on no patch yet, and mark them as taken; inner faces are always free."""
     mask = free.get((plane.axis, plane.at))
     if mask is None:
         return plane.rows

@@ -21,14 +21,14 @@ ON_FACES = ("FaceCenter", "CellCenter")
 """Gmsh and older writers say CellCenter where they mean the boundary's faces."""
 PLACES = ("PointRange", "PointList", "ElementRange", "ElementList")
 PART = "part of {}"
-"""Name of the faces that are left of a patch that could not be read as a whole."""
+"""Name of the remaining faces of a patch that could only be read in part."""
 UNNAMED = "faces without a condition"
 SHOWN = 20
 """Notes of one file."""
 
 
 class NoFacesError(MeshFileError):
-    """A boundary condition has no faces, so its patch lacks none."""
+    """A boundary condition has no faces; its patch is complete without it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +105,7 @@ def _by_patch(
     free: Sequence[BoolArray],
     faults: list[Fault],
 ) -> dict[str, list[Cells | Polygons]]:
-    """Return the faces of each patch; those that a condition has are no longer free."""
+    """Return the faces of each patch, and remove them from the free ones."""
     named: dict[str, list[Cells | Polygons]] = {condition.patch: [] for condition in found}
     for condition in sorted(found, key=lambda condition: condition.by_points):
         with tolerated(faults, condition.name, condition.patch, condition.of_family):
@@ -130,7 +130,7 @@ def _conditions(base: Any, zone: Any, faults: list[Fault], sizes: tuple[int, int
 
 
 def named_conditions(base: Any, zone: Any, faults: list[Fault], always: bool) -> Iterator[tuple[str, Any, str, bool]]:
-    """Yield name, node, patch, and whether that is a family's, of each boundary condition of a zone."""
+    """Yield each boundary condition of a zone: name, node, patch, and whether the patch is a family."""
     for _, group in children(zone, "ZoneBC_t"):
         for name, node in children(group, "BC_t"):
             with tolerated(faults, name, name):
@@ -139,7 +139,7 @@ def named_conditions(base: Any, zone: Any, faults: list[Fault], always: bool) ->
 
 @contextmanager
 def tolerated(faults: list[Fault], name: str, patch: str, of_family: bool = False) -> Iterator[None]:
-    """Add what is wrong with a boundary condition to `faults` in place of raising it."""
+    """Append errors of a boundary condition to `faults` instead of raising them."""
     try:
         yield
     except NoFacesError as error:
@@ -149,7 +149,7 @@ def tolerated(faults: list[Fault], name: str, patch: str, of_family: bool = Fals
 
 
 def place_of(node: Any) -> str:
-    """Return which of `PLACES` says where a boundary condition is; MeshFileError if none does."""
+    """Return the one of `PLACES` that lists a boundary condition's points or faces; MeshFileError without one."""
     for place in PLACES:
         if has(node, place):
             return place

@@ -16,7 +16,7 @@ from .shapes import mirror_nodes, places, polygons, turn_faces
 
 SHAPES = {3: "line", 5: "triangle", 7: "quad", 10: "tetra", 12: "pyramid", 14: "wedge", 17: "hexahedron"}
 POINT = 2
-"""A kind of elements that are neither cells nor faces."""
+"""Kinds of elements that are neither cells nor faces."""
 KINDS = {3: (VOLUMES, ("triangle", "quad")), 2: (PLANE, ("line",))}
 """Cells and faces by the dimension of cells."""
 MIXED, NGON, NFACE = 20, 22, 23

@@ -31,12 +31,12 @@ from .zones import pairs_to_write
 PROPERTY, PERIODIC = "GridConnectivityProperty_t", "Periodic_t"
 VECTORS = ("RotationCenter", "RotationAngle", "Translation")
 NEAR = 2e-6
-"""Of the distance from the origin: points nearer than this are one, in single precision too."""
+"""Largest distance of equal points, as a share of the distance from the origin; single precision keeps it."""
 LABELS = ("GridConnectivity1to1_t", "GridConnectivity_t")
 
 
 def motions(node: Any) -> tuple[RigidMotion, ...] | None:
-    """Return what may lead to the other zone; None if the interface is not periodic.
+    """Return the possible motions to the other zone; None if the interface is not periodic.
 
     MeshFileError if its vectors are none.
     """
@@ -51,7 +51,7 @@ def images(
 ) -> IntArray | None:
     """Return rows (K, 2): nodes of a zone with points (N, 3), and their images in another one (M, 3), by its `tree`.
 
-    None if by no motion all have one.
+    None if no motion leads every node to an image.
     """
     allowed = TOLERANCE * max(float(np.abs(points).max(initial=0.0)) for points in (own, other))
     for rotation, shift in found:
@@ -186,7 +186,7 @@ def periodic_pairs(
 ) -> IntArray | None:
     """Return rows (K, 2): points of a zone (N, 3), and those of the other zone (M, 3) that are their images.
 
-    None if not all have one that the file lists, or by a motion that it gives.
+    None if some have no image, neither in the file's list nor by its motion.
     """
     nodes, partners = interface.nodes, interface.partners
     if partners is not None and len(partners) == len(nodes):
@@ -195,7 +195,7 @@ def periodic_pairs(
 
 
 def meeting(points: FloatArray, faces: IntArray) -> IntArray:
-    """Return pairs of points (K, 2) at equal places, to the bit, of faces (F, k) that meet in pairs.
+    """Return pairs (K, 2) of points of faces (F, k) that coincide to the bit, where two faces meet.
 
     Places of three or more faces, and faces with fewer than k places, are left out.
     """
@@ -277,7 +277,7 @@ def _points(node: Any, where: str, size: Size, faces: Sequence[NumberedFaces]) -
 
 
 def _partners(node: Any, size: Size) -> IntArray | None:
-    """Points (K,) of the other zone that are listed; None if the list is none of points, but of cells or faces."""
+    """Points (K,) of the other zone that are listed; None if the list is of cells or faces."""
     if not has(node, "PointListDonor"):
         return None
     values = integers(child(node, "PointListDonor"))

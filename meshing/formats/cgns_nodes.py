@@ -31,7 +31,7 @@ def children(node: Any, label: str) -> Iterator[tuple[str, Any]]:
 
 
 def child(node: Any, name: str) -> Any:
-    """Return the child of that name; MeshFileError if there is none, or it is elsewhere, by a link."""
+    """Return the child of that name; MeshFileError if it is missing or a link."""
     found = _own(node, name)
     if not isinstance(found, h5py.Group):
         raise MeshFileError(f"{node.name.strip('/') or 'the file'} has no {name}")
@@ -65,7 +65,7 @@ def data(node: Any) -> Any:
 
 
 def check_taken(node: Any, size: int, what: str) -> None:
-    """Refuse (InputError) what would take `size` bytes of memory, too many for the file that a node is of."""
+    """Refuse (InputError) `size` bytes of memory if they are too many for the node's file."""
     check_unpacked(size, node.file.id.get_filesize(), what)
 
 
@@ -144,7 +144,7 @@ def describe(node: Any, name: str, label: str, kind: str) -> None:
 
 
 def _own(node: Any, name: str) -> Any:
-    """Return what the node holds by that name, None if nothing; MeshFileError if it is elsewhere, by a link."""
+    """Return the child of that name, None if it is missing; MeshFileError if it is a link."""
     if _attribute(node, "type") == "LK":
         raise _linked(node.name.strip("/"))
     if not isinstance(node.get(name, getlink=True), h5py.HardLink | None):

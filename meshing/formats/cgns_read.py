@@ -60,7 +60,7 @@ class Base:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _CgnsZone:
-    """A zone by itself, its interfaces, pairs (K, 2) of its points that are one, and faces (F, k) without a condition.
+    """A zone with its interfaces, pairs (K, 2) of equal points, and faces (F, k) without a condition.
 
     `faults` are its conditions and interfaces that could not be read.
     """
@@ -75,7 +75,7 @@ class _CgnsZone:
 def read_base(file: Any, report: Callable[[float], None]) -> Fitted:
     """Return the mesh of an open file, its zones put together where interfaces say that they fit.
 
-    MeshFileError or ValueError if the file is damaged, or holds what is no mesh in three dimensions.
+    MeshFileError or ValueError if the file is damaged, or its mesh has no cells in space or in a plane.
     """
     base = base_of(file)
     zones = []
@@ -158,7 +158,7 @@ def _plane_first(base: Base) -> tuple[str, ...]:
 
 
 def may_fit(base: Base) -> bool:
-    """Whether points of the file may be one: in blocks, and where zones have interfaces."""
+    """Whether points of the file may coincide: in blocks, and where zones have interfaces."""
     return any(len(size) > 1 for size in base.sizes.values()) or any(
         True for zone in base.zones.values() for _ in children(zone, "ZoneGridConnectivity_t")
     )

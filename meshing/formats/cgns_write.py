@@ -37,7 +37,7 @@ ELEMENTS = {shape: kind for kind, shape in SHAPES.items()}
 
 
 def write_base(file: Any, mesh: Mesh, report: Callable[[float], None]) -> tuple[str, ...]:
-    """Write a mesh to an empty file, and return a sentence for each thing that is not as in the mesh.
+    """Write a mesh to an empty file, and return a sentence for each thing that the file holds otherwise.
 
     MeshFileError if a zone has polyhedra beside other cells.
     """

@@ -224,7 +224,7 @@ def _one(blocks: Sequence[Cells]) -> Cells:
 
 
 def _patches(parts: Sequence[ZoneMesh], numbers: Sequence[IntArray], common: Set[str]) -> list[Patch]:
-    """Return the patches of touching zones; `common` names get the zone's in front, families are joined."""
+    """Return the patches of touching zones; families are joined, other `common` names get the zone's name in front."""
     apart = _separate_names(parts)
     found: dict[str, list[Faces]] = {}
     kinds: list[tuple[str, Constraint]] = []

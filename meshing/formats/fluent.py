@@ -29,7 +29,7 @@ from .shapes import orient, polygons, turn_faces
 
 MESH = "meshes/1"
 INTERIOR = 2
-"""Type of a zone of faces that is no boundary."""
+"""Type of a zone of interior faces."""
 TWINS = 12, 8
 """Types of zones of faces that are images of one another; the appendix calls them periodic and periodic-shadow."""
 INTERFACES = (
@@ -41,7 +41,7 @@ ADAPTED = (
     "(mesh/polyhedra/convert-hanging-nodes) and write the file again"
 )
 REFUSED = (("faces", "interface", INTERFACES), ("faces", "tree", ADAPTED), ("cells", "tree", ADAPTED))
-"""Parts of a file beside which faces and cells are not the mesh alone: where they are, and what to do."""
+"""Groups of a file that make its mesh unreadable here, with what to do."""
 KIND = "a mesh of this name"
 
 
@@ -200,7 +200,7 @@ def _faces(mesh: Any) -> Polygons:
 
 
 def _cells(mesh: Any, name: str, faces: int) -> IntArray:
-    """The cell (F,) on one side of each face, from 1; 0 where there is none, and where the file says nothing."""
+    """The cell (F,) on one side of each face, counted from 1; 0 without a cell."""
     cells = np.zeros(faces, dtype=np.intp)
     for section in _sections(mesh, f"faces/{name}", faces, gaps=True):
         values = integers(mesh, _path(mesh, section))
@@ -279,7 +279,7 @@ class _FluentZone:
 
 
 def _zones(mesh: Any, faces: int) -> list[_FluentZone]:
-    """Zones of faces, but for those of the interior, and empty ones."""
+    """Zones of boundary faces that are not empty."""
     zones = []
     for name, (begin, end, kind, zone, shadow) in _topology(member(mesh, "faces/zoneTopology")):
         if kind == INTERIOR or end < begin:

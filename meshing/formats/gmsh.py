@@ -35,7 +35,7 @@ from .zones import Listed, pairs_of, pairs_to_write, unwritten
 CORNERS = {15: 1, 1: 2, 2: 3, 3: 4, 4: 4, 5: 8, 6: 6, 7: 5}
 """Number of nodes of each type of element: point, line, triangle, quad, tetrahedron, hexahedron, prism, pyramid."""
 MOST = 10_000
-"""Parts of elements: files of more are read as a whole."""
+"""Largest number of blocks of elements; files with more are read as a whole."""
 SOLIDS = {4: "tetra", 5: "hexahedron", 6: "wedge", 7: "pyramid"}
 FACES = {2: "triangle", 3: "quad"}
 KINDS = {3: (SOLIDS, FACES), 2: (FACES, {1: "line"})}
@@ -185,7 +185,7 @@ class Gmsh(Format):
         with about(path), gmsh_file(path) as file:
             return _layout(file, path, scratch is not None)
 
-    def stored(self, path: Path) -> TablePieces:
+    def coordinates(self, path: Path) -> TablePieces:
         with gmsh_file(path) as file:
             return _points(path, nodes(file))
 
@@ -244,7 +244,7 @@ def _is_plane(points: TablePieces) -> bool:
 def _mesh_of(
     file: GmshFile, stored: Nodes, points: TablePieces, given: Iterable[ElementBlock], dimension: int
 ) -> MeshInPieces:
-    """Return the mesh of these elements, of which those of `dimension` are cells."""
+    """Return the mesh of these elements; cells are the elements of `dimension`."""
     solids, faces = KINDS[dimension]
     blocks = _by_kind(given, solids | faces)
     cells = tuple(_cells(solids[kind], parts, stored) for kind, parts in blocks.items() if kind in solids)

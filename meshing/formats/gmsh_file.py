@@ -22,9 +22,9 @@ from .tables import FileTable, Held
 REAL = "f8"
 CONVERT = "`gmsh FILE -save -format msh22 -o NEW.msh` converts it"
 HEAD = 4096
-"""Bytes in which the version stands."""
+"""Bytes from the beginning that contain the version."""
 ROWS = 1 << 20
-"""Numbers of nodes looked at at a time."""
+"""Numbers of nodes compared at a time."""
 AFFINE = re.compile(rb"^[ \t]*Affine[^\n]*\n(?:[^\n]*\.[^\n]*\n)*", re.MULTILINE)
 """A transformation in version 2.2; Gmsh breaks its line after 255 letters where it copies it, within a number."""
 NAME = re.compile(rb"\s*\$(\w+)[ \t\r]*\n")
@@ -34,7 +34,7 @@ Link = tuple[list[int], IntArray]
 
 
 class TextCursor:
-    """Numbers of a section in text, one after another; `placed` are those of the points, and where they are."""
+    """Numbers of a section in text, one after another; `placed` are the coordinates with their places in the text."""
 
     def __init__(self, content: bytes, offset: int, name: str) -> None:
         self.words: NumberLines = numbers(content, np.float64)
@@ -84,8 +84,8 @@ class ByteCursor:
         text, self.at = self.data[self.at : end], end
         return int(text)
 
-    def passed(self, size: int) -> int:
-        """Pass by the next `size` bytes, and return where they begin."""
+    def skip(self, size: int) -> int:
+        """Skip the next `size` bytes, and return where they begin."""
         begin = self.at
         self.at += size
         if size < 0 or self.at > self.end:
@@ -95,7 +95,7 @@ class ByteCursor:
     def raw(self, count: int, kind: str) -> NDArray[Any]:
         """The next `count` numbers of a type, in the file's byte order."""
         dtype = np.dtype(kind).newbyteorder(self.order)  # type: ignore[arg-type]
-        begin = self.passed(count * dtype.itemsize)
+        begin = self.skip(count * dtype.itemsize)
         return np.frombuffer(self.data[begin : self.at], dtype)
 
     def reals(self, count: int) -> NDArray[Any]:
@@ -107,7 +107,7 @@ class ByteCursor:
         return self.raw(count, "i4").astype(np.intp)
 
     def peek(self, count: int) -> IntArray:
-        """The same, to be read again."""
+        """The next integers, without moving on."""
         at, values = self.at, self.ints(count)
         self.at = at
         return values
@@ -119,7 +119,7 @@ class ByteCursor:
     def columns(self, count: int, width: int, kind: str, chosen: slice) -> FileTable:
         """Columns of the next `count` rows of `width` numbers of a type; they stay in the file."""
         size = np.dtype(kind).itemsize
-        begin, (first, last, _) = self.passed(size * width * count), chosen.indices(width)
+        begin, (first, last, _) = self.skip(size * width * count), chosen.indices(width)
         return FileTable(self.path, begin + size * first, f"{self.order}{kind}", count, last - first, size * width)
 
 
@@ -178,7 +178,7 @@ def gmsh_file(path: Path) -> Iterator[GmshFile]:
 
 
 def open_gmsh(path: Path, data: bytes | mmap) -> GmshFile:
-    """Find the sections of a file; MeshFileError if it is not of Gmsh, of a version that is not read, or truncated."""
+    """Find the sections of a file; MeshFileError if it is no Gmsh file, of an unsupported version, or truncated."""
     if not NAME.match(data):
         if data[:HEAD].lstrip()[:1] == b"(":
             raise MeshFileError(f"is a mesh of Fluent, not of Gmsh; {FLUENT}")
@@ -276,7 +276,7 @@ def _nodes22(cursor: Cursor) -> Iterator[tuple[FileTable | Held, FileTable | Hel
         yield tags, cursor.columns(count, 4, REAL, slice(1, 4))
         return
     count = cursor.line()
-    begin = cursor.passed(28 * count)
+    begin = cursor.skip(28 * count)
     path, order = cursor.path, cursor.order
     yield FileTable(path, begin, f"{order}i4", count, 1, 28), FileTable(path, begin + 4, f"{order}f8", count, 3, 28)
 

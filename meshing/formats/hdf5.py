@@ -64,7 +64,7 @@ def is_real(stored: Any) -> bool:
 
 @contextmanager
 def open_hdf5(path: Path, kind: str) -> Iterator[Any]:
-    """Open a file to read; MeshFileError if it is no HDF5, and for whatever of its damage comes up."""
+    """Open a file to read; MeshFileError if it is no HDF5, or for damage found in the block."""
     with path.open("rb"):  # the system's own words where it cannot be read
         pass
     if not h5py.is_hdf5(path):
@@ -87,7 +87,7 @@ def member(group: Any, path: str) -> Any:
 
 
 def dataset(group: Any, path: str, kinds: str, what: str) -> Any:
-    """Return the dataset at a path, of one of NumPy's kinds of numbers, in words `what`.
+    """Return the dataset at a path, whose numbers must be of a NumPy kind; `what` is the kind in words.
 
     MeshFileError if it is another, holds data in other files or datasets, or would take more memory than data of this
     file should.
@@ -110,7 +110,7 @@ def integers(group: Any, path: str) -> IntArray:
 
 
 def number(node: Any, name: str) -> int:
-    """Return a whole number that is an attribute; MeshFileError if it is none."""
+    """Return an attribute that is a whole number; else MeshFileError."""
     values = np.asarray(node.attrs.get(name, ())).reshape(-1)
     if len(values) != 1 or values.dtype.kind not in "iu":
         raise MeshFileError(f"{node.name.strip('/')} has no number {name}; the file is truncated or damaged")
@@ -118,7 +118,7 @@ def number(node: Any, name: str) -> int:
 
 
 def spans(stored: Any) -> list[Span]:
-    """Return where the numbers of a dataset are in its file as they are; nothing if HDF5 has packed them."""
+    """Return where the numbers of a dataset are in its file; an empty result if HDF5 has packed them."""
     packed = stored.id.get_create_plist().get_nfilters() > 0
     if stored.file.userblock_size or (stored.chunks and (packed or stored.chunks[1:] != stored.shape[1:])):
         return []

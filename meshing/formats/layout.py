@@ -58,8 +58,8 @@ class Format:
         """
         return None
 
-    def stored(self, path: Path) -> TablePieces | None:
-        """Return where the coordinates are, with less reading than `layout` if that is possible."""
+    def coordinates(self, path: Path) -> TablePieces | None:
+        """Return where the coordinates are; reads less than `layout` where possible."""
         mesh = self.layout(path)
         return mesh.pieces if mesh and isinstance(mesh.pieces, TablePieces) else None
 
@@ -74,7 +74,7 @@ class Format:
             return whole(mesh, partial(progress, f"reading {path.name}"))
 
     def points(self, path: Path, progress: Progress = silent) -> tuple[FloatArray, tuple[Zone, ...]]:
-        """Return the points (N, 3) of a mesh and its zones; its cells are read only where that must be."""
+        """Return the points (N, 3) of a mesh and its zones; reads cells only if necessary."""
         with about(path):
             found = self.layout(path, None, progress)
         if found is None:
@@ -83,7 +83,7 @@ class Format:
         return found.pieces.coordinates(0, found.pieces.points), found.zones
 
     def read_copy(self, path: Path, source: Path) -> Mesh:
-        """Return the mesh in a copy of a file; what stands beside the source, such as names, belongs to it."""
+        """Return the mesh in a copy of a file; files beside the source, such as names, count for the copy."""
         return self.read(path)
 
     def points_of_copy(self, path: Path, source: Path) -> FloatArray | None:
@@ -101,7 +101,7 @@ class Format:
         if source is None:
             return DOUBLE
         with about(source):
-            pieces = self.stored(source)
+            pieces = self.coordinates(source)
             return fewest_bits(np.dtype(part.table.kind) for part in pieces.ranges) if pieces else DOUBLE
 
     def finer(self, out: Path, mesh: Mesh) -> str:
@@ -114,7 +114,7 @@ class Format:
         `out` appears whole or not at all, and is never `source`. Coordinates that did not change keep their bytes.
         """
         with about(source):
-            pieces = self.stored(source)
+            pieces = self.coordinates(source)
             assert pieces is not None
             check_points(points, pieces.points)
         pieces.rewrite(np.arange(len(points)), points, out, progress)

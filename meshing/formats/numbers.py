@@ -1,9 +1,9 @@
-"""Numbers in text and bytes: found, read, and others put in their place.
+"""Find, read and replace numbers in text and bytes.
 
 Plain numbers on lines of text, read by compiled code without the interpreter lock.
 
-Plain are whole and decimal numbers between blanks. All else, comments, ``nan`` or damage, is for `numbers` to read or
-to refuse.
+Plain numbers are whole or decimal and stand between blanks. `numbers` reads or refuses all else: comments, ``nan``,
+damage.
 """
 
 import re
@@ -34,7 +34,7 @@ ROWS = 1 << 15
 Bytes = NDArray[np.uint8]
 Result = TypeVar("Result")
 MOST_DIGITS = 19
-"""So many digits are a whole number below 2^64, one less is below 2^63."""
+"""Largest number of digits of a whole number below 2^64; one digit fewer is below 2^63."""
 MOST_POWER = 9999
 LARGEST_POWER = 64
 SPLIT = 2.0**27 + 1.0
@@ -80,7 +80,7 @@ class Placed:
     begin: IntArray = field(repr=False)
     end: IntArray = field(repr=False)
 
-    def replaced(self, data: bytes, values: FloatArray, kind: np.dtype[np.generic] | None) -> bytes:
+    def with_values(self, data: bytes, values: FloatArray, kind: np.dtype[np.generic] | None) -> bytes:
         """Return the file with other values in its binary numbers of type `kind`, in its text if that is None."""
         changed = self.values != values
         rising = np.argsort(self.begin[changed])
@@ -95,7 +95,7 @@ class Placed:
 
 
 def numbers(text: bytes, kind: type[np.float64 | np.int64]) -> NumberLines:
-    """Read the numbers on lines of text (``%`` begins a comment); MeshFileError with the first word that is none."""
+    """Read the numbers on lines of text (``%`` begins a comment); MeshFileError with the first other word."""
     if b"%" in text:
         text = COMMENT.sub(lambda comment: b" " * len(comment[0]), text)
     letters = np.frombuffer(text, dtype=np.uint8)
@@ -255,7 +255,7 @@ def _lines(text: Bytes, first: IntArray, begin: IntArray, end: IntArray) -> int:
 
 @compiled_exactly
 def _whole_numbers(text: Bytes, begin: IntArray, end: IntArray, values: IntArray) -> bool:  # pragma: no cover
-    """Read whole numbers; False if one is none."""
+    """Read whole numbers; False if a word is no whole number."""
     for i in range(len(values)):
         values[i] = _whole(text, begin[i], end[i])
         if values[i] < 0:
@@ -265,7 +265,7 @@ def _whole_numbers(text: Bytes, begin: IntArray, end: IntArray, values: IntArray
 
 @compiled_exactly
 def _decimals(text: Bytes, begin: IntArray, end: IntArray, values: FloatArray) -> bool:  # pragma: no cover
-    """Read decimal numbers, those that `_scaled` leaves open as NaN; False if one is none."""
+    """Read decimal numbers, NaN where `_scaled` is not sure; False if a word is no number."""
     for i in range(len(values)):
         values[i] = _decimal(text, begin[i], end[i])
         if values[i] == np.inf:
@@ -275,7 +275,7 @@ def _decimals(text: Bytes, begin: IntArray, end: IntArray, values: FloatArray) -
 
 @compiled_exactly
 def _whole(text: Bytes, begin: int, end: int) -> np.int64:  # pragma: no cover - machine code
-    """Return the whole number in bytes begin to end - 1; -1 if there is none."""
+    """Return the whole number in bytes begin to end - 1; -1 for other text."""
     value = np.int64(0)
     for i in range(begin, end):
         digit = np.uint8(text[i] - np.uint8(48))
@@ -287,7 +287,7 @@ def _whole(text: Bytes, begin: int, end: int) -> np.int64:  # pragma: no cover -
 
 @compiled_exactly
 def _decimal(text: Bytes, begin: int, end: int) -> float:  # pragma: no cover - machine code
-    """Return the decimal number in bytes begin to end - 1, NaN if `_scaled` leaves it open, infinity if it is none."""
+    """Return the decimal number in bytes begin to end - 1; NaN where `_scaled` is not sure, infinity for other text."""
     sign = -1.0 if text[begin] == ord("-") else 1.0
     first = begin + 1 if text[begin] in (ord("-"), ord("+")) else begin
     whole, figures, point, stop = np.uint64(0), 0, -1, end  # the number without its point

@@ -1,6 +1,6 @@
 """OpenFOAM cases: the mesh in the folder ``constant/polyMesh``.
 
-OpenFOAM meshes written anew, with settings with which checkMesh runs.
+New meshes come with the settings that checkMesh needs.
 """
 
 import gzip
@@ -43,9 +43,9 @@ from .zones import unwritten
 
 LABEL, SCALAR = np.dtype("<i4"), np.dtype("<f8")
 FLAT = 1e-9
-"""Fraction of a patch's extent by which its nodes may leave a plane that is called planar."""
+"""Largest distance of a planar patch's nodes from its plane, as a share of the patch's extent."""
 UNFIT = r"[\s\"'/;{}()\[\]$#\\]|^(?=[\d+.-])"
-"""What OpenFOAM cannot read in a word; one that begins like a number is none."""
+"""What a word of OpenFOAM must not contain; it must not begin like a number either."""
 BANNER = "// Written by sdm-deflect.\n"
 SYMMETRY = ("symmetry", "sym")
 OPEN = ("far", "inlet", "outlet", "inflow", "outflow", "freestream", "chimera", "overset", "interface", "volume")
@@ -75,8 +75,8 @@ def header(kind: str, name: str, folder: str = MESH.as_posix(), form: str = "asc
 def write_mesh(mesh: Mesh, folder: Path, types: Mapping[str, str] | None = None) -> tuple[str, ...]:
     """Write points, faces, owner, neighbour (binary), boundary (text); return what is lost; errors: `polyhedral_cells`.
 
-    The sides of a case one cell thick are what they were; other patches have the `types` given by their names, or that
-    of `kind_of`.
+    The sides of a case one cell thick keep their types; other patches get theirs from `types` by name, else from
+    `kind_of`.
     """
     whole = polyhedral_cells(mesh)
     cells = whole.cells
@@ -184,7 +184,7 @@ BARE = {
     "system/fvSchemes": "".join(f"{what}Schemes {{ }}\n" for what in SCHEMES),
     "system/fvSolution": "solvers { }\n",
 }
-"""Settings with which checkMesh and decomposePar run: a solver needs its own."""
+"""Settings for checkMesh and decomposePar; a solver needs its own."""
 
 
 @registered("openfoam", ".foam")

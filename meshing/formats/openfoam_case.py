@@ -1,6 +1,6 @@
 """The folders of an OpenFOAM case: where its mesh is, copies, and the parts of a decomposed one.
 
-What the types of OpenFOAM's patches say of their nodes: cyclic pairs, and both sides of a case one cell thick.
+The types of OpenFOAM's patches bind nodes: in cyclic pairs, and on both sides of a case one cell thick.
 
 Nodes are matched by where they are. The transformation of a pair is what brings all nodes of one side to those of the
 other: a translation or rotation of faces in their order; else one about the axis that the case names; else a
@@ -50,9 +50,9 @@ MATCHED = ("cyclic", "cyclicSlip")
 """Types of patches whose faces match those of another, one by one, in their order."""
 COUPLED = (*MATCHED, "cyclicAMI", "cyclicACMI", "cyclicPeriodicAMI")
 NEAR = 1e-5
-"""Of a side's extent: how far nodes may be from one another's images, in text of six digits."""
+"""Largest distance of a node from an image, as a share of the side's extent: for text of six digits."""
 EXACT = 1e-12
-"""Of the largest coordinate: lengths below are zero."""
+"""Lengths below this share of the largest coordinate are zero."""
 Places = Callable[[IntArray], FloatArray]
 Sides = tuple[IntArray, FloatArray, FloatArray]
 """Pairs of nodes (K, 2), and the motion from one to the other."""
@@ -104,7 +104,7 @@ def pairs_of(foam: Sequence[FoamPatch], patches: Sequence[Patch], places: Places
 
 
 def constraint_of(patch: FoamPatch) -> Constraint:
-    """Return what a patch says of its nodes.
+    """Return how a patch constrains its nodes.
 
     Where a cyclic one does not say how it is transformed, OpenFOAM looks at the normals of its faces, one by one: so
     plane sides of a rotation have to stay plane.
@@ -136,7 +136,7 @@ def _pair(patch: FoamPatch, names: tuple[str, str], one: Polygons, other: Polygo
 def _motions(
     patch: FoamPatch, one: Polygons, other: Polygons, points: tuple[FloatArray, FloatArray], places: Places
 ) -> Iterator[RigidMotion]:
-    """Yield what may bring one side to the other, the likeliest first; `points` are the nodes of both."""
+    """Yield possible motions from one side to the other, the likeliest first; `points` are the nodes of both."""
     if patch.type in MATCHED and len(one) == len(other):
         yield from _in_order(one, other, places)
     axis, centre = (_vector(patch.entries.get(key, "")) for key in ("rotationAxis", "rotationCentre"))
@@ -189,7 +189,7 @@ def _centres(faces: Polygons, places: Places) -> FloatArray:
 
 
 def _match(one: Polygons, other: Polygons, motion: RigidMotion, places: Places) -> IntArray | None:
-    """Return the nodes of faces and their images among the nodes of other faces (K, 2); None if they do not match.
+    """Return rows (K, 2): nodes of faces, and their images among the nodes of other faces; None if they do not match.
 
     Faces that differ, as those of a sliding interface, may still have nodes at the same places.
     """
@@ -205,7 +205,7 @@ def _match(one: Polygons, other: Polygons, motion: RigidMotion, places: Places) 
 
 
 def _sides(patches: Sequence[Patch], kind: Constraint, places: Places) -> Iterator[Periodic]:
-    """Yield the two sides of a case one cell thick as a pair, without nodes where they are not found."""
+    """Yield the two sides of a case one cell thick as a pair; the pair has no nodes if these do not match."""
     own = [patch for patch in patches if patch.constraint == kind and len(patch)]
     if not own:
         return
@@ -314,7 +314,7 @@ def move_parts(case: Path, out: Path) -> Iterator[Callable[[Path, FloatArray], t
 def _copy(
     case: Path, out: Path, without: Sequence[str], mesh: Path, copy: Callable[[Path, Path], Any] = shutil.copy2
 ) -> None:
-    """Copy all that a case holds but folders of the patterns `without`; links stay links, and lead where they led.
+    """Copy a case without the folders that match `without`; links stay links with the same targets.
 
     Only the folders on the way to the folder `mesh`, and its points, are copies in any case: new points go there.
     """
@@ -337,7 +337,7 @@ def _copy(
 
 
 def _target(link: Path, case: Path) -> str:
-    """Return what a copy of a link says: the same text if it leads to a place in the case, else the whole path."""
+    """Return the target of a copied link: the same text if it lies in the case, else the absolute path."""
     text, here = str(link.readlink()), link.parent.resolve()
     target, home = Path(os.path.normpath(here / text)), case.resolve()
     within = here == home / link.parent.relative_to(case) and target.is_relative_to(home)
@@ -350,7 +350,7 @@ def move_points(folder: Path, out: Path, points: FloatArray) -> None:
         file = open_foam(folder, "points")
         old = vectors(file)
         check_points(points, len(old.values))
-        data = old.replaced(file.data, points, file.kind("scalar") if file.binary else None)
+        data = old.with_values(file.data, points, file.kind("scalar") if file.binary else None)
     plain = (folder / "points").is_file()
     new = out / POINTS[0 if plain else 1]
     new.unlink(missing_ok=True)  # a link to the points of the source
@@ -370,7 +370,7 @@ def case_folder(path: Path) -> Path:
 
 
 def meshes_beside(case: Path) -> tuple[str, ...]:
-    """Notes on other meshes of a case: those of parts, of times, which a solver reads first, and of regions."""
+    """Notes on other meshes of a case: of parts, of regions, and of times, which a solver reads first."""
     others = sorted({points.parent.parent for points in case.glob("*/polyMesh/points*")} - {case / MESH.parent})
     times = [one.name for one in others if one.name.replace(".", "", 1).replace("e-", "", 1).isdecimal()]
     regions = sorted({points.parents[1].name for points in case.glob("constant/*/polyMesh/points*")})
@@ -389,7 +389,7 @@ def _holders(case: Path) -> list[Warned]:
 
 
 def mesh_folder(path: Path) -> Path:
-    """Return the folder with the points of a case; MeshFileError if there is none, or if it is a part of one."""
+    """Return the folder with the points of a case; MeshFileError without one, and for a part of a decomposed case."""
     if is_part(path):
         raise MeshFileError(f"{path.parent}: {OF_PARTS.format(path.parent)}")
     return points_folder(path)

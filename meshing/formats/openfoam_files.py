@@ -29,11 +29,11 @@ BINARY_COUNT = re.compile(rb"(?>(?:\s|//[^\n]*|/\*.*?(?:\*/|\Z))*)(\d+)\s*", re.
 FLAT = bytes.maketrans(b"(){}", b"    ")
 WORD = re.compile(rb"\"[^\"]*\"|[{}();]|[^\s{}();\"]+")
 COMPACT = "faceCompactList"
-"""Class of faces whose numbers of corners are in a list of their own; in binary there are no others."""
+"""Class of faces with offsets in a separate list: the only one in binary."""
 HEAD = 10_000
-"""Bytes of a file in which its header is looked for."""
+"""Bytes from the beginning of a file that contain its header."""
 READING, CORNERS, WIDEST = 4, 16, 64
-"""Bytes of memory for one of packed text, numbers of a face and bytes of a number in text: seldom more."""
+"""Largest bytes of memory for one byte of packed text, numbers in a face, and bytes of a number in text."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,7 +97,7 @@ def read_header(data: bytes, name: str, stored: int) -> FoamFile:
 
 
 def _unpack(packed: bytes) -> bytes:
-    """Unpack text, of which each byte takes several of memory once it is read."""
+    """Unpack text; each of its bytes takes several in memory once it is read."""
     with gzip.GzipFile(fileobj=BytesIO(packed)) as file:
         data = file.read(unpack_limit(len(packed)) // READING + 1)
     check_unpacked(READING * len(data), len(packed), "what is packed in it")
@@ -170,7 +170,7 @@ def _count(file: FoamFile, text: bytes, columns: int) -> tuple[int, bool, int]:
 
 
 class BinaryList(NamedTuple):
-    """A binary list: type of its numbers, how many rows, the byte where they begin, and whether one stands for all."""
+    """A binary list: type of its numbers, number of rows, first byte, and whether one row stands for all."""
 
     kind: np.dtype[np.generic]
     rows: int
@@ -179,7 +179,7 @@ class BinaryList(NamedTuple):
 
 
 def locate_list(file: FoamFile, at: int, what: str, columns: int) -> BinaryList:
-    """Return where the binary list after a byte has its rows of numbers; MeshFileError if the file is shorter.
+    """Find the rows of the binary list that follows a byte; MeshFileError if the file is shorter.
 
     Labels of a file without `arch` have the size with which the list ends where the file goes on.
     """
@@ -236,7 +236,7 @@ class FoamPatch:
 def parse(text: bytes) -> list[FoamPatch]:
     """Read the patches of a `boundary` file without its header and comments.
 
-    MeshFileError if an entry is missing, or another number of patches follows than is announced.
+    MeshFileError if an entry is missing, or the number of patches is not the announced one.
     """
     words = iter(WORD.findall(text))
     patches = []
@@ -259,7 +259,7 @@ def parse(text: bytes) -> list[FoamPatch]:
 
 
 def _entries(words: Iterator[bytes]) -> dict[str, str]:
-    """Entries of one level up to its closing brace; dictionaries inside it are passed over."""
+    """Entries of one level up to its closing brace; inner dictionaries are skipped."""
     found: dict[str, str] = {}
     key: list[bytes] = []
     depth = 1

@@ -1,4 +1,4 @@
-"""Binary OpenFOAM cases read in pieces: the faces of some cells are looked for where they may be in the lists."""
+"""Binary OpenFOAM cases read in pieces: ranges of the lists are searched for the faces of some cells."""
 
 import mmap
 import os
@@ -30,7 +30,7 @@ from .tables import FileTable
 NAMES = ("points", "faces", "owner", "neighbour")
 """Files of lists; patches are in text, and in memory."""
 SPAN = 1 << 13
-"""Faces of which the least and the largest owner, and neighbour, are kept."""
+"""Number of faces for which only the least and the largest owner and neighbour are kept."""
 BATCH = SPAN << 5
 """Faces that are read at a time."""
 
@@ -97,7 +97,7 @@ class FoamPieces(TablePieces):
             return join_polyhedra([self._some(low, high, start, stop) for low, high in self._ranges(start, stop)])
 
     def _ranges(self, start: int, stop: int) -> Iterator[tuple[int, int]]:
-        """Yield ranges of faces, a batch at most, that may bound cells start to stop - 1."""
+        """Yield ranges of at most a batch of faces that may bound cells start to stop - 1."""
         near = _meets(self.owners, start, stop)
         near[: len(self.neighbours)] |= _meets(self.neighbours, start, stop)
         spans = np.flatnonzero(near)

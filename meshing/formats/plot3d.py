@@ -37,7 +37,7 @@ from .ugrid_file import EXACT
 MARKER, HEAD = 4, 4096  # bytes of a Fortran record's length, or a whole number; by which text is told from binary
 LIKE_FORTRAN = bytes.maketrans(b"Dd,", b"Ee ")
 FACES = {1: (2, False), 2: (2, True), 3: (0, False), 4: (0, True), 5: (1, False), 6: (1, True)}
-"""Axis along which a face of a map has one number, and whether that is its last; the two other axes follow in turn."""
+"""Axis normal to a face of a map, and whether the face is at its end; the other axes follow cyclically."""
 ONE_TO_ONE, PATCHED, UNPROCESSED = "one_to_one", "patched", "unprocessed"
 WITHOUT = (PATCHED, "collapsed", "pole_dir1", "pole_dir2")  # which only touch others, or have no area: on no patch
 COMMENT, NUMBER = re.compile(r"[#!](.*)"), re.compile(r"\d{1,9}")
@@ -62,7 +62,7 @@ class Plot3d(Format):
 
     def _read(self, path: Path, mapped: Path, progress: Progress = silent) -> Mesh:
         with about(path), path.open("rb") as file:
-            found = Plot3dFile.opened(file, partial(progress, f"reading {path.name}"))
+            found = Plot3dFile.open(file, partial(progress, f"reading {path.name}"))
             return join_blocks(found.points(), found.sizes, map_of(mapped, found.sizes)).mesh
 
     def files(self, path: Path) -> Iterable[Path]:
@@ -70,14 +70,14 @@ class Plot3d(Format):
 
     def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
         with about(source or out), (source or out).open("rb") as file:
-            real = Plot3dFile.opened(file, lambda _: None).layout.real if b"\0" in file.read(HEAD) else None
+            real = Plot3dFile.open(file, lambda _: None).layout.real if b"\0" in file.read(HEAD) else None
             return fewest_bits([real] if real else [])
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
         """See `Format.rewrite`; points of several blocks that are one get the same numbers."""
         report = partial(progress, f"writing {out.name}")
         with about(source), source.open("rb") as file:
-            stored = Plot3dFile.opened(file, report)
+            stored = Plot3dFile.open(file, report)
             old = stored.points()
             joined = join_blocks(old, stored.sizes, map_of(source, stored.sizes))
             check_points(points, len(joined.first))
@@ -108,14 +108,14 @@ class Layout(NamedTuple):
 
     @property
     def lengths(self) -> list[int]:
-        """Length of each record, or of what would be one, in bytes; in numbers for text."""
+        """Length of each record, in bytes; for text the number of its numbers."""
         whole, real = (MARKER, self.real.itemsize) if self.real else (1, 1)
         head = [whole] * self.counted + [whole * len(self.sizes[0]) * len(self.sizes)]
         return head + [prod(size) * (len(size) * real + whole * self.blanked) for size in self.sizes]
 
     @property
     def begins(self) -> list[int]:
-        """Where the coordinates of each block begin, and where the file ends: in bytes, of text in numbers."""
+        """Where the coordinates of each block begin, and where the file ends: in bytes, or in numbers for text."""
         around = 2 * MARKER * self.records
         ends = list(accumulate((length + around for length in self.lengths), initial=0))
         return [*(begin + around // 2 for begin in ends[1 + self.counted : -1]), ends[-1]]
@@ -140,7 +140,7 @@ class Plot3dFile:
     values: FloatArray | None = field(default=None, repr=False)
 
     @classmethod
-    def opened(cls, file: BinaryIO, report: Callable[[float], None]) -> "Plot3dFile":
+    def open(cls, file: BinaryIO, report: Callable[[float], None]) -> "Plot3dFile":
         """Find the one layout that fits the counts and the length of a file; MeshFileError if none or several do."""
         file.seek(0)
         values = None
@@ -240,7 +240,7 @@ def _whole_of_text(values: FloatArray, at: int, count: int) -> IntArray:
 
 
 def _has_markers(whole: Callable[[int, int], IntArray], layout: Layout) -> bool:
-    """Whether the length of each record stands before and after it."""
+    """Whether each record has its length before and after it."""
     begins = accumulate((length + 2 * MARKER for length in layout.lengths), initial=0)
     pairs = zip(begins, layout.lengths, strict=False)
     return all([*whole(at, 1), *whole(at + MARKER + n, 1)] == [n, n] for at, n in pairs)
@@ -390,7 +390,7 @@ def _boundaries(number: int, size: Size, said: Sequence[MapEntry]) -> Iterator[t
 def _meeting_points(
     points: FloatArray, ends: Sequence[IndexRange], sizes: Sequence[Size], starts: IntArray
 ) -> IntArray | None:
-    """Return rows (K, 2) of points of two faces that are one; None if they lie elsewhere: the interface is periodic."""
+    """Return rows (K, 2) of equal points of two faces; None if they lie apart: the interface is periodic."""
     n = len(sizes[0])
     here, there = (points_in(e.first[:n], e.last[:n], sizes[e.block]) + starts[e.block] for e in ends)
     gap, nearest = cKDTree(points[there]).query(points[here])

@@ -1,4 +1,4 @@
-"""Cells by their faces: standard cells as polyhedra, as OpenFOAM orders them, and polyhedra that are standard cells."""
+"""Cells by their faces: standard cells as polyhedra in OpenFOAM's order, and polyhedra as standard cells."""
 
 from dataclasses import dataclass, field
 from itertools import chain
@@ -88,7 +88,7 @@ def _met(faces: Polygons, cell: IntArray, keys: Keys) -> tuple[Polygons, IntArra
 
 
 def polyhedra(faces: Polygons, cell: IntArray, points: int) -> Polyhedra:
-    """Return cells from all their faces (outwards) and the cell (K,) of each; MeshFileError if one is of three."""
+    """Return cells from all their outward faces and the cell (K,) of each; MeshFileError for a face of three cells."""
     once, owner, neighbour = _met(faces, cell, node_keys(points))
     order = np.argsort(neighbour < 0, kind="stable")
     return Polyhedra(take_faces(once, order), owner[order], neighbour[neighbour >= 0])
@@ -135,13 +135,13 @@ def check_cells(cells: Polyhedra, least: int = FEWEST) -> None:
 
 
 def check_labels(low: int, high: int, owners: int, neighbours: int) -> None:
-    """Refuse a least and a largest cell that do not suit so many owners and neighbours (MeshFileError)."""
+    """Refuse (MeshFileError) a least and a largest cell that contradict the numbers of owners and neighbours."""
     if low < 0 or not 0 <= high < owners + neighbours:
         raise MeshFileError(f"owner and neighbour name cells that {owners} faces cannot bound")
 
 
 def check_sides(few: int, cells: int, least: int = FEWEST) -> None:
-    """Refuse, with a MeshFileError, a mesh of which a few cells have fewer faces than `least`."""
+    """Refuse (MeshFileError) a mesh with some cells of fewer faces than `least`."""
     if few:
         number = {3: "three", 4: "four"}[least]
         raise MeshFileError(f"{few} of {cells} cells have fewer than {number} faces; the file is damaged")

@@ -1,4 +1,4 @@
-"""The formats we know, by name and by suffix, and what to do with files of others."""
+"""The known formats by name and suffix, and advice for files of others."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -24,7 +24,7 @@ ADVICE = {
     ".h5": "export it from the mesher as CGNS or SU2",
     ".stl": "it holds a surface or a geometry; a mesh with volume cells is needed",
 }
-"""What to do with files that users are likely to have, by suffix in lower case."""
+"""Advice for other files that users may have, by suffix in lower case."""
 
 
 class Formats(Mapping[str, Format]):
@@ -62,7 +62,7 @@ def read(path: str | Path, progress: Progress = silent) -> Mesh:
 
 @contextmanager
 def in_pieces(path: Path, progress: Progress = silent) -> Iterator[MeshInPieces | None]:
-    """Give a mesh of which the boundary is read; None if its file must be read as a whole.
+    """Give a mesh with only its boundary in memory; None if its file must be read as a whole.
 
     Numbers that stand in the file as text are put into the system's folder for temporary files until the end.
 

@@ -1,4 +1,4 @@
-"""A file rewritten: a copy with other numbers in some rows of its tables, range by range."""
+"""Copies of a file with other numbers in some rows of its tables, range by range."""
 
 import errno
 import os
@@ -19,7 +19,7 @@ from .tables import SHORTER, FileTable
 RANGE = 1 << 23
 """Bytes of a file that are copied at a time."""
 WITHOUT_COPYING = (None, errno.EXDEV, errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP)
-"""What a system answers that cannot copy from file to file; None is no such function at all."""
+"""Errors of a system that cannot copy from file to file; None: it has no such function."""
 
 
 def rewritten(
@@ -44,7 +44,7 @@ def rewritten(
 
 
 def items_of(changes: Sequence["Change"], file: Path) -> list["Item"]:
-    """Return all bytes of a file, range by range, with what is to stand there (`copy_range`)."""
+    """Return the byte ranges of a file, each with its new content (`copy_range`)."""
     for change in changes:
         change.check()
     size = file.stat().st_size
@@ -53,7 +53,7 @@ def items_of(changes: Sequence["Change"], file: Path) -> list["Item"]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Change:
-    """Values (R, width) that are to stand in sorted rows (R,) of a table."""
+    """New values (R, width) of sorted rows (R,) of a table."""
 
     table: FileTable
     rows: IntArray = field(repr=False)

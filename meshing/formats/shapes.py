@@ -16,7 +16,7 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from .format import MeshFileError
 
 AXES = {"tetra": (1, 2, 3), "pyramid": (1, 3, 4), "wedge": (2, 1, 3), "hexahedron": (1, 3, 4)}
-"""Corners whose edges from corner 0 are a right-handed system in a cell that is not inverted."""
+"""Corners whose edges from corner 0 are right-handed in a cell that is not inverted."""
 SAMPLE = 1 << 12
 """Number of cells, equally spaced, that decide whether a block is left-handed."""
 Faces = TypeVar("Faces", bound=Cells | Polygons)
@@ -91,7 +91,7 @@ def mirror_nodes(shape: str, nodes: IntArray) -> IntArray:
 
 
 def places(wanted: NDArray[Whole], known: NDArray[Whole]) -> tuple[IntArray, BoolArray]:
-    """Index of each number among those `known` (N,), and whether it is there; what is not has any index."""
+    """Index of each number in `known` (N,), and whether it is there; otherwise the index is arbitrary."""
     if not len(known):
         return np.zeros(wanted.shape, dtype=np.intp), np.zeros(wanted.shape, dtype=np.bool_)
     order = np.argsort(known, kind="stable")

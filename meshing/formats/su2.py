@@ -29,13 +29,13 @@ from .table_pieces import CellTable, PointRange, TablePieces
 from .tables import FileTable, Held, gather_tables
 
 LARGE = 1 << 24
-"""Bytes of a section from which on compiled code is worth its loading."""
+"""Least bytes of a section for which compiled code is worth loading."""
 SOLIDS = {10: "tetra", 12: "hexahedron", 13: "wedge", 14: "pyramid"}
 FACES = {5: "triangle", 9: "quad"}
 KINDS = {3: (SOLIDS, FACES), 2: (FACES, {3: "line"})}
 """Cells and boundary faces, by dimension."""
 PARALLEL = "SEND_RECEIVE"
-"""Marker of points that other processes hold; it is no boundary."""
+"""Marker of points of other processes; it is no boundary."""
 BOXES = (
     "the free-form boxes of the file ({}) are those of the undeflected mesh, and SU2_DEF would put the surface back: "
     "make them again by SU2_DEF with DV_KIND= FFD_SETTING"
@@ -46,7 +46,7 @@ HALO = (
 )
 NUMBERS = {shape: number for number, shape in (SOLIDS | FACES | {3: "line"}).items()}
 UNFIT = r"[\s(),%=]"
-"""SU2 drops blanks, and its lists of markers are separated by commas and parentheses."""
+"""Characters that a marker's name must not contain: SU2 drops blanks, and separates markers by the others."""
 Blocks = list[tuple[str, IntArray]]
 Read = Callable[[bytes, type[np.float64 | np.int64]], NumberLines]
 Rows = TypeVar("Rows", Placed, Blocks)
@@ -103,7 +103,7 @@ class Su2File:
     report: Callable[[float], None]
 
     @classmethod
-    def opened(cls, file: BufferedReader, report: Callable[[float], None]) -> Su2File:
+    def open(cls, file: BufferedReader, report: Callable[[float], None]) -> Su2File:
         """Find the sections of a file; MeshFileError if it is no SU2 mesh, or of another dimension than 2 or 3."""
         file.seek(0)
         if b"\0" in file.read(4096):
@@ -116,7 +116,7 @@ class Su2File:
             raise MeshFileError(f"NDIME= {', '.join(map(str, dimensions))}; it must be 2 or 3, the same for all zones")
         return cls(file, found, dimensions[0], report)
 
-    def placed(self, sections: Sequence[KeywordBlock]) -> Iterator[tuple[int, bytes, Placed]]:
+    def coordinates(self, sections: Sequence[KeywordBlock]) -> Iterator[tuple[int, bytes, Placed]]:
         """Yield where a piece of the text of sections begins, the piece, and the coordinates (R, d) on its lines.
 
         MeshFileError if a line has another number of coordinates; after a section if it has other than its `count`.
@@ -162,7 +162,7 @@ class Su2File:
 
 
 def _coordinates(lines: NumberLines, dimension: int) -> Placed:
-    """Coordinates (R, d) on lines; SU2 reads no further, whatever follows."""
+    """Coordinates (R, d) on lines; the rest of a line is ignored, as in SU2."""
     if (np.diff(lines.first) < dimension).any():
         raise MeshFileError(
             f"lines of points have fewer than {dimension} coordinates; the file is truncated or damaged"
@@ -232,7 +232,7 @@ def points_of(source: Su2File, sections: Sequence[KeywordBlock]) -> FloatArray:
     possible = sum(min(own.count, (own.end - own.begin) // len("0 0") + 1) for own in sections)
     points = np.zeros((possible, 3))  # a damaged count may be any number
     start = 0
-    for _, _, placed in source.placed(sections):
+    for _, _, placed in source.coordinates(sections):
         own = placed.values[: len(points) - start]
         points[start : start + len(own), : source.dimension] = own
         start += len(own)
@@ -301,7 +301,7 @@ class Su2(Format):
     def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshInPieces | None:
         """See `Format.layout`; None for a plane mesh, and for several zones."""
         with about(path), path.open("rb") as file:
-            source = Su2File.opened(file, partial(progress, f"reading {path.name}"))
+            source = Su2File.open(file, partial(progress, f"reading {path.name}"))
             zones = zones_of(source.sections)
             if source.dimension != 3 or len(zones) > 1:
                 return None
@@ -309,7 +309,7 @@ class Su2(Format):
 
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
         with about(path), path.open("rb") as file:
-            source = Su2File.opened(file, partial(progress, f"reading {path.name}"))
+            source = Su2File.open(file, partial(progress, f"reading {path.name}"))
             zones = zones_of(source.sections)
             parts = [whole(_layout(path, source, name, own), lambda _: None) for name, own in zones.items()]
             if len(parts) == 1:
@@ -324,15 +324,15 @@ class Su2(Format):
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
         """See `Format.rewrite`; each coordinate that changed is written with as many digits as it needs."""
         with fresh(out, source) as beside, about(source), source.open("rb") as file, beside.open("wb") as copy:
-            text = Su2File.opened(file, partial(progress, f"writing {out.name}"))
+            text = Su2File.open(file, partial(progress, f"writing {out.name}"))
             sections = _points(text)
             check_points(points, sum(section.count for section in sections))
-            copy_text(file, text.placed(sections), points[:, : text.dimension].ravel(), copy)
+            copy_text(file, text.coordinates(sections), points[:, : text.dimension].ravel(), copy)
 
     def points_of_copy(self, path: Path, source: Path) -> FloatArray:
-        """See `Format.points_of_copy`; cells are those of the source, then, and need not be made numbers of again."""
+        """See `Format.points_of_copy`; the cells are the source's and are not parsed again."""
         with about(path), path.open("rb") as new, source.open("rb") as old:
-            texts = [Su2File.opened(file, lambda _: None) for file in (new, old)]
+            texts = [Su2File.open(file, lambda _: None) for file in (new, old)]
             for own, other in zip(*map(_around, texts), strict=True):
                 if not _same(new, old, own, other):
                     raise MeshFileError("its text differs from the source, not in its points alone")
@@ -355,7 +355,7 @@ class Su2(Format):
 
 
 class Su2Pieces(TablePieces):
-    """See `Pieces`: the numbers are in tables beside the text, which alone is needed for writing."""
+    """See `Pieces`: numbers are in tables beside the text; writing needs the text alone."""
 
     __slots__ = ()
 
@@ -364,7 +364,7 @@ class Su2Pieces(TablePieces):
     ) -> None:
         source = Path(self.source)
         with about(source), source.open("rb") as file:
-            text = Su2File.opened(file, lambda _: None)
+            text = Su2File.open(file, lambda _: None)
             everything = points_of(text, _points(text))
         everything[nodes] = points
         Su2().rewrite(source, everything, out, progress)

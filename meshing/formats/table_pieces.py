@@ -1,4 +1,4 @@
-"""Meshes whose numbers stand in tables: read in pieces, and rewritten where they stand."""
+"""Meshes with all numbers in tables: read in pieces, and rewritten in place."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
@@ -19,7 +19,7 @@ from .shapes import AXES, SAMPLE, left_handed
 from .tables import Array, FileTable, Held, Joined
 
 ROWS = 1 << 15
-"""Points or cells that are put into arrays at a time."""
+"""Points or cells read at a time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,9 +49,9 @@ class CellTable:
 
     def nodes(self, start: int, stop: int) -> IntArray:
         """Return nodes (stop - start, k) of cells."""
-        return self.counted(self.table.read(start, stop))
+        return self.from_zero(self.table.read(start, stop))
 
-    def counted(self, stored: Array) -> IntArray:
+    def from_zero(self, stored: Array) -> IntArray:
         """Return stored nodes (M, k) counted from 0 in VTK's order."""
         nodes = np.take(stored, self.order, axis=1) if self.order else stored
         own = np.intp if nodes.dtype.kind == "u" else nodes.dtype.newbyteorder("=")
@@ -77,7 +77,7 @@ class CellTable:
         return self.table.values
 
     def missing(self, points: int) -> MeshFileError:
-        """Return the error of cells that name points that are not there; all cells are read to count them."""
+        """Return the error of cells with missing points; all cells are read to count them."""
         bad = 0
         for start in range(0, self.table.rows, SAMPLE):
             nodes = self.nodes(start, min(start + SAMPLE, self.table.rows))
@@ -142,7 +142,7 @@ class TablePieces:
         if not cells.table.rows or cells.shape in PLANE:
             return cells
         rows = np.arange(0, cells.table.rows, max(1, cells.table.rows // SAMPLE))
-        nodes = cells.counted(cells.table.some(rows))[:, [0, *AXES[cells.shape]]]
+        nodes = cells.from_zero(cells.table.some(rows))[:, [0, *AXES[cells.shape]]]
         if nodes.min() < 0 or nodes.max() >= self.points:
             raise cells.missing(self.points)
         corners = self.places(nodes.ravel()).reshape(-1, 4, 3)
@@ -161,7 +161,7 @@ class TablePieces:
         rewritten(source, changes, out, progress, runner)
 
     def changes(self, nodes: IntArray, points: FloatArray) -> Iterator[Change]:
-        """Yield what is to stand in each table once sorted nodes (K,) are at `points` (K, 3)."""
+        """Yield the new content of each table for sorted nodes (K,) at `points` (K, 3)."""
         for own in self.ranges:
             assert isinstance(own.table, FileTable)
             first, end = np.searchsorted(nodes, (own.start, own.stop))

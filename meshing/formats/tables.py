@@ -1,4 +1,4 @@
-"""Tables: rows of numbers in a file as they are, in memory, or one after another."""
+"""Tables: rows of numbers in a file, in memory, or joined one after another."""
 
 import os
 from collections.abc import Callable, Iterable, Iterator
@@ -15,7 +15,7 @@ from sdm_deflect.deform.base.arrays import IntArray
 from .format import MeshFileError, about, write_errors
 
 SMALL = 1 << 26
-"""Bytes of a table that is read whole where some of its rows are wanted."""
+"""Largest bytes of a table that is read whole even for a few rows."""
 SHORTER = "the file has become shorter"
 Array = NDArray[Any]
 
@@ -119,7 +119,7 @@ class Joined:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Held:
-    """Rows of numbers (rows, width) in memory: what stood in the file as text, or had to be put in order."""
+    """Rows of numbers (rows, width) in memory: parsed from text, or reordered."""
 
     values: Array = field(repr=False)
 

@@ -35,7 +35,7 @@ SOLIDS = {"tetraeders": "tetra", "prisms": "wedge", "pyramids": "pyramid", "hexa
 FACES = {"surfacetriangles": "triangle", "surfacequadrilaterals": "quad"}
 KINDS = {"f": "real numbers", "iu": "whole numbers"}
 LONGEST, MOST, LARGEST = 1 << 20, 1 << 12, (1 << 31) - 4
-"""Bytes of a boundary mapping, markers of a grid, and bytes of a variable that is written."""
+"""Largest sizes: bytes of a boundary mapping, markers of a grid, bytes of a written variable."""
 NUMBER = re.compile(r"-?[0-9]{1,9}")
 
 
@@ -46,8 +46,8 @@ class Grid(NamedTuple):
     lengths: Mapping[str, int | None]
     attributes: Mapping[str, Any]
 
-    def stored(self, name: str, kinds: str, *width: int) -> tuple[Any, list[Span]]:
-        """Return an array (N, *width), not read yet, and where its numbers are; nothing if HDF5 has packed them."""
+    def array(self, name: str, kinds: str, *width: int) -> tuple[Any, list[Span]]:
+        """Return an array (N, *width), not read yet, and where its numbers are; no places if HDF5 has packed them."""
         in_hdf5 = isinstance(self.arrays, h5py.File)
         array = dataset(self.arrays, name, kinds, KINDS[kinds]) if in_hdf5 else self.arrays[name]
         if array is None:
@@ -59,7 +59,7 @@ class Grid(NamedTuple):
 
     def table(self, path: Path, name: str, kinds: str, *width: int) -> FileTable | Held:
         """Return where the rows of an array are; they are in memory if HDF5 has them in several places, or packed."""
-        array, places = self.stored(name, kinds, *width)
+        array, places = self.array(name, kinds, *width)
         if len(places) != 1:
             return Held(array[()].reshape(len(array), -1))
         return FileTable(path.resolve(), places[0][0], array.dtype.str, len(array), *width)
@@ -67,7 +67,7 @@ class Grid(NamedTuple):
 
 @contextmanager
 def open_tau(path: Path) -> Iterator[Grid]:
-    """Open a netCDF file; MeshFileError if it is none, or damaged."""
+    """Open a netCDF file; MeshFileError for another or a damaged file."""
     with path.open("rb") as file:
         magic = file.read(4)
     if h5py.is_hdf5(path):
@@ -128,7 +128,7 @@ class Tau(Format):
         pieces = replace(points, cells=tuple(own for own in cells if own.table.rows)).oriented()
         return MeshInPieces(path.resolve().name, pieces, patches, (Zone("", 0, points.points),))
 
-    def stored(self, path: Path) -> TablePieces:
+    def coordinates(self, path: Path) -> TablePieces:
         with open_tau(path) as grid:
             return _points(grid, path)
 
@@ -139,7 +139,7 @@ class Tau(Format):
         """
         with about(source), open_tau(source) as grid:
             check_points(points, _points(grid, source).points)
-            stored = [(*grid.stored(axis, "f"), new) for axis, new in zip(AXES, points.T, strict=True)]
+            stored = [(*grid.array(axis, "f"), new) for axis, new in zip(AXES, points.T, strict=True)]
             new = Replaced.of(source, [(array, places, new, array[()] != new) for array, places, new in stored])
         new.copy(source, out, progress)
 
@@ -198,7 +198,7 @@ def _patches(grid: Grid, path: Path, points: int) -> tuple[Patch, ...]:
 def _markers(grid: Grid, count: int) -> IntArray:
     if MARKERS not in grid.arrays:
         raise MeshFileError(f"there is no variable {MARKERS}, but there are {count} faces; the file is damaged")
-    markers = np.asarray(grid.stored(MARKERS, "iu")[0][()])
+    markers = np.asarray(grid.array(MARKERS, "iu")[0][()])
     if len(markers) != count:
         raise MeshFileError(f"{MARKERS} holds {len(markers)} markers of {count} triangles and quadrilaterals")
     if (found := len(np.unique(markers))) > MOST:

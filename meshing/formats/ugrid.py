@@ -31,10 +31,10 @@ from .zones import unwritten
 
 FACES, SOLIDS = ("triangle", "quad"), ("tetra", "pyramid", "wedge", "hexahedron")
 TO_VTK = {"pyramid": (1, 0, 3, 4, 2), "wedge": MIRRORED["wedge"]}
-"""Where the nodes of VTK's cell stand in UGRID's: the apex of a pyramid is its third node."""
+"""Position in UGRID's cell of each node of VTK's: the apex of a pyramid is the third node."""
 FROM_VTK = {shape: tuple(np.argsort(order).tolist()) for shape, order in TO_VTK.items()}
 SURFACES = 10_000
-"""More surfaces than a mesh has."""
+"""Largest number of surfaces; a larger one is damage."""
 NUMBER, COUNT = re.compile(r"[1-9][0-9]{0,8}"), re.compile(r"[0-9]{1,9}")
 SYMMETRY, VISCOUS = 6661, 4000
 CONDITIONS = ((r"far.?field|freestream|in(let|flow)|out(let|flow)", 5000), (r"symm", SYMMETRY))
@@ -84,7 +84,7 @@ class Ugrid(Format):
             pieces = replace(_pieces(path, tables), cells=cells).oriented()
         return MeshInPieces(path.resolve().name, pieces, border, (Zone("", 0, count),))
 
-    def stored(self, path: Path) -> TablePieces:
+    def coordinates(self, path: Path) -> TablePieces:
         return _pieces(path, _tables(path, lambda _: None))
 
     def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
@@ -113,13 +113,13 @@ class Ugrid(Format):
             source.open("rb") as file,
             beside.open("wb") as copy,
         ):
-            stored = UgridFile.opened(file, encoding_of(source), report)
+            stored = UgridFile.open(file, encoding_of(source), report)
             check_points(points, stored.shapes[POINTS][0])
             if encoding_of(out) or encoding_of(source):
                 arrays = {name: table.read(0, table.rows) for name, table in stored.tables(source).items()}
                 copy.writelines(encode(arrays | {POINTS: points}, encoding_of(out)))
             else:
-                copy_text(file, stored.placed(), points.ravel(), copy)
+                copy_text(file, stored.coordinates(), points.ravel(), copy)
 
     def files(self, path: Path) -> Iterable[Path]:
         return path, mapbc(path)
@@ -168,7 +168,7 @@ def mapbc(path: Path) -> Path:
 
 
 def stands_otherwise(source: Path, out: Path) -> bool:
-    """Whether a ``.mapbc`` beside `out` is another than that of a UGRID mesh `source`."""
+    """Whether the ``.mapbc`` beside `out` differs from that of a UGRID mesh `source`."""
     named, table = mapbc(source), mapbc(out)
     if source.suffix.lower() != SUFFIX or not named.is_file() or not table.exists():
         return False
@@ -213,7 +213,7 @@ def surface_names(path: Path) -> dict[int, str]:
 
 
 def _rows(text: str) -> list[list[str]]:
-    """Return the words of each of the lines that a ``.mapbc`` says to have."""
+    """Return the words of each of the lines that a ``.mapbc`` announces."""
     if "\0" in text:
         raise MeshFileError("is a binary file; names of surfaces are text")
     lines = [line.split() for line in text.splitlines() if line.strip()]
@@ -228,7 +228,7 @@ def _rows(text: str) -> list[list[str]]:
 
 def _tables(path: Path, report: Callable[[float], None]) -> dict[str, FileTable | Held]:
     with path.open("rb") as file:
-        return UgridFile.opened(file, encoding_of(path), report).tables(path.resolve())
+        return UgridFile.open(file, encoding_of(path), report).tables(path.resolve())
 
 
 def _pieces(path: Path, tables: Mapping[str, FileTable | Held]) -> UgridPieces:

@@ -25,7 +25,7 @@ from .tables import FileTable, Held
 SUFFIX = ".ugrid"
 POINTS, SURFACE = "points", "surface"
 COUNTED = (POINTS, "triangle", "quad", "tetra", "pyramid", "wedge", "hexahedron")
-"""What the first seven numbers of a file count."""
+"""Names of the first seven numbers of a file, which are counts."""
 ORDER = (POINTS, "triangle", "quad", SURFACE, "tetra", "pyramid", "wedge", "hexahedron")
 """The arrays after them: coordinates, nodes (from 1) of boundary faces, their surface ids, nodes of cells."""
 MARKER = np.dtype("i4")
@@ -38,7 +38,7 @@ ROWS = 1 << 16
 """Rows read or written at a time."""
 HEADER = re.compile(rb"\s*(\d{1,18})" + rb"\s+(\d{1,18})" * 6 + rb"(?=\s|$)")
 HEAD = 4096
-"""Bytes in which the counts of a text stand."""
+"""Bytes from the beginning of a text that contain its counts."""
 Array = NDArray[Any]
 
 
@@ -116,7 +116,7 @@ class UgridFile:
     report: Callable[[float], None] = field(repr=False)
 
     @classmethod
-    def opened(cls, file: BufferedReader, encoding: str, report: Callable[[float], None]) -> UgridFile:
+    def open(cls, file: BufferedReader, encoding: str, report: Callable[[float], None]) -> UgridFile:
         """Compare what a file counts with its length.
 
         MeshFileError if it is too short, damaged, or of another encoding.
@@ -185,7 +185,7 @@ class UgridFile:
                 return found
         raise MeshFileError(f"{wanted} numbers should be there, but the file ends before them; it is truncated")
 
-    def placed(self) -> Iterator[tuple[int, bytes, Placed]]:
+    def coordinates(self) -> Iterator[tuple[int, bytes, Placed]]:
         """Yield where a piece of text begins, the piece, and the coordinates in it; MeshFileError if it ends early."""
         begin, end = len(COUNTED), len(COUNTED) + 3 * self.shapes[POINTS][0]
         for first, at, text, lines in self._words():
@@ -274,7 +274,7 @@ def _named(encoding: str) -> str:
 
 
 def _check_whole(name: str, values: Array) -> Array:
-    """Whole numbers; MeshFileError if some are not and the array is not that of the coordinates."""
+    """Return an array that must hold whole numbers, unless it is the coordinates; else MeshFileError."""
     if name == POINTS:
         return values
     if bad := np.count_nonzero(~(np.abs(values) < EXACT) | (values != np.rint(values))):

@@ -122,7 +122,7 @@ def vtu_arrays(path: Path) -> dict[str, Array]:
 
 @contextmanager
 def _open_grid(path: Path) -> Iterator["_Grid"]:
-    """Give a file's grid; MeshFileError, with its name, for whatever is wrong with it."""
+    """Give a file's grid; MeshFileError names the file for every fault in it."""
     with about(path):
         try:
             yield _Grid.of(path)
@@ -185,7 +185,7 @@ class _Grid:
 
     @cached_property
     def cells(self) -> tuple[IntArray, IntArray]:
-        """Nodes of all cells, and where those of each begin, and of the last one end."""
+        """Nodes of all cells, and where each cell's begin; after them where the last one's end."""
         nodes, ends = (self.array("Cells", name).astype(np.intp) for name in ("connectivity", "offsets"))
         return nodes, np.append(0, ends)
 

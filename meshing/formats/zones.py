@@ -1,4 +1,4 @@
-"""Zones apart, each with points counted from 0, and together in one mesh.
+"""Separate zones, each with points counted from 0, and one mesh of all.
 
 Periodic pairs of nodes, as files list them, as pairs of patches.
 """
@@ -20,7 +20,7 @@ from .shapes import Faces, chosen
 
 Block = TypeVar("Block", bound=Cells | Polygons | Polyhedra)
 Listed = tuple[str, IntArray]
-"""What messages call a pair, and its nodes (K, 2): a node, and its image."""
+"""A pair's name in messages, and its nodes (K, 2): each with its image."""
 Places = Callable[[IntArray], FloatArray]
 """Returns the coordinates (K, 3) of nodes (K,)."""
 
@@ -71,7 +71,7 @@ def _patch_inside(patch: Patch, zone: Zone) -> Patch:
 
 
 def common_constraints(named: Iterable[tuple[str, Constraint]]) -> dict[str, Constraint]:
-    """Return the constraint of each patch that has several parts: that of all of them, or none."""
+    """Return the constraint of each patch by name: the one that all its parts share, or none."""
     constraints: dict[str, Constraint] = {}
     for name, constraint in named:
         constraints[name] = constraint if constraints.get(name, constraint) == constraint else ""

@@ -17,7 +17,7 @@ ORIENTATIONS = 5
 TURN = 1.0
 """Angle (rad) between two of them."""
 FOLD = 90.0
-"""Triangles of one CAD face, which is smooth, are at less than this angle (deg) to their neighbours."""
+"""Largest angle (deg) between neighbouring triangles of one smooth CAD face."""
 
 
 def judge(question: Question) -> Arrays:
@@ -109,7 +109,7 @@ def load(points: FloatArray, triangles: IntArray) -> pymeshlab.MeshSet:
 
 
 def mesh_of(points: FloatArray, triangles: IntArray) -> pymeshlab.Mesh:
-    """Return triangles (F, 3) of points (N, 3) with the nodes that they use as MeshLab has them."""
+    """Return MeshLab's mesh of triangles (F, 3) on points (N, 3), without unused points."""
     used, compact = np.unique(triangles, return_inverse=True)
     return pymeshlab.Mesh(points[used], compact.reshape(-1, 3))
 

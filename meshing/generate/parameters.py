@@ -74,7 +74,7 @@ COMPONENTS = tuple(takewhile(lambda name: name != "corner", (field.name for fiel
 
 
 def _for_refined(base: MeshParameters) -> MeshParameters:
-    """Accept a little less quality after a refinement, which puts new nodes on curved faces."""
+    """Lower the quality limits for a refined mesh: its new nodes are moved onto curved faces."""
     return replace(base, refinements=1, accept_min=0.25, accept_mean=0.86, accept_below=5e-4)
 
 

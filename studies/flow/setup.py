@@ -138,7 +138,7 @@ def kinds_of(mesh: Mesh, far: Sequence[str] = (), moving: Sequence[str] = ()) ->
 
     Raises InputError if there is no far field or no wall, or a name or wildcard in `far` stands for no patch.
     """
-    given = mesh.named(far, "far field")
+    given = mesh.expand(far, "far field")
     sides = {patch.name: count_sides(mesh.points, patch.nodes) for patch in mesh.patches}
     flat = {patch.name for patch in mesh.patches if on_one_side(mesh.points, patch.nodes)}
     kinds: dict[str, Kind] = {name: _kind_by_name(name, count > 0) for name, count in sides.items()}

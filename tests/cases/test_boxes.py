@@ -55,7 +55,7 @@ def test_each_box_has_the_bits_of_a_run_with_that_surface_alone(home, run):
     expected = mesh.points.copy()
     for one in SURFACES:
         result = alone(mesh, one)
-        expected[result.plan.changed] = result.points[result.plan.changed]
+        expected[result.plan.movable] = result.points[result.plan.movable]
     np.testing.assert_array_equal(both, expected)
     found = sdm_deflect.deflect(mesh, SURFACES, box_each=True, margin=0.4)
     assert found.passed
@@ -69,7 +69,7 @@ def test_in_a_sweep_the_surfaces_keep_their_proportion():
     assert [one.deflection.amounts for one in results] == [(2.0, -1.0), (4.0, -2.0)]
     right = sdm_deflect.sweep(mesh, "right", SURFACES[1]["hinge"], [-1.0, -2.0], margin=0.4)
     for both, one in zip(results, right, strict=True):
-        nodes = one.plan.changed
+        nodes = one.plan.movable
         np.testing.assert_array_equal(both.points[nodes], one.points[nodes])
 
 
@@ -95,9 +95,9 @@ def test_the_folder_makes_report_and_view_again(home, run):
     np.testing.assert_array_equal(points, format_of(home / "two.su2").read(home / "two-deflected.su2").points)
     data = finished.report_data()
     assert [box.name for box in data.boxes] == list(data.figures["deflections"])
-    shown = finished.held.on(plan.mesh.points).at(finished.held.named({"left": 3.0, "right": -1.5}))
+    shown = finished.held.on(plan.mesh.points).at(finished.held.in_order({"left": 3.0, "right": -1.5}))
     one = alone(two_bodies(), SURFACES[1], -1.5)
-    nodes = one.plan.changed
+    nodes = one.plan.movable
     np.testing.assert_allclose(shown[nodes], one.points[nodes], atol=2.0 * one.plan.boxes[0].sites.tolerance)
 
 

@@ -127,7 +127,7 @@ def test_the_verdict_is_of_the_numbers_on_the_disk(name, thin, tmp_path):
     assert checks["outside_moved"].value == 0.0
     moved = (points != before).any(axis=1)
     inside = np.zeros(len(points), dtype=bool)
-    inside[done.plan.changed] = True
+    inside[done.plan.movable] = True
     assert moved.any()
     assert not moved[~inside].any()
 

@@ -316,7 +316,7 @@ def test_the_command_writes_a_folder_unless_told_not_to(coarse_wing, tmp_path, s
 def test_an_angle_of_a_sweep_is_told_as_it_is(coarse_wing, tmp_path):
     plan = Plan.of(coarse_wing.mesh, [blended(coarse_wing.hinge)], ((3.0,), (-1.0,)))
     data = write_run_folder(tmp_path, deflect(plan, (-1.0,)), (), None, {})
-    assert [surface.turned for surface in data.surfaces] == ["-1 deg"]
+    assert [surface.amount_text for surface in data.surfaces] == ["-1 deg"]
     assert "angle = -1.0" in (tmp_path / "settings.toml").read_text()
     assert data.title == "mesh: flap by -1 deg"
 

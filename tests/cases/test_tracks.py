@@ -23,7 +23,7 @@ def moved(angle, shift):
     whole = np.array([*shift, 0.0])
     nodes = mesh.on("hole")
     return nodes, mesh.points[nodes] + TrackLaw(
-        Track.shifted(hinge, angle, whole, whole), mesh.points[nodes]
+        Track.straight(hinge, angle, whole, whole), mesh.points[nodes]
     ).displacement(1.0)
 
 

@@ -39,7 +39,7 @@ def deflected(folder, suffix, *words):
 
 def failing(report):
     """Names of the checks that fail."""
-    return {check.name for check in read_run(report).validated() if not check.passed}
+    return {check.name for check in read_run(report).recheck() if not check.passed}
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +54,7 @@ def copy(report, tmp_path):
 
 
 def test_what_was_written_passes(report, capsys):
-    assert {check.name for check in read_run(report).validated()} > OWN
+    assert {check.name for check in read_run(report).recheck()} > OWN
     capsys.readouterr()
     assert code_of("validate", report, "--json") == 0
     assert json.loads(capsys.readouterr().out)["passed"] is True
@@ -105,7 +105,7 @@ def test_an_edit_is_noticed(copy, edit, by):
 def test_a_file_that_is_missing_is_one_sentence(copy, name, text):
     (copy / name).unlink()
     with pytest.raises(InputError, match=text):
-        read_run(copy).validated()
+        read_run(copy).recheck()
 
 
 def test_another_mesh_of_as_many_points_is_noticed(copy):

@@ -101,7 +101,7 @@ def test_a_sliding_patch_without_nodes_in_the_box_is_not_applicable(block):
 def test_a_node_that_moved_where_it_must_not_is_found_by_its_last_bit(block):
     result = turn(block, box=[[-2.5, -1.2, -1.2], [1.2, 1.2, 1.2]], fixed=("x-",))
     plan = result.plan
-    outside = np.setdiff1d(np.arange(len(block.points)), plan.changed)
+    outside = np.setdiff1d(np.arange(len(block.points)), plan.movable)
     for node, name in ((outside[5], "outside_moved"), (plan.boxes[0].sites.fixed[0], "fixed_surfaces_moved")):
         points = result.points.copy()
         points[node, 1] = np.nextafter(points[node, 1], 9.0)

@@ -58,19 +58,19 @@ def test_rows_of_polygons_are_polygons():
 def test_a_wildcard_stands_for_a_patch_in_every_zone_and_a_plain_name_does_not():
     names = ("block/wing_left", "background/wing_left", "wing_right", "tail")
     mesh = Mesh(POINTS, (), tuple(Patch(name, (), np.array([0])) for name in names), name="pair.cgns")
-    assert mesh.named(["wing*"], "fixed") == names[:3]
-    assert mesh.named(["block/*"], "fixed") == names[:1]
-    assert mesh.named(["tail", "t*", "tail"], "fixed") == ("tail",)
-    assert mesh.named([], "fixed") == ()
+    assert mesh.expand(["wing*"], "fixed") == names[:3]
+    assert mesh.expand(["block/*"], "fixed") == names[:1]
+    assert mesh.expand(["tail", "t*", "tail"], "fixed") == ("tail",)
+    assert mesh.expand([], "fixed") == ()
     with pytest.raises(InputError, match=r"pair\.cgns: fixed 'wing_left' is no patch; did you mean .*block/wing_left"):
-        mesh.named(["wing_left"], "fixed")
+        mesh.expand(["wing_left"], "fixed")
     with pytest.raises(InputError, match="fixed 'zzz' is no patch; the patches are block/wing_left, background"):
-        mesh.named(["zzz"], "fixed")
+        mesh.expand(["zzz"], "fixed")
 
 
 def test_a_name_with_brackets_stands_for_itself():
     mesh = Mesh(POINTS, (), (Patch("wing[1]", ()), Patch("wing1", ())))
-    assert mesh.named(["wing[1]"], "fixed") == ("wing[1]",)
+    assert mesh.expand(["wing[1]"], "fixed") == ("wing[1]",)
     assert meant("wing[1]", "wing1")
     assert not meant("wing", "zone/wing")
 

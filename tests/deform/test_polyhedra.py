@@ -45,7 +45,7 @@ def test_measured_in_parts_they_have_the_bits_of_the_whole(rows, parts, mesh, mo
 def test_some_of_them_counted_anew_have_the_same_bits(start, stop, mesh):
     points, cells = mesh
     own = part(cells, start, stop)
-    counted = own.counted(own.nodes, start, stop)
+    counted = own.renumbered(own.nodes, start, stop)
     found, whole = pyramids_of(points, counted, np.arange(stop - start)), pyramids_of(points, cells)
     assert found.smallest.tobytes() == whole.smallest[start:stop].tobytes()
     assert found.volume.tobytes() == whole.volume[start:stop].tobytes()

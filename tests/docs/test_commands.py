@@ -21,7 +21,7 @@ ELSEWHERE = (
     (r"(\.venv/bin/)?pip install ('\.\[(all|report)\]'|\.)$", CI, "pip install -q --no-deps --target"),
     (r"\. \.venv/bin/activate", CI, "python3 -m venv"),
     (r"\.venv/bin/pre-commit install", ".pre-commit-config.yaml", "repos:"),
-    (r"\.venv/bin/python -m pytest -n 2 --dist loadfile", CI, ".venv/bin/python -m pytest"),
+    (r"\.venv/bin/python -m pytest -n 3 --dist loadfile", CI, ".venv/bin/python -m pytest"),
     (r"\.venv/bin/(ruff (check|format --check)|mypy|lint-imports)", CI, ".venv/bin/lint-imports"),
     (r"(\.venv/bin/)?sphinx-build", CI, "sphinx-build"),
     (r"sdm run aileron-chimera", "tests/cases/conftest.py", 'case_named("aileron-chimera"), angle=-30.0'),

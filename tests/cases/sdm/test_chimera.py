@@ -92,7 +92,7 @@ def test_the_background_of_a_finished_run_is_judged_as_well(chimera_run, tmp_pat
     def judge(folder):
         return {
             check.name: check.passed
-            for check in FinishedCase.of(folder).checked(lambda: built(run.case), lambda _: models)
+            for check in FinishedCase.of(folder).recheck_with(lambda: built(run.case), lambda _: models)
         }
 
     assert all(judge(folder).values())

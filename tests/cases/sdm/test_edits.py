@@ -30,7 +30,7 @@ def judge(finished):
 
     def call(folder):
         try:
-            checks = FinishedCase.of(folder).checked(lambda: built(case), lambda _: models)
+            checks = FinishedCase.of(folder).recheck_with(lambda: built(case), lambda _: models)
         except (RuntimeError, ValueError) as error:
             if is_reported(error):
                 return str(error)

@@ -65,7 +65,7 @@ def test_a_nanometre_is_seen_in_every_direction(free_run, tmp_path):
         points = mesh.points.copy()
         points[nodes[100], axis] += 1e-9
         write_vtu(tmp_path / "deflected.vtu", mesh.with_points(points))
-        checks = FinishedCase.of(tmp_path).checked(lambda: built(run.case), lambda _: models)
+        checks = FinishedCase.of(tmp_path).recheck_with(lambda: built(run.case), lambda _: models)
         assert "surface_to_rigid_cad" in {one.name for one in checks if not one.passed}
         found = rigid_cad.distances(tmp_path, "aileron_left", tmp_path / "sdm.brep")
         assert found["node by node"] == pytest.approx(1e-9, rel=1e-6)

@@ -33,7 +33,7 @@ def test_limits_bracket_the_threshold(aileron_mesh, tmp_path):
         assert 0.0 < sizes[k + 1] - sizes[k] <= resolution
         assert limit.end == beyond.reason or f"least quality {beyond.quality_min:.3f} of a cell" in limit.end
         assert max(np.diff(sizes)) <= STEPS * resolution
-        assert search.tried(limit.angle, limit.repair) == limit.at
+        assert search.trial(limit.angle, limit.repair) == limit.at
     for alone, repaired in zip(limits[:2], limits[2:], strict=True):
         assert abs(repaired.angle) > abs(alone.angle)
         assert "fuselage_panel_left" in alone.end
@@ -60,7 +60,7 @@ def test_no_surface_is_tried_beyond_what_any_can_turn(aileron_mesh):
 
 
 def tried(case, mesh, angle):
-    return case_search(case, mesh, 0.2, 1.0).tried(angle, case.repair)
+    return case_search(case, mesh, 0.2, 1.0).trial(angle, case.repair)
 
 
 def test_a_tail_whose_root_misses_the_fuselage_is_no_limit_but_has_a_reason(aileron_mesh):

@@ -31,7 +31,7 @@ def failing(finished):
     models = undeflected_models(case)
 
     def call(folder):
-        checks = FinishedCase.of(folder).checked(lambda: built(case), lambda _: models)
+        checks = FinishedCase.of(folder).recheck_with(lambda: built(case), lambda _: models)
         return {check.name for check in checks if not check.passed}
 
     return call

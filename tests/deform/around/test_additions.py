@@ -35,7 +35,7 @@ class StayingInPlane(Acting):
     points: FloatArray
     plane: Plane
 
-    def corrected(self, u: FloatArray, known: FloatArray, last: bool) -> FloatArray:
+    def correct(self, u: FloatArray, known: FloatArray, last: bool) -> FloatArray:
         if last:
             u[self.rows] = self.plane.projected(self.points[self.rows], u[self.rows])
         return u

@@ -39,7 +39,7 @@ def test_points_that_are_carried_keep_their_place_beside_a_rigid_boundary(nearby
     axis, rows = Axis(np.array([0.1, 0.2, 0.3]), np.array([1.0, -1.0, 0.5])), np.arange(0, 500, 7)
     follow = RigidFollow.of(POINTS, BOUNDARY, rows, nearby)
     turns = np.broadcast_to(axis.matrix(40.0) - np.eye(3), (60, 3, 3))
-    moved = follow.displaced(axis.displacement(BOUNDARY, 40.0), turns)
+    moved = follow.displacement(axis.displacement(BOUNDARY, 40.0), turns)
     np.testing.assert_allclose(moved, axis.displacement(POINTS[rows], 40.0), atol=1e-14)
 
 
@@ -75,7 +75,7 @@ def test_following_blends_between_the_interpolant_and_the_wall(nearby):
     interpolated, none = rng.normal(size=(500, 3)), np.zeros((60, 3, 3))
     kept = interpolated.copy()
     out = near.following(interpolated, move, none)
-    carried = near.follow.displaced(move, none)
+    carried = near.follow.displacement(move, none)
     weight = near.weight[:, None]
     np.testing.assert_allclose(out[rows], (1.0 - weight) * kept[rows] + weight * carried, atol=1e-14)
     left = np.setdiff1d(np.arange(500), rows)
@@ -95,9 +95,9 @@ def test_a_point_follows_the_mean_of_the_nodes_around_by_inverse_distance():
         share = (1.0 / distance[near] - 1.0 / (near_wall.BEYOND * distance[near[-1]])) ** 5.0
         near, share = near[:-1], share[:-1]
         expected = share @ (move[near] + np.einsum("nij,nj->ni", turns[near], offset[near])) / share.sum()
-        np.testing.assert_allclose(follow.displaced(move, turns)[q], expected, rtol=1e-12)
+        np.testing.assert_allclose(follow.displacement(move, turns)[q], expected, rtol=1e-12)
     at_nodes = RigidFollow.around(BOUNDARY, BOUNDARY, np.arange(60), np.arange(60))
-    assert np.array_equal(at_nodes.displaced(move, turns), move)
+    assert np.array_equal(at_nodes.displacement(move, turns), move)
 
 
 def test_between_two_nodes_the_motion_does_not_jump():
@@ -105,7 +105,7 @@ def test_between_two_nodes_the_motion_does_not_jump():
     x = np.linspace(0.4, 0.6, 201)
     points = np.column_stack([x, 0.0 * x, 0.1 + 0.0 * x])
     follow = RigidFollow.around(points, wall, np.arange(201), np.arange(2))
-    moved = follow.displaced(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), np.zeros((2, 3, 3)))[:, 2]
+    moved = follow.displacement(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), np.zeros((2, 3, 3)))[:, 2]
     assert moved[100] == pytest.approx(0.5)
     assert np.diff(moved).max() < 0.03
 
@@ -118,7 +118,7 @@ def test_where_the_nodes_around_change_the_motion_does_not_jump():
     points = np.array([[1.02, 0.0, h] for h in height])
     follow = RigidFollow.around(points, wall, np.arange(7), np.arange(120))
     move = np.column_stack([0.0 * wall[:, 0], 0.0 * wall[:, 0], np.where(np.arange(120) < 60, wall[:, 0], 0.0)])
-    moved = follow.displaced(move, np.zeros((120, 3, 3)))[:, 2]
+    moved = follow.displacement(move, np.zeros((120, 3, 3)))[:, 2]
     assert np.abs(np.diff(moved)).max() < 100.0 * 1e-7
 
 

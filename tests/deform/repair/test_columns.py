@@ -41,7 +41,7 @@ def test_columns_are_those_that_the_wing_was_built_of(found, hybrid_wing):
 
 def test_heights_stay_wherever_nodes_go(found, hybrid_wing):
     points, columns = hybrid_wing.mesh.points, hybrid_wing.columns
-    nodes = found.closed(np.concatenate([pairs[::3, 0] for pairs in found.levels]), len(points))
+    nodes = found.closure(np.concatenate([pairs[::3, 0] for pairs in found.levels]), len(points))
     heights = Heights.of(found, points, nodes)
     places = points[nodes] + 1e-3 * rng().normal(size=(len(nodes), 3))
     places[::5] = points[nodes][::5]
@@ -56,7 +56,7 @@ def test_heights_stay_wherever_nodes_go(found, hybrid_wing):
 
 def test_columns_that_stay_keep_their_bits(found, hybrid_wing):
     points = hybrid_wing.mesh.points
-    nodes = found.closed(found.levels[0][:, 0], len(points))
+    nodes = found.closure(found.levels[0][:, 0], len(points))
     places = points[nodes].copy()
     places[0] += 1e-3
     Heights.of(found, points, nodes).keep(places)

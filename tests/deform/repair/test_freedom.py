@@ -60,7 +60,7 @@ def test_shuffled_faces_and_edges_find_back(box, freedom, seed):
 def test_where_every_face_is_left_nothing_moves(box, monkeypatch):
     everywhere = np.ones(len(box.points), dtype=bool)
     sliding = FreeNodes.of(box, box.points, everywhere, np.empty(0, dtype=np.intp), {"wall": "plane"})
-    monkeypatch.setattr(FreeNodes, "left_by", lambda self, start, points: self.slides)
+    monkeypatch.setattr(FreeNodes, "slides_left_by", lambda self, start, points: self.slides)
     points = box.points.copy()
     points[inner(box)] += np.random.default_rng(0).uniform(-0.3, 0.3, (len(inner(box)), 3))
     touched = TouchedCells.of(box, np.arange(len(points)))
@@ -70,13 +70,13 @@ def test_where_every_face_is_left_nothing_moves(box, monkeypatch):
 
 
 def test_a_face_that_a_node_left_is_told(box, freedom):
-    assert freedom.left_by(box.points, box.points) == ()
+    assert freedom.slides_left_by(box.points, box.points) == ()
     node = np.flatnonzero(sides(box.points) == 1)[0]
     nearby, beyond = box.points.copy(), box.points.copy()
     within = np.flatnonzero((box.points[node] != 0.0) & (box.points[node] != 1.0))[0]
     nearby[node, within] += 0.3 / COUNT
     beyond[node, within] += 2.0
-    assert freedom.left_by(box.points, nearby) == ()
-    left = freedom.left_by(box.points, beyond)
+    assert freedom.slides_left_by(box.points, nearby) == ()
+    left = freedom.slides_left_by(box.points, beyond)
     assert any(node in one.nodes for one in left)
     assert not np.isin(node, freedom.without(left).nodes)

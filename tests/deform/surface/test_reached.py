@@ -90,6 +90,6 @@ def test_displacements_of_a_table_have_no_angle(inboard_wing):
     table = Table(w.mesh.points[nodes], np.zeros((len(nodes), 3)))
     plan = Plan.of(w.mesh, [job(("flap_*",), angle=1.0, **{**blended(w), "motion": table})])
     assert list(motions(plan)) == []
-    assert [one for _, one in plan.boxes[0].boundary.reached((1.0,))] == [None]
+    assert [one for _, one in plan.boxes[0].boundary.reaches((1.0,))] == [None]
     still = Plan.of(w.mesh, [job(("flap_*",), angle=0.0, **blended(w))])
-    assert [one for _, one in still.boxes[0].boundary.reached((0.0,))] == [None]
+    assert [one for _, one in still.boxes[0].boundary.reaches((0.0,))] == [None]

@@ -47,7 +47,7 @@ def test_a_track_is_rigid_and_its_hinge_points_go_where_the_rows_say(smooth):
 
 def test_between_rows_cpacs_is_linear():
     track = Track(HINGE, FOWLER, smooth=False)
-    middle = Track.shifted(HINGE, 8.0, (FOWLER[1, 2:5] + FOWLER[2, 2:5]) / 2, (FOWLER[1, 5:] + FOWLER[2, 5:]) / 2)
+    middle = Track.straight(HINGE, 8.0, (FOWLER[1, 2:5] + FOWLER[2, 2:5]) / 2, (FOWLER[1, 5:] + FOWLER[2, 5:]) / 2)
     np.testing.assert_allclose(track.entries(0.35), middle.entries(1.0), atol=1e-15)
 
 
@@ -58,10 +58,10 @@ def test_any_rigid_motion_is_an_angle_and_two_shifts():
     expected = turn.apply(points) + np.array([0.9, -0.2, 1.4])
     hinge = Axis.through(points[0], points[1])
     first, second = (expected - points)[:2]
-    swung = Track.shifted(hinge, 0.0, first, second).entries(1.0)[:9].reshape(3, 3) + np.eye(3)
+    swung = Track.straight(hinge, 0.0, first, second).entries(1.0)[:9].reshape(3, 3) + np.eye(3)
     left = Turned.from_matrix(swung).inv() * turn
     angle = np.degrees(left.as_rotvec() @ hinge.direction)
-    found = points + TrackLaw(Track.shifted(hinge, angle, first, second), points).displacement(1.0)
+    found = points + TrackLaw(Track.straight(hinge, angle, first, second), points).displacement(1.0)
     np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
@@ -95,8 +95,8 @@ def test_rates_are_derivatives(smooth):
 
 def test_a_straight_shift_has_one_function_and_a_turn_with_it_three():
     shift = np.array([0.01, 0.0, -0.02])
-    assert TrackLaw(Track.shifted(HINGE, 0.0, shift, shift), POINTS).functions.count == 1
-    assert TrackLaw(Track.shifted(HINGE, 20.0, shift, shift), POINTS).functions.count == 3
+    assert TrackLaw(Track.straight(HINGE, 0.0, shift, shift), POINTS).functions.count == 1
+    assert TrackLaw(Track.straight(HINGE, 20.0, shift, shift), POINTS).functions.count == 3
 
 
 @pytest.mark.parametrize(
@@ -138,7 +138,7 @@ def test_amounts_beyond_the_rows_and_points_shifted_past_one_another_are_one_sen
     with pytest.raises(InputError, match=r"1\.2 is beyond the track, which goes from 0 to 1"):
         Track(HINGE, FOWLER).entries(1.2)
     with pytest.raises(InputError, match="the second hinge point is shifted past the first"):
-        Track.shifted(HINGE, 0.0, np.zeros(3), -2.0 * HINGE.length * HINGE.direction).entries(1.0)
+        Track.straight(HINGE, 0.0, np.zeros(3), -2.0 * HINGE.length * HINGE.direction).entries(1.0)
     for shift in ((0.1,), np.zeros((3, 3)), "x"):
         with pytest.raises(InputError, match="shift"):
             shifts_of(shift)

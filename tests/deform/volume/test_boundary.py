@@ -57,7 +57,7 @@ def test_a_wildcard_in_fixed_leaves_out_what_has_another_part(block):
     assert PrescribedNodes.of(block, job(("body",), fixed=("*",))).fixed == ("x-", "x+", "y-", "y+", "z-", "z+")
     some = PrescribedNodes.of(block, job(("body",), fixed=("*",), slide={"x-": "plane"}))
     assert some.fixed == ("x+", "y-", "y+", "z-", "z+")
-    assert some.declared == ("body", "x+", "y-", "y+", "z-", "z+", "x-")
+    assert some.declared_patches == ("body", "x+", "y-", "y+", "z-", "z+", "x-")
 
 
 @pytest.mark.parametrize("given", [{"fixed": ("boddy",)}, {"slide": {"boddy": "plane"}}])

@@ -205,9 +205,9 @@ def test_several_boxes_of_one_mesh_give_what_each_gives_alone():
             alone = Plan.of(mesh, [own], [((5.0,), (10.0,)), ((-2.0,), (-4.0,))][k])
             one = [one for one, _ in run(alone)][i]
             assert one.angle == angle
-            assert np.array_equal(both.points[alone.changed], one.points[alone.changed])
+            assert np.array_equal(both.points[alone.movable], one.points[alone.movable])
             assert np.array_equal(both.boxes[k].points, one.points)
-            rest[alone.changed] = False
+            rest[alone.movable] = False
         assert np.array_equal(both.points[rest], mesh.points[rest])
         assert both.amounts == angles
         assert not both.inverted

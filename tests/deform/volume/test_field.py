@@ -39,7 +39,7 @@ def test_it_is_the_deflection_to_the_bit(plan, how, tmp_path):
         assert found.apply(points[row : row + 1]).tobytes() == one.points[row : row + 1].tobytes()
     np.savez(tmp_path / "field.npz", **found.arrays("_a"))
     with np.load(tmp_path / "field.npz") as stored:
-        assert Field.stored(stored, "_a").apply(points).tobytes() == one.points.tobytes()
+        assert Field.from_arrays(stored, "_a").apply(points).tobytes() == one.points.tobytes()
 
 
 def test_what_a_repair_has_moved_is_told_outright():

@@ -144,7 +144,7 @@ def test_a_field_knows_the_plane():
     for name in ("empty", "wedge"):
         mesh, wanted = made(name)
         result = turned(mesh, wanted)
-        again = Field.stored(Field.of(result.boxes).arrays())
+        again = Field.from_arrays(Field.of(result.boxes).arrays())
         assert again.apply(mesh.points).tobytes() == result.points.tobytes()
         beside = mesh.points + 1e-7  # no node of the mesh: interpolated
         assert np.abs(again.apply(beside) - beside - (result.points - mesh.points)).max() < 1e-4
@@ -166,10 +166,10 @@ def test_sides_that_are_fixed_or_oblique_make_no_plane_mesh():
 def test_the_plane_is_known_from_its_numbers():
     mesh, _ = made("wedge")
     for one in (Halfway(1, 0.05), Halfway.of(mesh.points, mesh.periodic[0])):
-        again = pickle.loads(pickle.dumps(Halfway.stored(one.numbers)))
+        again = pickle.loads(pickle.dumps(Halfway.from_numbers(one.numbers)))
         assert np.array_equal(again.places(mesh.points), one.places(mesh.points))
     with pytest.raises(ValueError, match="not in list"):
-        Halfway.stored(np.array([3.0, 0.0]))
+        Halfway.from_numbers(np.array([3.0, 0.0]))
 
 
 def one_patch(mesh, names, name="sides"):

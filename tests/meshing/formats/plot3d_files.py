@@ -103,4 +103,4 @@ def whole_face(block: Block, number: int, face: str) -> str:
 def stored(path: Path) -> NDArray[np.float64]:
     """Coordinates of all points of a file, block after block."""
     with path.open("rb") as file:
-        return Plot3dFile.opened(file, lambda _: None).points()
+        return Plot3dFile.open(file, lambda _: None).points()

@@ -172,8 +172,8 @@ def test_one_bad_condition_is_a_note_and_its_patch_is_absent(mesh, damage, tmp_p
     assert {*after.names} - {"part of outlet", UNNAMED} == {*before.names} - {"outlet"}
     assert sum(map(len, after.patches)) == sum(map(len, before.patches))
     with pytest.raises(InputError, match=r"the surface 'outlet' cannot be taken: patch outlet is absent: zone Zone"):
-        after.named(["outlet"], "the surface")
-    assert after.named(["*"], "fixed") == after.names
+        after.expand(["outlet"], "the surface")
+    assert after.expand(["*"], "fixed") == after.names
     Cgns().rewrite(tmp_path / "mesh.cgns", after.points * 2.0, tmp_path / "moved.cgns")
     np.testing.assert_array_equal(Cgns().read(tmp_path / "moved.cgns").points, after.points * 2.0)
     assert "\n" not in note

@@ -288,7 +288,7 @@ def test_a_fault_of_one_condition_or_interface_is_a_note(fault, tmp_path):
         assert note.startswith("patch left/a is absent: zone left: boundary condition a: ")
         assert "a" not in mesh.names
         with pytest.raises(InputError, match="fixed 'a' cannot be taken: patch left/a is absent"):
-            mesh.named(["a"], "fixed")
+            mesh.expand(["a"], "fixed")
     else:
         assert note.startswith("zone left: interface SF0: ")
         assert mesh.names == before.names
@@ -308,4 +308,4 @@ def test_a_family_that_lacks_faces_in_one_zone_is_absent_in_all(tmp_path):
     assert "(1, 1, 1) to (4, 9, 1)" in mesh.notes[0]
     assert mesh.notes[1].endswith("boundary condition e: its range (1, 3, 0) to (4, 3, -1) holds nothing")
     with pytest.raises(InputError, match=r"the surface 'wall' cannot be taken"):
-        mesh.named(["wall"], "the surface")
+        mesh.expand(["wall"], "the surface")

@@ -198,7 +198,7 @@ def test_nodes_that_are_not_there(suffix, name, node, tmp_path):
     Ugrid().write(hybrid(), path)
     encoding = suffix.split(".")[1] if suffix != ".ugrid" else ""
     with path.open("rb") as file:
-        tables = UgridFile.opened(file, encoding, lambda _: None).tables(path)
+        tables = UgridFile.open(file, encoding, lambda _: None).tables(path)
     arrays = {name: table.read(0, table.rows).copy() for name, table in tables.items()}
     arrays[name][0, 1] = node
     path.write_bytes(b"".join(encode(arrays, encoding)))
