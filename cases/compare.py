@@ -24,7 +24,7 @@ Value = float | int | str | None
 SAME = 1e-9
 """Numbers that differ by no more than this share are the same."""
 FACTOR = 2.0
-"""From here on a change is shown as a factor, below as a percentage."""
+"""Least ratio that is shown as a factor; smaller changes are percentages."""
 LEAST = 5e-4
 """Smallest change that is shown as a percentage."""
 LONGEST = 60
@@ -50,7 +50,7 @@ class ComparedRun:
 def read_runs(folders: Sequence[Path], progress: Progress = silent) -> tuple[ComparedRun, ...]:
     """Read the folders of `sdm run` or `sdm deflect`.
 
-    Raises InputError or MeshFileError if they are too few or too many, one is given twice, or is none.
+    Raises InputError or MeshFileError for too few or too many, a folder given twice, or one without a run.
     """
     if not FEWEST <= len(folders) <= MOST:
         raise InputError(f"{len(folders)} runs cannot be compared: give {FEWEST} to {MOST} folders of finished runs")

@@ -1,4 +1,4 @@
-"""From the skin's faces to the model, and what of it a volume mesher cannot resolve."""
+"""Build the model from the skin's faces, and find what a volume mesher cannot resolve."""
 
 from collections.abc import Iterator, Sequence
 

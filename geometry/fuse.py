@@ -1,4 +1,4 @@
-"""From overlapping parts to disjoint cells that share their faces, and to the faces that are skin.
+"""Cut overlapping parts into disjoint cells that share faces, and select the faces of the skin.
 
 Fuselage, canopy and inlet.
 """

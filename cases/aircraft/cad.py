@@ -1,4 +1,4 @@
-"""The CAD of a case and its meshes: what a run needs only when the cache has no mesh for it."""
+"""The CAD of a case and its meshes: needed only when the cache has no mesh of the case."""
 
 from collections.abc import Callable
 from functools import partial

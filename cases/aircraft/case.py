@@ -96,7 +96,7 @@ class Case:
     domain: Domain = "aircraft"
     angle: float = quantity(-12.0, "deg", -LARGEST_TURN, LARGEST_TURN, "deflection, positive is trailing edge down")
     range: tuple[float, float] | None = None
-    """Angles (deg) between which the mesh can be turned by the run's plan; none: from 0 to `angle`."""
+    """Range of angles (deg) of the run's plan; none: from 0 to `angle`."""
     scale: str = "small"
     fighter: Annotated[Fighter, INLINE] = field(default_factory=Fighter)
     notch: float = quantity(0.0, "m", 0.0, 1.0, "chordwise gap ahead of the ailerons, which then turn rigidly; 0: none")

@@ -30,7 +30,7 @@ from .case import Case, SurfaceTurn
 BLOCK = "chimera"
 """Patch of a Chimera block's outer faces."""
 CONFINEMENT = "confinement.up, down, aft, outboard, or corners"
-"""Settings that say how large the hexahedron of a control surface is."""
+"""Settings of the size of a control surface's hexahedron."""
 ON_LINE = 1e-6
 """Nodes within this distance (m) of a datum line are on it: boundary nodes lie on the CAD to 1e-7 m."""
 
@@ -46,7 +46,7 @@ def plan_of(case: Case, mesh: Mesh, angles: Sequence[float] = (), progress: Prog
 
 
 def job_of(case: Case, mesh: Mesh, turn: SurfaceTurn) -> Job:
-    """Return what one control surface of a case is to do on a mesh."""
+    """Return the job of one control surface of a case on a mesh."""
     surface, hexahedron = turn.surface, hexahedron_of(case, turn.surface)
     patches = (surface, panel_of(surface)) if case.law(surface) == "rooted" else (surface,)
     for name in patches:
@@ -69,7 +69,7 @@ def job_of(case: Case, mesh: Mesh, turn: SurfaceTurn) -> Job:
 
 
 def repair_slides(case: Case, mesh: Mesh, surface: str) -> tuple[Sliding, ...]:
-    """Return the patches whose nodes may slide when cells are mended.
+    """Return the patches whose nodes may slide in a repair.
 
     Those of a blended surface and of its parents do so on their faces and along the edges, which are straight; those of
     a tail on its plane faces, and those of its panel on the cylinder. Those of a rigid one stay where the turn brings

@@ -16,12 +16,12 @@ from sdm_deflect.meshing.mesh import tets_of
 from .case import Case
 
 SHOWN = ("min", "p01", "mean", "below_0_2", "below_0_4")
-"""What is shown of the quality of the whole mesh."""
+"""Names of the shown figures of the whole mesh's quality."""
 
 
 @dataclass(frozen=True, slots=True)
 class MeshOrigin:
-    """How the undeflected mesh came to be: kept with it in the cache.
+    """Origin of the undeflected mesh; the cache keeps it with the mesh.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""A Chimera block over its background: the hole cut out of it, its cells there, and a donor for every node in need."""
+"""A Chimera block over its background: the background's hole, and donor cells for all nodes that need one."""
 
 from collections.abc import Iterator
 
@@ -20,9 +20,9 @@ ON_FACE = 1e-7
 ROWS = 1 << 16
 """Cells handled at a time: temporaries of millions of cells in little memory."""
 ROOM = 0.6
-"""Half height of the hole by the longest chord: an aileron turned by up to 36 deg stays inside."""
+"""Half height of the hole, in longest chords: an aileron turned by up to 36 deg stays inside."""
 BEYOND = 0.15
-"""How far the hole reaches beyond trailing edge and tip, by the longest chord."""
+"""Reach of the hole beyond trailing edge and tip, in longest chords."""
 CELLS_TO_BLOCK_FACE = 2.5
 """Cells of the background between the hole and the block's face in a gap: the hole's fringe lies there."""
 
@@ -106,7 +106,7 @@ def has_donor(points: FloatArray, mesh: Mesh) -> BoolArray:
 
 
 def cells_near(points: FloatArray, mesh: Mesh) -> IntArray:
-    """Cells (C, 4) of the mesh with any of points (N, 3) in the ball around their centroid that holds them.
+    """Cells (C, 4) of the mesh whose bounding ball contains one of points (N, 3).
 
     All others are no donors. The locator sorts cells into boxes of one size: among those of a whole graded mesh
     a box next to a surface holds thousands.

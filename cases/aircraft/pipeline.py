@@ -166,7 +166,7 @@ def adaptation_text(deflection: Deflection) -> str:
 
 
 def pinned_quality(case: Case, mesh: Mesh, progress: Progress) -> Quality:
-    """Quality inside the box if the Chimera face were pinned instead of sliding: what sliding is worth."""
+    """Quality inside the box with a pinned instead of a sliding Chimera face: it shows what sliding gains."""
     stiff = replace(case, repair="off", confinement=replace(case.confinement, slide=False))
     plan = plan_of(stiff, mesh, progress=progress)
     return deflect(plan, progress=progress).quality[0]

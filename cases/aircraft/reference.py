@@ -1,4 +1,4 @@
-"""The CAD that the validation measures against, reduced to arrays; a process of its own builds it once and keeps it.
+"""The CAD that the validation measures against, as arrays; a child process builds it once, and the cache keeps it.
 
 Building takes seconds, most of them for loading the CAD kernel and fusing the aircraft, and depends on the case alone:
 it goes on while this process reads the mesh and deforms it. A later run of the same case reads the arrays.
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from .case import Case
 
 SECONDS = 600.0
-"""Time that the CAD kernel may take."""
+"""Longest time of the CAD kernel, in seconds."""
 CURVED, EDGE = 1e-5, 1e-7
 """Deflection (m) of the triangles of curved faces, and of planar ones at curved edges: the kernel's least."""
 
@@ -103,7 +103,7 @@ def parameters(case: Case) -> dict[str, object]:
 
 
 def surface_turns(case: Case) -> dict[str, CadTurn]:
-    """Return how the CAD's surfaces turn where it is built as the mesh is: tails can only turn rigidly."""
+    """Return the turns of the CAD's surfaces as in the mesh, but for tails, which can only turn rigidly."""
     return {
         one.surface: CadTurn(one.factor * case.angle, "blended", case.blending.strip)
         if case.law(one.surface) == "blended"

@@ -28,13 +28,13 @@ from .metrics import case_toml
 
 MAP = "viridis"
 LEAST, TOP = 1e-17, 1e2
-"""Distances (m) below are drawn here; the colours span at least so many times that."""
+"""Smallest drawn distance (m), and least ratio of the largest one to it on the colour scale."""
 SEEN = 1e-6
 """Distances (m) are shown in mm if the largest is above this."""
 ROUNDING = 1e-12
-"""Distances (m) that are all below this are rounding: there is nothing to see in a map of them."""
+"""Distances (m) below this are rounding; a surface with no larger ones gets no map."""
 COMPARED = {"cad_map": ("surface_to_cad", "root_on_cylinder"), "rigid_cad_map": ("surface_to_rigid_cad",)}
-"""For each map the checks whose distances it shows."""
+"""The checks whose distances each map shows."""
 DEFLECTED, RIGID = "the deflected CAD, built again", "its CAD faces turned rigidly"
 
 

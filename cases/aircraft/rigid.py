@@ -31,7 +31,7 @@ PREDICTED = 1e-9
 ROUNDING = 1e-12
 """Distances (m) up to this are rounding."""
 SCALE = 1e6
-"""Of lengths for trimesh, which takes squared distances within 1e-8 for equal: 0.03 mm in metres, nothing so."""
+"""Factor of lengths for trimesh, which confuses squared distances within 1e-8: 0.03 mm, if in metres."""
 SAMPLES = 60
 """Points on the CAD faces from which the way back to the mesh is measured: about half the square of this number."""
 WORDS = {

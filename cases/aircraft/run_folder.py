@@ -58,7 +58,7 @@ class FinishedCase(FinishedRun):
     def of(cls, folder: Path) -> "FinishedCase":
         """Read the folder of a run.
 
-        Raises InputError or MeshFileError if a file is missing or damaged, or the meshes before and after are not one.
+        Raises InputError or MeshFileError if a file is missing or damaged, or the meshes before and after differ.
         """
         if not (folder / "case.toml").is_file():
             raise InputError(f"{folder} is not the output folder of a run: it has no case.toml")
@@ -97,7 +97,7 @@ class FinishedCase(FinishedRun):
 
     @property
     def lacks(self) -> str:
-        """What is not installed without which no CAD can be built, as a sentence."""
+        """Say what is not installed but needed to build CAD."""
         return lacks("aircraft")
 
     @property
@@ -106,12 +106,12 @@ class FinishedCase(FinishedRun):
         return read_vtu(self.folder / "background.vtu") if self.case.domain == "block" else None
 
     def verdict(self, background: Mesh | None, cad: Callable[[], Reference | None]) -> tuple[Check, ...]:
-        """Return the checks of the mesh and those against the deflected CAD, which is asked for last."""
+        """Return the checks of the mesh and those against the deflected CAD, which is built last."""
         found = Deflection.at(self.plan, self.points, self.repair)
         return validate(self.case, found, checks_of(found, unit="m"), cad(), background)
 
     def recheck(self) -> tuple[Check, ...]:
-        """Return the checks that the run made, against CAD built afresh if it can be, and those of its files."""
+        """Repeat the run's checks, against newly built CAD where the kernel is installed, and check its files."""
         if self.lacks:
             return (*self.verdict(None, lambda: None), *stored_checks(read_figures(self.folder)[1]))
         with reference(self.case, cache=False) as deflected_cad:
@@ -120,7 +120,7 @@ class FinishedCase(FinishedRun):
     def recheck_with(
         self, deflected_cad: Callable[[], Reference], models: "Callable[[Case], tuple[CadModel, ...]]"
     ) -> tuple[Check, ...]:
-        """Return the checks as `validated` does; all files are read before either CAD is asked for.
+        """Return the checks as `recheck` does; all files are read before either CAD is built.
 
         Raises InputError or MeshFileError if a file is missing or damaged, or is of another run.
         """

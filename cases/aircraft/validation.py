@@ -69,7 +69,7 @@ def validate(
 
 
 def held_moved(deflection: Deflection) -> Check:
-    """Check that nodes of moving patches which are to stay did so, such as those on the border of a panel."""
+    """Check that the fixed nodes of moving patches stayed, such as the border of a panel."""
     held, sliding = [], union(*(repair.freedom.sliding for repair in deflection.repairs))
     for box in deflection.boxes:
         boundary = box.plan.boundary
@@ -159,7 +159,7 @@ def planarity(shape: Shape) -> Check:
 
 
 def trailing_edge_angle(shape: Shape) -> Check:
-    """How far the trailing edge is from having turned by exactly the angle, in degrees."""
+    """Largest deviation of the trailing edge from its angle, in degrees."""
     wedge = Wedge.of(shape.plan.mesh, shape.case.fighter, shape.surface)
     nodes = np.intersect1d(wedge.nodes[wedge.trailing & ~wedge.fixed], shape.exact, assume_unique=True)
     before, after = (shape.axis.radial(mesh.points[nodes]) for mesh in (shape.mesh, shape.deflected))

@@ -17,9 +17,9 @@ from .deflect import apply, deflect, example, gradient, limit, quality
 from .run import compare, export, geometry, list_cases, report, run, validate, view
 
 OBJECTS = 100_000
-"""New objects after which garbage is looked for: libraries make many as they are loaded, and all of them stay."""
+"""Number of new objects before a garbage collection: libraries create many while loading, and all stay."""
 LONGEST = 200
-"""Letters of a path that a message shows."""
+"""Largest number of letters of a path in a message."""
 
 
 class InOrder(click.Group):
@@ -163,7 +163,7 @@ def _prepare(out: TextIO | None) -> None:
 
 
 def _drop(out: TextIO | None) -> None:
-    """Let what an output still holds go nowhere, so that the interpreter's end does not fail by it."""
+    """Redirect an output to the null device, so that flushing it at exit cannot fail."""
     with suppress(OSError, ValueError):
         if out:
             os.dup2(os.open(os.devnull, os.O_WRONLY), out.fileno())

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from .examination import Finding
 
 WIDTH = 160
-"""Columns of a table that goes to a file or a pipe, unless the environment variable COLUMNS says otherwise."""
+"""Width of a table in a file or a pipe, unless the environment variable COLUMNS gives another."""
 
 
 def console() -> Console:

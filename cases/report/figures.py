@@ -16,7 +16,7 @@ STYLES = (
     {"color": "#d55e00", "ls": "--", "marker": "s"},
     {"color": "#333333", "ls": ":", "marker": "^"},
 )
-"""Of the directions x, y, z: told apart by dashes and markers, too."""
+"""Lines of the directions x, y, z; dashes and markers tell them apart without colour."""
 MARGINS = 0.75, 0.12, 0.52, 0.32
 """Inches to the left, to the right, below and above each panel."""
 SMALLEST = 1e-3

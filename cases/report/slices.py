@@ -52,9 +52,9 @@ COMPONENTS = {
 """After Paul Tol's muted scheme."""
 
 OTHERS = ("#bbbbbb", "#88ccee", "#44aa99", "#dddddd", "#ddcc77", "#999933", "#6699cc", "#b8b8d8")
-"""For patches that are no component of our aircraft: taken in turn by the letters of the name."""
+"""Colours of patches that are no component of our aircraft, chosen by the letters of the name."""
 MOVING = COMPONENTS["aileron"]
-"""For such patches that move."""
+"""Colour of such patches if they move."""
 
 DARK: Colour = (90, 90, 90)
 GREY: Colour = (190, 190, 190)
@@ -63,19 +63,19 @@ ORANGE: Colour = (213, 94, 0)
 BLUE: Colour = (0, 114, 178)
 CHANGE_MAP = "RdBu"
 CHANGE_RANGE = Normalize(-0.2, 0.2)
-"""From cells that lose quality, red, to those that gain it."""
+"""Colours of the change of quality: red for a loss, blue for a gain."""
 MOVED_MAP = "YlOrRd"
-"""From nodes that stay to those that move farthest."""
+"""Colours of the displacement: pale for none, dark for the largest."""
 BOX_EDGES = np.array(hexahedron.EDGES)
 AXES = "xyz"
 AROUND = 0.06
-"""Margin around the box, by its size."""
+"""Margin around the box, as a share of its size."""
 BESIDE = 0.03
-"""Nodes of a section are at most so far from it, as a share of the span."""
+"""Largest distance of a section's nodes from it, as a share of the span."""
 CLOSE = 0.128
-"""Half the width and height of what is seen of the hinge, by the size of the box."""
+"""Half the width and height of the view of the hinge, as a share of the box's size."""
 BAR = (0.89, 0.2, 0.025, 0.6)
-"""Where the bar of colours stands in the figure: left, bottom, width, height."""
+"""Position of the colour bar in the figure: left, bottom, width, height."""
 EDGES = {
     shape: sorted({(min(ends), max(ends)) for face in faces for ends in zip(face, face[1:] + face[:1], strict=True)})
     for shape, faces in FACES.items()

@@ -41,25 +41,25 @@ from .slices import (
 )
 
 MOST_CELLS, MOST_PLANE = 6_500, 25_000
-"""So many of the worst cells of all hexahedra are in the page, or of a plane mesh: a browser has to draw them."""
+"""Largest number of cells in the page, the worst of all boxes, in space and in a plane: a browser draws them."""
 MOST_TRIANGLES = 4_000
-"""Patches of more are thinned to about so many away from the hexahedra."""
+"""Largest number of triangles of a patch; outside of the boxes larger ones are thinned to about that."""
 MOST_DOTS = 3_000
-"""So many sites or centres of a kind are in the page at most."""
+"""Largest number of sites, or of centres, of one kind in the page."""
 MARGIN = 0.2
-"""Around the hexahedron of a view, by its largest extent."""
+"""Margin around the hexahedron of a view, as a share of its largest extent."""
 EDGE = 0.02
-"""Around everything, by its largest extent: what touches the end of an axis is clipped."""
+"""Margin around the scene, as a share of its largest extent: the ends of axes clip."""
 FLAT = 1e-3
-"""Height of what is drawn of the hexahedron around a plane mesh, over its own."""
+"""Drawn height of the hexahedron around a plane mesh, as a share of its own."""
 AT_LEAST = 0.5
 """Share of the largest displacement that a trailing edge has."""
 ARROW = 0.25
-"""Length of an arrow over the surface's largest extent."""
+"""Length of an arrow, as a share of the surface's largest extent."""
 SHAPE = np.array([[0.0, -0.03], [0.0, 0.03], [0.7, 0.03], [0.7, -0.03], [0.7, -0.12], [0.7, 0.12], [1.0, 0.0]])
-"""Corners of its shaft and its head, along it and across, over its length."""
+"""Corners of an arrow's shaft and head, along and across it, as shares of its length."""
 SAMPLES = 501
-"""Amounts at which a page holds the functions of a track, between which it interpolates."""
+"""Number of amounts at which a page stores a track's functions; it interpolates between them."""
 SHADES = 9
 CREASE = 20.0
 """Edges at which faces turn by more degrees stay as they are in thinned patches."""
@@ -72,13 +72,13 @@ ARRAYS = frozenset((
     "points", "points_low", "at", "fields", "fields_low", "rest", "rest_low", "unrepaired", "faces", "edges", "cell",
     "rows", "qualities", "segments",
 ))  # fmt: skip
-"""Names under which a scene holds arrays, or lists of them."""
+"""Names of the arrays, and lists of arrays, in a scene."""
 KEPT = frozenset(("nodes",))
 """Arrays that a page does not get: nodes of the mesh."""
 SEEN, EXACT = 2.0**-24, 1e-13
 """Shares of the coordinates: smaller differences from what the page computes are left out, of patches and of cells."""
 COARSE = 5e-7
-"""Of the surfaces' size: where single precision is coarser, such as in far fields, patches have low parts as well."""
+"""Where single precision is coarser than this share of the surfaces' size, patches store remainders, too."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +110,7 @@ class Turning:
         return cls(held.at_nodes(data.mesh.points), tuple(own), tuple(poses))
 
     def page_fields(self, nodes: IntArray, points: FloatArray, exact: bool) -> tuple[list[Json], FloatArray]:
-        """Return the fields of nodes (K,) at points (K, 3), and where the page computes these at the run's amounts."""
+        """Return the fields of nodes (K,) at points (K, 3), and the places that the page computes from them."""
         out, computed, place = [], np.sum(_split(points, exact), axis=0), np.full(len(self.modes.start), -1)
         surfaces = zip(self.modes.controls, self.own, self.modes.rows, self.modes.fields, strict=True)
         for i, (control, amount, rows, fields) in enumerate(surfaces):

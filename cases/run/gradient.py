@@ -21,11 +21,11 @@ from sdm_deflect.meshing.formats.format import about
 from .apply import check_places, deforming, points_of
 
 NEAR = 1e-6
-"""Largest distance of a table's places from the plan's, by the mesh's size: tables have seven digits or more."""
+"""Largest distance of a table's points from the plan's, as a share of the mesh's size: tables have seven digits."""
 COLUMN = re.compile(r"sensitivity[ _:-]?([xyz012])", re.IGNORECASE)
 """Titles of components: `Sensitivity_x` of SU2, `Sensitivity:0` of ParaView."""
 Piece = tuple[IntArray, FloatArray]
-"""Nodes (M,), and rows of (M, 3) sensitivities, or of (M, 4 to 6) with the nodes' deflected places behind."""
+"""Nodes (M,) and their sensitivities (M, 3); further columns, up to three, are deflected coordinates."""
 
 
 def amount_derivatives(

@@ -28,11 +28,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 BEYOND = 3.0
-"""Times its amount a table is scaled at most."""
+"""Largest factor by which a table's amount is scaled."""
 STEPS = 3
-"""Amounts of the curve are so many times the resolution apart."""
+"""Distance of the curve's amounts, in resolutions."""
 COLOURS = ("#0072b2", "#d55e00")
-"""Of the curves: without repair, and with it."""
+"""Colours of the curves without and with repair."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,7 +25,7 @@ from sdm_deflect.meshing.formats.registry import ending, format_of, in_pieces
 
 SENSITIVITY = "d_points_d_angle"
 SETTINGS = "settings.toml"
-"""In the folder of a report, by which it is told from others."""
+"""File that marks the folder of a report."""
 HEAD = b"file,verdict,least_quality,"
 """Beginning of the table of several poses."""
 DIFFERS = "{}: what was written does not read back as what was judged, and is discarded: {}"

@@ -23,9 +23,9 @@ from sdm_deflect.deform.base.schema import Setting, inline_in, settings_in
 T = TypeVar("T")
 Nested = dict[str, Any]
 Reader = Callable[[Any, Any, str], Any]
-"""Makes a value of a type of what stands at a place."""
+"""Converts a value to a type; the text names its place in messages."""
 MOST_BYTES = 10**7
-"""Of a file of settings: all nodes of a large surface by number."""
+"""Largest size of a settings file: it may list all nodes of a large surface."""
 LARGEST = 2**31
 """Whole numbers lie below."""
 
@@ -273,4 +273,4 @@ READERS: dict[Any, Reader] = {
     float: _number, int: _whole, bool: _truth, str: _text, Literal: _choice, tuple: _items, dict: _mapping,
     Union: _either, UnionType: _either,
 }  # fmt: skip
-"""By the type of a setting, or what it is an instance of."""
+"""Converters by the type of a setting, or a base of that type."""

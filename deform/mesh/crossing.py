@@ -24,9 +24,9 @@ from .edges import polygons_of
 from .mesh import Mesh
 
 TOUCH = 1e-7
-"""Of the extent of the moved faces: faces that overlap by less only touch."""
+"""Faces that overlap by less than this share of the moved faces' extent only touch."""
 ZERO_LENGTH = 1e-9
-"""Of the same: nodes nearer to each other in the undeflected mesh are copies of one node."""
+"""Nodes nearer than this share of the extent in the undeflected mesh are copies of one node."""
 RIM = 1e-9
 """Largest barycentric coordinate outside a triangle at which an edge still goes through it."""
 COST = 500

@@ -28,7 +28,7 @@ CLOSED = 1e-9
 WHOLE = 1e-12
 """Matrix entries this near to a whole number become that number, so that coordinates keep their bits."""
 PLANE_TOLERANCE = 1e-5
-"""Of the side's size: largest distance of its nodes from a plane."""
+"""Largest distance of a side's nodes from a plane, as a share of its size."""
 TOLERANCE = 1e-5
 """Default of the largest distance from node to image, as a share of the largest coordinate: files with six digits."""
 LARGEST = 1e100

@@ -26,7 +26,7 @@ from .elements import Crossing
 TURNS = {"plane": 1e-5, SURFACE: 2.0 * np.sin(np.radians(SHARP / 2.0))}
 """Largest difference of the normals beside an edge inside a plane, and inside a surface."""
 FLAT = 1e-9
-"""Of a patch's size: largest distance of nodes from their plane face."""
+"""Largest distance of nodes from their plane face, as a share of the patch's size."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -162,7 +162,7 @@ def _edges(boundary: PrescribedNodes, known: IntArray) -> IntArray:
 
 
 def _sheared(boundary: PrescribedNodes, known: IntArray, edges: IntArray, certain: int) -> BoolArray:
-    """Return `Sites.sheared`; the first `certain` of the known nodes (B,) move or stay."""
+    """Return the mask `Sites.sheared`; the first `certain` of the known nodes (B,) are moving or fixed."""
     move = np.zeros((len(known), 3))
     for surface, law in zip(boundary.surfaces, boundary.laws, strict=True):
         own = law.displacement(SMALL)

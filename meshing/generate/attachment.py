@@ -150,7 +150,7 @@ def _vertices(points: FloatArray, nodes: IntArray, incidence: IntArray, model: "
 
 
 def _edges(points: FloatArray, nodes: IntArray, incidence: IntArray, model: "CadModel") -> IntArray:
-    """CAD edge (K,) nearest to each of the nodes (K,) among those between two faces it touches; -1 for none."""
+    """Nearest CAD edge (K,) of each node (K,) between two faces that the node touches; -1 without one."""
     edge, nearest = np.full(len(nodes), -1), np.full(len(nodes), np.inf)
     on_face = [incidence[incidence[:, 1] == face, 0] for face in range(len(model.faces))]
     for index, cad in enumerate(model.edges):
