@@ -8,7 +8,7 @@ from benchmarks.measure import FloatArray
 from sdm_deflect.deform.base.arrays import IndexArray, farthest
 from sdm_deflect.deform.box.hexahedron import Hexahedron, box
 from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.rbf.data_sites import DataSites, fixed_sites, joined
+from sdm_deflect.deform.rbf.data_sites import DataSites, fixed_sites, join
 
 GOLDEN = (1.2207440846057596, 1.324717957244746, 1.618033988749895)  # of the R sequence in 3, 2 and 1 dimensions
 
@@ -81,7 +81,7 @@ def _workload(
     """Rotate the surface and pin the hexahedron's faces but the inward one."""
     on_surface, on_faces, start = counts
     nodes, faces = surface.nodes(on_surface), _face_sites(region, on_faces)
-    sites = joined([DataSites(nodes, axis.displacement(nodes, degrees)), fixed_sites(faces)], tol=0.0)
+    sites = join([DataSites(nodes, axis.displacement(nodes, degrees)), fixed_sites(faces)], tol=0.0)
     initial = np.append(farthest(nodes, start), on_surface + farthest(faces, start))
     return Workload(name, sites, initial, region)
 

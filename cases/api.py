@@ -36,7 +36,7 @@ from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.meshing.formats import adapters
 from sdm_deflect.meshing.formats.format import MeshFileError
 
-from .file_mesh import FileMesh, about_files, path_of, saved
+from .file_mesh import FileMesh, about_files, path_of, save_mesh
 
 if TYPE_CHECKING:
     from sdm_deflect.deform.held import HeldPlan
@@ -165,7 +165,7 @@ class Result:
         for one in found.checks:
             if not one.passed and one.name not in failed:
                 raise InputError(f"{path}: {one.name} is {one.value:.3g} there, limit {one.limit:.3g}; {one.where}")
-        return saved(self.plan.mesh, found.points, path)
+        return save_mesh(self.plan.mesh, found.points, path)
 
     def stored_in(self, path: str | PathLike[str]) -> Result:
         """Return the same as a file at `path` would keep it, judged again: some keep coordinates of 32 bits alone.

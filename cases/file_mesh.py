@@ -44,7 +44,7 @@ class FileMesh(Mesh):
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write the mesh as it is, and return the path; errors as of `Result.save`."""
-        return saved(self, self.points, path)
+        return save_mesh(self, self.points, path)
 
     def __repr__(self) -> str:
         shapes = Counter[str]()
@@ -59,7 +59,7 @@ class FileMesh(Mesh):
         return "\n".join([f"{self.name}: {len(self.points)} points{counts}", *rows])
 
 
-def saved(mesh: Mesh, points: FloatArray, path: str | PathLike[str]) -> Path:
+def save_mesh(mesh: Mesh, points: FloatArray, path: str | PathLike[str]) -> Path:
     """Write a mesh with new points (N, 3) and return its path; see `Result.save`. It must read back as it is."""
     from sdm_deflect.cases.run.mesh_files import Targets, check_written, write_mesh
     from sdm_deflect.cases.run.output import OutputError, output_files

@@ -156,10 +156,10 @@ def _checks(deflection: Deflection, unit: str) -> Iterator[Check]:
     outside[plan.movable] = False
     rest = mesh.point_count - len(points)
     beyond = f", of all {rest + int(outside.sum())}: the others are copied" if rest else ""
-    yield _unmoved("outside_moved", moved[outside], f"nodes outside the box{beyond}", unit)
+    yield _check_still("outside_moved", moved[outside], f"nodes outside the box{beyond}", unit)
     slid = slid_nodes(deflection)
     fixed = np.setdiff1d(plan.fixed, slid, assume_unique=True)
-    yield _unmoved("fixed_surfaces_moved", moved[fixed], "nodes inside the box", unit)
+    yield _check_still("fixed_surfaces_moved", moved[fixed], "nodes inside the box", unit)
     if len(slid):
         yield _slid_on_surfaces(deflection, slid, unit)
     yield left_behind(deflection, unit)
@@ -389,5 +389,5 @@ def _quality_checks(deflection: Deflection) -> Iterator[Check]:
         yield Check(f"quality_min:{of.shape}", new.quality, limit, "", where, "at least", over=new.cells, poor=poor)
 
 
-def _unmoved(name: str, moved: FloatArray, what: str, unit: str) -> Check:
+def _check_still(name: str, moved: FloatArray, what: str, unit: str) -> Check:
     return Check(name, float(moved.max(initial=0.0)), 0.0, unit, f"{len(moved)} {what}", over=len(moved))

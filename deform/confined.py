@@ -16,7 +16,7 @@ from .box.hexahedron import Hexahedron
 from .rbf.data_sites import DIRECTIONS, DataSites, multivariate, univariate
 from .rbf.factor import CholeskyBasis
 from .rbf.fitting import RuleName, Strategy
-from .rbf.greedy import Adaptation, adapt, fused
+from .rbf.greedy import Adaptation, adapt, fuse
 from .rbf.interpolant import Interpolant
 from .rbf.kernels import Kernel
 from .rbf.rules import GreedyOptions, Rule, Separated, Worst
@@ -57,7 +57,7 @@ class Choice:
     initial: tuple[int, int]
     options: GreedyOptions
 
-    def adapted(
+    def adapt(
         self, group: DataSites, surface: int, earlier: CholeskyBasis | None, progress: Progress = silent
     ) -> Adaptation:
         """Fit one group of directions; start from the centres of an earlier fit, if given, and check every site."""
@@ -95,15 +95,15 @@ class Confined:
         """Interpolate at the sites; the first `surface` are on the moving surface. SolveError if singular."""
         groups = GROUPINGS[how.strategy](sites)
         pairs = zip(groups, earlier.factors if earlier else (None,) * len(groups), strict=True)
-        fits = tuple(how.adapted(group, surface, known, progress) for group, known in pairs)
-        return cls(fits, fused(fits))
+        fits = tuple(how.adapt(group, surface, known, progress) for group, known in pairs)
+        return cls(fits, fuse(fits))
 
     def refit(self, sites: Sequence[DataSites], strategy: Strategy) -> "Confined":
         """Interpolate other values at the same sites with the same centres."""
         with single_threaded_blas():
             groups = zip(GROUPINGS[strategy](sites), self.factors, self.adaptations, strict=True)
             fits = tuple(Adaptation.on(factor.with_values(one.values), fit.stop) for one, factor, fit in groups)
-        return type(self)(fits, fused(fits))
+        return type(self)(fits, fuse(fits))
 
     def __call__(self, points: FloatArray) -> FloatArray:
         """Return the displacement (M, 3) at points (M, 3)."""

@@ -51,7 +51,7 @@ def deflected_wedge(
     `ribs` is the number of its ends, the inner one first, that meet the parent without a gap.
     """
     if deflection.mode == "blended":
-        return _blended(inner, outer, axis, deflection, ribs)
+        return _blended_wedge(inner, outer, axis, deflection, ribs)
     return [tuple(rotate(loop, axis, deflection.angle) for loop in _with_nose(inner, outer))]
 
 
@@ -60,7 +60,7 @@ def turned_surface(loops: Loops, axis: FloatArray, angle: float) -> Loops:
     return tuple(rotate(loop, axis, angle) for loop in loops)
 
 
-def _blended(inner: FloatArray, outer: FloatArray, axis: FloatArray, turn: CadTurn, ribs: int) -> list[Loops]:
+def _blended_wedge(inner: FloatArray, outer: FloatArray, axis: FloatArray, turn: CadTurn, ribs: int) -> list[Loops]:
     """The wedge between sections (6, 3) with its trailing edge alone turned about `axis` (2, 3).
 
     Beside ribs the faces are ruled: two opposite edges of each are straight, but not in one plane.

@@ -283,19 +283,19 @@ def aileron_span(fighter: Fighter) -> AileronSpan:
     wing, aileron = fighter.wing, fighter.aileron
     offset = aileron.gap or PAPER_GAP_RATIO * wing.half_span
     inboard = aileron.y_inboard or wing.y_kink + offset
-    rib = _snapped(inboard - aileron.gap, wing.y_kink)
-    outboard = _snapped(aileron.y_outboard or wing.half_span, wing.half_span)
-    outer = outboard if outboard == wing.half_span else _snapped(outboard + aileron.gap, wing.half_span)
+    rib = _snap(inboard - aileron.gap, wing.y_kink)
+    outboard = _snap(aileron.y_outboard or wing.half_span, wing.half_span)
+    outer = outboard if outboard == wing.half_span else _snap(outboard + aileron.gap, wing.half_span)
     return AileronSpan(rib, inboard, outboard, outer)
 
 
 def rudder_span(fighter: Fighter) -> tuple[float, float]:
     """Heights z of the rudder's lower and upper end."""
     tip = fighter.fin.z_tip
-    return fighter.rudder.z_inboard, _snapped(fighter.rudder.z_outboard or tip, tip)
+    return fighter.rudder.z_inboard, _snap(fighter.rudder.z_outboard or tip, tip)
 
 
-def _snapped(station: float, target: float) -> float:
+def _snap(station: float, target: float) -> float:
     return target if abs(station - target) < SAME_STATION else station
 
 

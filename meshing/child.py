@@ -63,7 +63,7 @@ class Pending:
 
 
 @contextmanager
-def started(module: str, arrays: Arrays) -> Iterator[Pending]:
+def start(module: str, arrays: Arrays) -> Iterator[Pending]:
     """Start ``python -m module``, which calls `serve`, on arrays; however this context is left, the child is gone then.
 
     Mesh generators run for minutes inside compiled code that no signal can stop; a process can be killed.
@@ -90,7 +90,7 @@ def started(module: str, arrays: Arrays) -> Iterator[Pending]:
 
 def call(module: str, arrays: Arrays, seconds: float) -> dict[str, Array]:
     """Run ``python -m module`` on arrays and return the arrays that it answers with, as `Pending.answer` does."""
-    with started(module, arrays) as pending:
+    with start(module, arrays) as pending:
         return pending.answer(seconds)
 
 

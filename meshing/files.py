@@ -19,7 +19,7 @@ from operator import and_
 from pathlib import Path
 
 from sdm_deflect.deform.base.errors import REQUESTS
-from sdm_deflect.meshing.formats.format import MeshFileError, renamed, write_errors
+from sdm_deflect.meshing.formats.format import MeshFileError, errors_for, write_errors
 
 NAME, END = ".sdm-deflect-", ".tmp"  # of hidden folders, with eight letters between
 LOCK, NOTE, OLD = ".lock", ".note", ".old"  # the locked file; which folder is NAME.old; how that name ends
@@ -55,7 +55,7 @@ def hidden_folder(beside: Path | None = None) -> Iterator[Path]:
     home, place = Path(os.path.realpath(beside or tempfile.gettempdir())), Path()
     home.mkdir(parents=True, exist_ok=True)
     try:
-        with undisturbed():
+        with without_signals():
             place = Path(tempfile.mkdtemp(END, NAME, home))
             _hidden.add(place)
         with (place / f"{LOCK}ing").open("xb") as lock:
@@ -67,14 +67,14 @@ def hidden_folder(beside: Path | None = None) -> Iterator[Path]:
                 Path(lock.name).rename(place / LOCK)
             yield place
     finally:
-        with undisturbed():
+        with without_signals():
             if place in _hidden:
                 shutil.rmtree(place, ignore_errors=True)
                 _hidden.discard(place)
 
 
 @contextmanager
-def undisturbed() -> Iterator[None]:
+def without_signals() -> Iterator[None]:
     """Let signals that ask to end wait for the end of the block."""
     came, before = list[int](), {}
     with suppress(ValueError):  # not the main thread
@@ -126,7 +126,7 @@ def replacing(out: Path, stale: Sequence[str] = ()) -> Iterator[Path]:
     if not _hidden.isdisjoint(target.parents):
         yield out
         return
-    with hidden_folder(target.parent) as place, renamed(place / target.name, out):
+    with hidden_folder(target.parent) as place, errors_for(place / target.name, out):
         yield place / target.name
         with write_errors(out):
             _put(place, {place / target.name: target}, stale)
@@ -139,7 +139,7 @@ def replacing_files(folder: Path, stale: Sequence[str]) -> Iterator[Path]:
     `stale` has patterns for `folder` and for each folder in it; errors are those of `replacing`.
     """
     home = Path(os.path.realpath(folder))
-    with hidden_folder(home) as place, renamed(place / "new", folder):
+    with hidden_folder(home) as place, errors_for(place / "new", folder):
         (place / "new").mkdir()
         yield place / "new"
         moves = {new: Path(os.path.realpath(home / new.name)) for new in sorted((place / "new").iterdir())}
@@ -155,7 +155,7 @@ def _put(place: Path, moves: Mapping[Path, Path], stale: Sequence[str]) -> None:
             _keep(new, old, stale)
             for folder in (new, *new.rglob("*/")):
                 _flush(folder)
-    with undisturbed():
+    with without_signals():
         for new, old in moves.items():
             if new.is_dir() and old.is_dir():
                 _exchange(new, old, place / NOTE)

@@ -36,7 +36,7 @@ def _written(name: str, scale: str, out: Path | None, as_json: bool, quiet: bool
     from sdm_deflect.cases.run.output import output_folder
 
     folder = out or Path("runs") / name
-    with output_folder(folder, ()) as scratch, options.watched(quiet or (as_json and not verbose), verbose) as watch:
+    with output_folder(folder, ()) as scratch, options.watch(quiet or (as_json and not verbose), verbose) as watch:
         text, passed = write(scratch, watch)
         tables = {path.stem: _rows(path) for path in sorted(scratch.rglob("*.csv"))}
     figures = {"study": name, "scale": scale, "folder": folder, "tables": tables}
@@ -78,7 +78,7 @@ def page(scale: str, cache: bool, out: Path | None, as_json: bool, quiet: bool, 
     from studies.trends import off
 
     folder = out or Path("runs/page")
-    with options.watched(quiet or (as_json and not verbose), verbose) as watch:
+    with options.watch(quiet or (as_json and not verbose), verbose) as watch:
         numbers = write_page(scale, folder, watch.show, cache)
     trends, faults = numbers["trends"], off(read_rows(folder / "tables/table2.csv", "grown"))
     lines = [f"{'holds' if one['holds'] else 'does NOT hold'}: {one['table']}: {one['sentence']}\n"
@@ -98,7 +98,7 @@ def centres(scale: str, cache: bool, out: Path | None, as_json: bool, quiet: boo
     from studies.centres import write_trials
 
     folder = out or Path("runs/centres")
-    with options.watched(quiet or (as_json and not verbose), verbose) as watch:
+    with options.watch(quiet or (as_json and not verbose), verbose) as watch:
         text = write_trials(scale, folder, watch, cache)
     figures = {"study": "centres", "folder": folder, "tables": {"centres": _rows(folder / "centres.csv")}}
     options.print_either(as_json, figures, f"{text}\nresults in {folder}")
@@ -137,7 +137,7 @@ def flow(case: str, angles: str | None, scale: str, assignments: tuple[str, ...]
     from studies.flow.solve import carried_out
 
     folder = out or Path("runs") / f"flow-{wanted.case.name}"
-    with options.watched(quiet or (as_json and not verbose), verbose) as watch:
+    with options.watch(quiet or (as_json and not verbose), verbose) as watch:
         members = carried_out(wanted, folder, watch)
         results, text = write_results(wanted, members, folder)
     options.print_either(as_json, figures_of(results), f"{text}\nresults in {folder}")

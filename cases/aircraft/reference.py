@@ -22,7 +22,7 @@ from sdm_deflect.geometry.datum import hinged
 from sdm_deflect.geometry.deflected import CadTurn
 from sdm_deflect.geometry.quantity import CadError
 from sdm_deflect.meshing.cache import ArrayCache, cache_key
-from sdm_deflect.meshing.child import Arrays, MeshingError, serve, started
+from sdm_deflect.meshing.child import Arrays, MeshingError, serve, start
 from sdm_deflect.meshing.formats.format import MeshFileError
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def reference(case: Case, cache: bool = True) -> Iterator[Callable[[], Reference
         faces = decode(kept)
         yield lambda: faces
         return
-    with started("sdm_deflect.cases.aircraft.reference", question(case)) as pending:
+    with start("sdm_deflect.cases.aircraft.reference", question(case)) as pending:
 
         def wait() -> Reference:
             try:

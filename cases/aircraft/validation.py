@@ -55,7 +55,7 @@ def validate(
     if repair is not None:
         free = union(*(one.freedom.nodes for one in deflection.repairs))
         still = np.setdiff1d(np.arange(len(repair)), free, assume_unique=True)
-        checks.append(unmoved("repair_elsewhere", repair, still, mesh.points))
+        checks.append(check_unmoved("repair_elsewhere", repair, still, mesh.points))
     if len(slid) and reference:
         checks.append(slid_on_surfaces(mesh, deflected, slid, reference))
     if reference:
@@ -75,10 +75,10 @@ def held_moved(deflection: Deflection) -> Check:
         boundary = box.plan.boundary
         held.append(boundary.nodes[~boundary.displacement(box.amounts).any(axis=1)])
     nodes = np.setdiff1d(union(*held), sliding, assume_unique=True)
-    return unmoved("held_moved", deflection.points - deflection.plan.mesh.points, nodes, deflection.points)
+    return check_unmoved("held_moved", deflection.points - deflection.plan.mesh.points, nodes, deflection.points)
 
 
-def unmoved(name: str, moved: FloatArray, nodes: IntArray, points: FloatArray) -> Check:
+def check_unmoved(name: str, moved: FloatArray, nodes: IntArray, points: FloatArray) -> Check:
     """Check that these nodes (K,) did not move (N, 3) by a single bit."""
     distance = np.linalg.norm(moved[nodes], axis=1)
     return Check(name, float(distance.max(initial=0.0)), 0.0, "m", worst(distance, points[nodes]), over=len(nodes))

@@ -73,7 +73,7 @@ def doctor(folder: Path, as_json: bool, quiet: bool, verbose: bool) -> int:
     from .examination import EXAMINATIONS, leftovers
 
     found = []
-    with options.watched(quiet, verbose) as watch, watch.stage("doctor") as progress:
+    with options.watch(quiet, verbose) as watch, watch.stage("doctor") as progress:
         for i, examine in enumerate(EXAMINATIONS):
             progress(examine.__name__, i / len(EXAMINATIONS))
             found.append(examine())

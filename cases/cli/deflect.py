@@ -121,7 +121,7 @@ def deflect(
     wanted = replace(Targets.of(mesh, out, poses, sensitivity, report), plan=plan, meshes=meshes)
     wanted.check(inputs)
     with (
-        options.watched(quiet or (as_json and not verbose), verbose) as watch,
+        options.watch(quiet or (as_json and not verbose), verbose) as watch,
         _runner(helpers, watch, mesh, wanted.out.absolute().parent) as runner,
     ):
         if dry_run:
@@ -162,7 +162,7 @@ def limit(place: str, out: Path | None, as_json: bool, quiet: bool, verbose: boo
         if given[name] is not None and not 0.0 < given[name] < high:
             raise InputError(f"--{name} {given[name]:g} must be between 0 and {high:g}")
     search_of = _search_of_case if place in CASES else _search_of_mesh
-    with options.watched(quiet or (as_json and not verbose), verbose) as watch:
+    with options.watch(quiet or (as_json and not verbose), verbose) as watch:
         search, repair, folder, figures = search_of(place, watch, given)
         from sdm_deflect.cases.run.limit import write_limits
         from sdm_deflect.cases.run.output import output_folder
@@ -199,7 +199,7 @@ def apply(
     from sdm_deflect.cases.run.apply import apply_plan
 
     quiet = show["quiet"] or (as_json and not show["verbose"])
-    with options.watched(quiet, show["verbose"]) as watch, watch.stage("apply") as progress:
+    with options.watch(quiet, show["verbose"]) as watch, watch.stage("apply") as progress:
         done = apply_plan(plan, _named_amounts("--angle", angle), meshes, out, zones, progress)
     files = [{"file": str(file), "points": points, "moved": moved} for file, points, moved in done.files]
     lines = [f"{file}: {moved} of {points} points moved" for file, points, moved in done.files]
@@ -232,7 +232,7 @@ def gradient(
     from sdm_deflect.cases.run.gradient import amount_derivatives
 
     quiet = show["quiet"] or (as_json and not show["verbose"])
-    with options.watched(quiet, show["verbose"]) as watch, watch.stage("gradient") as progress:
+    with options.watch(quiet, show["verbose"]) as watch, watch.stage("gradient") as progress:
         amounts = _named_amounts("--at", at)
         held, found, count = amount_derivatives(sensitivity, plan, amounts, mesh, zones, progress)
     units = {one.name: one.unit for one in held.controls}

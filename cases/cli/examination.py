@@ -57,7 +57,7 @@ def extras() -> Finding:
     return Finding("extras", True, "; ".join([", ".join(ready) or "none is installed", *lacking.values()]))
 
 
-def compiled() -> Finding:
+def compiled_libraries() -> Finding:
     """Load each compiled library that is installed in a process of its own, which may crash."""
     present = [name for name in COMPILED if find_spec(name)]
     with ThreadPoolExecutor(usable_cores()) as pool:
@@ -187,5 +187,5 @@ def _remove(place: Path, handle: int) -> None:
     place.rmdir()
 
 
-EXAMINATIONS: tuple[Callable[[], Finding], ...] = (libraries, extras, compiled, cache, compiled_code)
+EXAMINATIONS: tuple[Callable[[], Finding], ...] = (libraries, extras, compiled_libraries, cache, compiled_code)
 """Everything that is looked at, in order."""

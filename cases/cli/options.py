@@ -155,7 +155,7 @@ def progress_options(command: Command) -> Command:
 
 
 @contextmanager
-def watched(quiet: bool = False, verbose: bool = False) -> Iterator["Stopwatch"]:
+def watch(quiet: bool = False, verbose: bool = False) -> Iterator["Stopwatch"]:
     """Show stages on the standard error output."""
     from sdm_deflect.cases.run.progress import Stopwatch, process_start, show_stages
 

@@ -56,7 +56,7 @@ def run(
     from sdm_deflect.cases.aircraft.pipeline import run_case
 
     folder, lacking = out or Path("runs") / resolved.name, lacks("report") if report else ""
-    with output_folder(folder) as scratch, options.watched(quiet or (as_json and not verbose), verbose) as watch:
+    with output_folder(folder) as scratch, options.watch(quiet or (as_json and not verbose), verbose) as watch:
         result = run_case(resolved, watch, scratch, cache, report and not lacking)
     if lacking:
         click.echo(f"note: there is no report.html: {lacking}", err=True)
@@ -108,7 +108,7 @@ def geometry(out: Path, case: str | None, angle: float | None, binary: bool, **g
     from sdm_deflect.cases.aircraft.cad import deflected_cad, undeflected_cad
     from sdm_deflect.meshing.files import fresh
 
-    with options.watched(quiet, verbose) as watch, watch.stage("geometry"):
+    with options.watch(quiet, verbose) as watch, watch.stage("geometry"):
         model = deflected_cad(resolved) if resolved.angle else undeflected_cad(resolved)
         with fresh(out) as beside:
             (model.write_binary_stl if binary else model.write)(beside)
@@ -129,10 +129,10 @@ def validate(folder: Path, as_json: bool, quiet: bool, verbose: bool) -> int:
 
     from .console import check_table, outcome, rigid_lines
 
-    with options.watched(quiet, verbose) as watch, watch.stage("validation"):
+    with options.watch(quiet, verbose) as watch, watch.stage("validation"):
         run = read_run(folder)
         checks = run.recheck()
-    skipped = run.skipped(checks)
+    skipped = run.not_repeated(checks)
     notes = [f"not measured again: {', '.join(skipped)}; {run.lacks}"] if skipped else []
     tables = (check_table(checks, str(folder)), *rigid_lines(checks), *notes, outcome(checks))
     options.print_either(as_json, {"folder": folder, **verdict_figures(checks), "skipped": skipped}, *tables)
@@ -152,7 +152,7 @@ def report(folder: Path, form: str | None, quiet: bool, verbose: bool) -> int:
     from sdm_deflect.cases.run.output import check_installed
 
     check_installed("report")
-    with options.watched(quiet, verbose) as watch, watch.stage("report"):
+    with options.watch(quiet, verbose) as watch, watch.stage("report"):
         data = read_run(folder).report(form or "")
     click.echo(f"{folder / 'report.html'}: {(folder / 'report.html').stat().st_size / 1e6:.1f} MB")
     return options.code_of(data.passed)
@@ -172,7 +172,7 @@ def compare(folders: tuple[Path, ...], as_json: bool, quiet: bool, verbose: bool
 
     from .console import comparison_tables
 
-    with options.watched(quiet or as_json, verbose) as watch, watch.stage("read") as progress:
+    with options.watch(quiet or as_json, verbose) as watch, watch.stage("read") as progress:
         runs = read_runs(folders, progress)
     names = [run.name for run in runs]
     options.print_either(as_json, comparison(runs), *comparison_tables(names, rows_by_table(runs, verbose)))
@@ -192,7 +192,7 @@ def view(place: Path, out: Path | None, show: bool, quiet: bool, verbose: bool) 
     """
     from sdm_deflect.cases.run.output import check_installed
 
-    with options.watched(quiet, verbose) as watch, watch.stage("page") as progress:
+    with options.watch(quiet, verbose) as watch, watch.stage("page") as progress:
         if place.is_dir() and not (place / "constant").is_dir():
             from sdm_deflect.cases.finished import read_run
 
@@ -234,13 +234,13 @@ def export(place: Path, form: str, which: str, out: Path | None, quiet: bool, ve
 
         if form != "openfoam" or out is None:
             raise InputError(f"{place}: a plan becomes fields of a case: give --format openfoam, and the case in --out")
-        with options.watched(quiet, verbose) as watch, watch.stage("export") as progress:
+        with options.watch(quiet, verbose) as watch, watch.stage("export") as progress:
             files = plan_to_case(place, out, progress)
         click.echo("\n".join(map(str, files)))
         return
     from sdm_deflect.cases.finished import export_run, read_run
 
-    with options.watched(quiet, verbose) as watch, watch.stage("export") as progress:
+    with options.watch(quiet, verbose) as watch, watch.stage("export") as progress:
         target, lost = export_run(read_run(place), form, which, out, progress)
     for sentence in lost:
         click.echo(f"{target}: {sentence}", err=True)

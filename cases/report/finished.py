@@ -108,7 +108,7 @@ class FinishedRun:
         """What is not installed without which some checks cannot be made again, as a sentence."""
         return ""
 
-    def skipped(self, checks: Sequence[Check]) -> tuple[str, ...]:
+    def not_repeated(self, checks: Sequence[Check]) -> tuple[str, ...]:
         """Return the names of the run's checks that are not among those that were made again."""
         names = {check.name for check in checks}
         return tuple(check.name for check in read_figures(self.folder)[1] if check.name not in names)

@@ -116,7 +116,7 @@ def workers(
             with suppress(ValueError):  # not the main thread
                 # Python's own setting, which Gmsh undoes: else a connection that is closed would end this process
                 signal.signal(signal.SIGPIPE, signal.SIG_IGN)
-            client = stack.enter_context(_joined(scheduler) if scheduler else _local_scheduler(count, memory))
+            client = stack.enter_context(_client(scheduler) if scheduler else _local_scheduler(count, memory))
             cluster, said = Cluster(client), f"{len(client.nthreads())} workers"
             if scheduler:
                 cluster.check(source, out)
@@ -154,7 +154,7 @@ def _local_scheduler(count: int, wanted: str) -> Iterator[Any]:
 
 
 @contextmanager
-def _joined(named: str) -> Iterator[Any]:
+def _client(named: str) -> Iterator[Any]:
     from distributed import Client
 
     file, end = Path(named) if named.endswith(".json") else None, monotonic() + ANSWER

@@ -92,7 +92,7 @@ def read_needed(wanted: Targets, jobs: Sequence[Job], progress: Progress, runner
     """
     source, sent = wanted.source, not runner.shares_memory
     if sent and not format_of(source).for_workers:
-        raise InputError(f"{source}: workers need {_sent()}; leave out --workers and --scheduler, or convert it")
+        raise InputError(f"{source}: workers need {_sendable()}; leave out --workers and --scheduler, or convert it")
     if sent and not wanted.is_copy:
         raise InputError(f"{wanted.out}: workers write copies of {source.name} alone, and no sensitivity")
     if wanted.is_copy and (sent or size_of(source) >= threads.LIMITS.file):
@@ -102,11 +102,11 @@ def read_needed(wanted: Targets, jobs: Sequence[Job], progress: Progress, runner
 
                 return excerpt(mesh, jobs, wanted.poses, runner, progress)
     if sent:
-        raise InputError(f"{source}: workers need {_sent()}, and this file is something else")
+        raise InputError(f"{source}: workers need {_sendable()}, and this file is something else")
     return read(source, progress)
 
 
-def _sent() -> str:
+def _sendable() -> str:
     *first, last = (form.for_workers for form in FORMATS.values() if form.for_workers)
     return f"{', '.join(first)}, or {last}"
 

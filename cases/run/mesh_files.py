@@ -81,16 +81,16 @@ class Targets:
         """
         first, *others = pose
         tail = f"_{first:+}".removesuffix(".0") + "".join(f"_{other:+g}" for other in others)
-        return self.out if len(self.poses) == 1 else self._named(tail)
+        return self.out if len(self.poses) == 1 else self._file(tail)
 
     def sensitivity(self, pose: Amounts) -> tuple[Path, Path]:
         """Return the .npz and the .vtu of the sensitivity at one pose."""
         targets = replace(self, out=self.mesh(pose))
-        return targets._named("-sensitivity", ".npz"), targets._named("-sensitivity", ".vtu")
+        return targets._file("-sensitivity", ".npz"), targets._file("-sensitivity", ".vtu")
 
     def report(self, pose: Amounts) -> Path:
         """Return the folder of the report at one pose."""
-        return replace(self, out=self.mesh(pose))._named("-report", "")
+        return replace(self, out=self.mesh(pose))._file("-report", "")
 
     @property
     def written(self) -> tuple[Path, ...]:
@@ -100,7 +100,7 @@ class Targets:
     @property
     def limits(self) -> Path:
         """The folder of `sdm limit`, such as ``wing-limit``."""
-        return self.out.with_name(f"{self._named('', '').name.removesuffix('-deflected')}-limit")
+        return self.out.with_name(f"{self._file('', '').name.removesuffix('-deflected')}-limit")
 
     @property
     def reports(self) -> tuple[Path, ...]:
@@ -119,7 +119,7 @@ class Targets:
     @property
     def summary(self) -> Path | None:
         """The table of several poses, such as ``wing-deflected.csv``; None for a single mesh."""
-        return self._named("", ".csv") if len(self.poses) > 1 and self.meshes else None
+        return self._file("", ".csv") if len(self.poses) > 1 and self.meshes else None
 
     @property
     def extra(self) -> tuple[Path, ...]:
@@ -196,7 +196,7 @@ class Targets:
             target in (self.out, self.plan) or (target in (*self.extra, self.summary) and _is_ours(target))
         )
 
-    def _named(self, tail: str, suffix: str | None = None) -> Path:
+    def _file(self, tail: str, suffix: str | None = None) -> Path:
         end = "" if self._is_folder else ending(self.out)
         return self.out.with_name(f"{self.out.name.removesuffix(end)}{tail}{end if suffix is None else suffix}")
 

@@ -180,7 +180,7 @@ def warnings_of(plan: Plan) -> tuple[str, ...]:
     notes = [note for note in plan.mesh.notes if isinstance(note, Warned)]
     short = [
         f"{name} turns by {reached.mean:.0%} of its angle on average; with a narrower --strip it turns by more"
-        for name, reached in _reached(plan, plan.largest)
+        for name, reached in _reaches(plan, plan.largest)
         if reached and reached.mean < REACHED
     ]
     return tuple(dict.fromkeys([*notes, *(text for box in plan.boxes for text in box.boundary.warnings), *short]))
@@ -210,7 +210,7 @@ def farthest(plan: Plan) -> Iterator[tuple[str, FloatArray, FloatArray]]:
 
 def motion_figures(plan: Plan, pose: Amounts) -> Json:
     """Return how much of its angle each surface reaches (`Reached`); null for a motion without an angle."""
-    return {name: asdict(reached) if reached else None for name, reached in _reached(plan, pose)}
+    return {name: asdict(reached) if reached else None for name, reached in _reaches(plan, pose)}
 
 
 def _hinge(moving: Moving, law: MotionLaw, amount: float) -> list[list[float]] | None:
@@ -248,12 +248,12 @@ def amounts(plan: Plan, pose: Amounts) -> Iterator[tuple[str, str]]:
 
 def motions(plan: Plan) -> Iterator[tuple[str, str]]:
     """Yield the name of each turning surface and, as text, how much of the largest angle it reaches."""
-    for name, reached in _reached(plan, plan.largest):
+    for name, reached in _reaches(plan, plan.largest):
         if reached:
             yield name, reached.text
 
 
-def _reached(plan: Plan, pose: Amounts) -> Iterator[tuple[str, Reached | None]]:
+def _reaches(plan: Plan, pose: Amounts) -> Iterator[tuple[str, Reached | None]]:
     """Yield the name of each surface, and what it reaches at a pose."""
     for box, own in plan.by_box(pose):
         for surface, reached in box.boundary.reaches(own):

@@ -160,7 +160,7 @@ class Setting:
 def _settings(kind: Any) -> dict[str, Setting]:
     flat: dict[str, Setting] = {}
     inner: dict[str, Setting] = {}
-    for field, of, notes in _annotated(kind):
+    for field, of, notes in _annotations(kind):
         if INLINE in notes:
             for name, setting in settings_in(of).items():
                 inner[name] = replace(setting, path=(field.name, *setting.path))
@@ -178,10 +178,10 @@ settings_in: Callable[[Any], dict[str, Setting]] = cache(_settings)
 
 def inline_in(kind: Any) -> dict[str, Any]:
     """Return the inline dataclasses of a dataclass, by field."""
-    return {field.name: of for field, of, notes in _annotated(kind) if INLINE in notes}
+    return {field.name: of for field, of, notes in _annotations(kind) if INLINE in notes}
 
 
-def _annotated(kind: Any) -> list[tuple[Field[Any], Any, tuple[Any, ...]]]:
+def _annotations(kind: Any) -> list[tuple[Field[Any], Any, tuple[Any, ...]]]:
     hints = get_type_hints(kind, include_extras=True)
     parts = {name: get_args(hint) if get_origin(hint) is Annotated else (hint,) for name, hint in hints.items()}
     return [

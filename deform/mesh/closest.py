@@ -63,17 +63,17 @@ class Triangles:
             axis = np.argmax(np.ptp(places, axis=1), axis=1)
             along = np.take_along_axis(places, axis[:, None, None], axis=2)[..., 0]
             order = np.take_along_axis(groups, np.argsort(along, axis=1, kind="stable"), axis=1).ravel()
-        return cls._boxed(corners, order, levels)
+        return cls._with_boxes(corners, order, levels)
 
     @classmethod
     def along_curve(cls, corners: FloatArray) -> "Triangles":
         """Sort triangles (T, 3, 3) along a space-filling curve: five times as fast, but boxes overlap more."""
         levels = max(0, int(np.ceil(np.log2(len(corners) / LEAF))))
         rows = np.minimum(np.arange(LEAF << levels), len(corners) - 1)
-        return cls._boxed(corners, along_curve(corners[:, 0] + corners[:, 1] + corners[:, 2])[rows], levels)
+        return cls._with_boxes(corners, along_curve(corners[:, 0] + corners[:, 1] + corners[:, 2])[rows], levels)
 
     @classmethod
-    def _boxed(cls, corners: FloatArray, order: IntArray, levels: int) -> "Triangles":
+    def _with_boxes(cls, corners: FloatArray, order: IntArray, levels: int) -> "Triangles":
         """Put boxes around triangles in a given order."""
         leaves = corners[order].reshape(1 << levels, -1, 3)
         low, high = np.empty((2 << levels, 3)), np.empty((2 << levels, 3))
@@ -86,14 +86,14 @@ class Triangles:
 
     def closest(self, points: FloatArray) -> Closest:
         """Return the closest points to points (N, 3); the number of threads does not matter."""
-        rows, weights = self._found(points, np.inf)
+        rows, weights = self._search_for(points, np.inf)
         return Closest(rows, weights, np.einsum("ni,nij->nj", weights, self.corners[rows]))
 
     def within(self, points: FloatArray, distance: float) -> BoolArray:
         """Return which points (N, 3) are nearer than a distance."""
-        return self._found(points, distance)[0] >= 0
+        return self._search_for(points, distance)[0] >= 0
 
-    def _found(self, points: FloatArray, distance: float) -> tuple[IntArray, FloatArray]:
+    def _search_for(self, points: FloatArray, distance: float) -> tuple[IntArray, FloatArray]:
         """Return the triangle (N,) nearer than a distance, or -1, and the weights (N, 3) there."""
         rows, weights = np.full(len(points), -1, dtype=np.intp), np.zeros((len(points), 3))
         corners, x = self.corners[self.order].reshape(-1, 9), np.ascontiguousarray(points)

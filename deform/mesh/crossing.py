@@ -66,7 +66,7 @@ class Crossings:
             return cls(0, moved, near)
         new = skin.new(now, skin.intersecting(mesh.points))
         if len(new) and not skin.plane:
-            new = skin.confirmed(new, points)
+            new = skin.confirm(new, points)
         if not len(new):
             return cls(0, moved, near)
         names = [mesh.names[skin.patch[face]] for face in new[0]]
@@ -164,11 +164,11 @@ class _NearbyFaces:
         known = np.isin(_keys(now, len(self.moved)), _keys(before, len(self.moved)))
         ours, theirs = (np.sort(self.patch[pairs], axis=1) for pairs in (now, before))
         for one, other in np.unique(theirs, axis=0):
-            if one != other and not self._joined(int(one), int(other)):
+            if one != other and not self._touch(int(one), int(other)):
                 known |= (ours == (one, other)).all(axis=1)
         return now[~known]
 
-    def confirmed(self, pairs: IntArray, points: FloatArray) -> IntArray:
+    def confirm(self, pairs: IntArray, points: FloatArray) -> IntArray:
         """Return the pairs (Q, 2) of P that also intersect if cut at the means of their nodes, at points (N, 3)."""
         rows = distinct(pairs)
         faces = _some(self.faces, rows)
@@ -182,7 +182,7 @@ class _NearbyFaces:
         again = skin.intersecting(np.vstack([points, centres]))
         return pairs[np.isin(_keys(pairs, len(self.moved)), _keys(again, len(self.moved)))]
 
-    def _joined(self, one: int, other: int) -> bool:
+    def _touch(self, one: int, other: int) -> bool:
         ours, theirs = (distinct(self.labels[self.patch[self.face] == patch, :3]) for patch in (one, other))
         return len(np.intersect1d(ours, theirs, assume_unique=True)) > 0
 
@@ -254,7 +254,7 @@ def _in_leaf(
             continue
         one, two = tree.corners[row], tree.corners[other]
         if plane:
-            through = _parted(one, two, tolerance) and _parted(two, one, tolerance)
+            through = _separates(one, two, tolerance) and _separates(two, one, tolerance)
         else:
             through = _edges_through(one, two, tolerance) or _edges_through(two, one, tolerance)
         if through:
@@ -315,7 +315,7 @@ def _edges_through(s: FloatArray, t: FloatArray, tolerance: float) -> bool:  # p
 
 
 @compiled_exactly
-def _parted(s: FloatArray, t: FloatArray, tolerance: float) -> bool:  # pragma: no cover - compiled
+def _separates(s: FloatArray, t: FloatArray, tolerance: float) -> bool:  # pragma: no cover - compiled
     """Return whether a segment s (9,) has its ends on both sides of the line through t (9,)."""
     x, y = t[3] - t[0], t[4] - t[1]
     length = np.sqrt(x * x + y * y)

@@ -55,12 +55,12 @@ class BoundaryGaps:
         marked[changed] = True
         keys = node_keys(len(mesh.points))
         parts = zip(mesh.cells, touched.rows, strict=True)
-        known, count = count_distinct(_joined([_keys_of(*part, marked, keys) for part in parts]))
+        known, count = count_distinct(_join([_keys_of(*part, marked, keys) for part in parts]))
         held = {
-            patch.name: _joined([face_keys(faces, keys)[_with_any(faces, marked)] for faces in patch.faces])
+            patch.name: _join([face_keys(faces, keys)[_with_any(faces, marked)] for faces in patch.faces])
             for patch in mesh.patches
         }
-        every = distinct(_joined(list(held.values())))
+        every = distinct(_join(list(held.values())))
         missed = np.setdiff1d(known[count == 1], every, assume_unique=True)
         loose = sum(int(np.count_nonzero(~_among(own, known))) for own in held.values())
         inner = sum(int(np.count_nonzero(_among(held[name], known[count > 1]))) for name in moving)
@@ -83,12 +83,12 @@ def face_keys(faces: Cells | Polygons, keys: Keys) -> Keys:
         total: Keys = keys[faces.nodes].sum(axis=1, dtype=np.uint64)
         return total
     blocks = (faces.rows(i, i + ROWS) for i in range(0, len(faces), ROWS))
-    return _joined([np.add.reduceat(keys[b.nodes], b.offsets[:-1]) for b in blocks])
+    return _join([np.add.reduceat(keys[b.nodes], b.offsets[:-1]) for b in blocks])
 
 
 def patch_keys(patch: Patch, keys: Keys) -> Keys:
     """Return the keys (F,) of all faces of a patch."""
-    return _joined([face_keys(faces, keys) for faces in patch.faces])
+    return _join([face_keys(faces, keys) for faces in patch.faces])
 
 
 def cell_face_keys(cells: Iterable[Volume], keys: Keys, marked: Marks) -> Iterator[Keys]:
@@ -113,7 +113,7 @@ def _among(own: Keys, known: Keys) -> Marks:
     return np.asarray(known[np.minimum(place, len(known) - 1)] == own) if len(known) else np.zeros(len(own), np.bool_)
 
 
-def _joined(parts: list[Keys]) -> Keys:
+def _join(parts: list[Keys]) -> Keys:
     return np.concatenate([np.empty(0, np.uint64), *parts])
 
 
@@ -135,7 +135,7 @@ def _keys_of(block: Volume, rows: IntArray, marked: Marks, keys: Keys) -> Keys:
         inner, outer = np.split(own, [len(block.neighbour)])
         between = found[: len(inner)][inner]
         return np.concatenate([between, between, distinct(found[len(inner) :][outer])])
-    return _joined([face_keys(faces, keys)[_with_any(faces, marked)] for faces in faces_of(block, rows)])
+    return _join([face_keys(faces, keys)[_with_any(faces, marked)] for faces in faces_of(block, rows)])
 
 
 def faces_of(block: Cells, rows: IntArray) -> Iterator[Cells]:

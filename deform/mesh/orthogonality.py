@@ -134,7 +134,7 @@ class Couples:
         inner = len(cells.neighbour)
         if mesh.periodic and not mesh.is_part:
             coupled = [pair for pair in mesh.periodic if len(pair.nodes) and not pair.thin]
-            parts += [_coupled(pair, cells.faces.rows(inner, len(cells.faces)), mesh) for pair in coupled]
+            parts += [_coupled_faces(pair, cells.faces.rows(inner, len(cells.faces)), mesh) for pair in coupled]
         pairs, rotations, shifts = (np.concatenate(part) for part in zip(*parts, strict=True))
         pairs += inner
         back = rotations.transpose(0, 2, 1)
@@ -154,7 +154,7 @@ class Couples:
         )  # fmt: skip
 
 
-def _coupled(pair: Periodic, faces: Polygons, mesh: Mesh) -> tuple[IntArray, FloatArray, FloatArray]:
+def _coupled_faces(pair: Periodic, faces: Polygons, mesh: Mesh) -> tuple[IntArray, FloatArray, FloatArray]:
     """Return the boundary faces (F,) that a pair couples, as (K, 2), and the motion of each to its image."""
     keys, image = node_keys(len(mesh.points)), np.full(len(mesh.points), -1, dtype=np.intp)
     image[pair.nodes[:, 0]] = pair.nodes[:, 1]
@@ -257,11 +257,11 @@ class TouchedFaces:
             for block, rows, sign in zip(mesh.cells, touched.rows, touched.orientation, strict=True)
             if isinstance(block, Polyhedra) and len(rows)
         )
-        return cls(rings, _joined(rings, mesh.points)) if rings else None
+        return cls(rings, _measure(rings, mesh.points)) if rings else None
 
     def at(self, points: FloatArray) -> State:
         """Measure the faces with the nodes at points (N, 3)."""
-        return _joined(self.rings, points)
+        return _measure(self.rings, points)
 
     def verdicts(self, after: State) -> Iterator[tuple[str, float, float, str, str]]:
         """Yield name, value, limit, unit and place of each requirement on the faces.
@@ -291,7 +291,7 @@ def face_quality(mesh: Mesh) -> FaceQuality | None:
     return found if blocks else None
 
 
-def _joined(rings: tuple[Ring, ...], points: FloatArray) -> State:
+def _measure(rings: tuple[Ring, ...], points: FloatArray) -> State:
     return State(*map(np.concatenate, zip(*(ring.measure(points) for ring in rings), strict=True)))
 
 

@@ -342,14 +342,14 @@ def join_polyhedra(parts: Sequence[SomePolyhedra]) -> SomePolyhedra:
     """Return the polyhedra of several parts of a mesh, each face once."""
     numbers, sides = np.concatenate([part.numbers for part in parts]), [part.sides for part in parts]
     faces, owner = polygons_of([own.faces for own in sides]), np.concatenate([own.owner for own in sides])
-    neighbour = np.concatenate([_padded(own) for own in sides])
+    neighbour = np.concatenate([_neighbours(own) for own in sides])
     if (np.diff(numbers) <= 0).any():
         numbers, first = np.unique(numbers, return_index=True)
         faces, owner, neighbour = take_faces(faces, first), owner[first], neighbour[first]
     return SomePolyhedra(numbers, Polyhedra(faces, owner, neighbour[neighbour >= 0]))
 
 
-def _padded(cells: Polyhedra) -> IntArray:
+def _neighbours(cells: Polyhedra) -> IntArray:
     """Return the neighbour (F,) of each face; -1 on the boundary."""
     return np.pad(cells.neighbour, (0, len(cells.owner) - len(cells.neighbour)), constant_values=-1)
 

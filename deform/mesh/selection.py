@@ -224,7 +224,7 @@ class Selection:
     def parts(self, mesh: Mesh) -> tuple[str, list[Part]]:
         """Return the patch's name and the new patches; InputError if these are empty, or the whole patch."""
         place = f"select {self.name} = {self.text}:" if self.text else f"{self.name}:"
-        what, (patch, conditions) = f"{mesh.name}: {place}", self._resolved(mesh, place)
+        what, (patch, conditions) = f"{mesh.name}: {place}", self._resolve(mesh, place)
         whole = part = Part.of(mesh, mesh.patch(patch))
         if not len(whole):
             raise InputError(f"{what} patch {patch} has no faces to choose from")
@@ -244,7 +244,7 @@ class Selection:
             raise InputError(f"{what} these are all {len(whole)} faces of {patch}; name {patch} itself")
         return patch, found
 
-    def _resolved(self, mesh: Mesh, place: str) -> tuple[str, tuple[Condition, ...]]:
+    def _resolve(self, mesh: Mesh, place: str) -> tuple[str, tuple[Condition, ...]]:
         base, mark, number = self.patch.rpartition(MARK)
         numbered = self.patch not in mesh.names and mark and number.isascii() and number.isdigit()
         names = mesh.expand([base if numbered else self.patch], place)

@@ -128,7 +128,7 @@ class Triangulated:
         """Go to the closest point; nodes that do not move keep their bits."""
         out = displacement.copy()
         moved = np.flatnonzero(np.any(displacement, axis=1))
-        for pieces, rows, stay in self._bound(points, moved):
+        for pieces, rows, stay in self._bind(points, moved):
             out[rows] = pieces.search.closest(points[rows] + displacement[rows]).places - points[rows]
             out[rows[stay]] = 0.0
         return out
@@ -136,12 +136,12 @@ class Triangulated:
     def rate(self, points: FloatArray, displacement: FloatArray, rate: FloatArray) -> FloatArray:
         """Differentiate the projection; points on the surface keep the tangential component."""
         out = np.zeros_like(rate)
-        for pieces, rows, stay in self._bound(points, np.arange(len(points))):
+        for pieces, rows, stay in self._bind(points, np.arange(len(points))):
             out[rows] = pieces.rate(points[rows] + displacement[rows], rate[rows], self.near)
             out[rows[stay]] = 0.0
         return out
 
-    def _bound(self, points: FloatArray, rows: IntArray) -> list[tuple[TriangleSet, IntArray, BoolArray]]:
+    def _bind(self, points: FloatArray, rows: IntArray) -> list[tuple[TriangleSet, IntArray, BoolArray]]:
         """Return the faces and the ridges; with each the points (M,) bound to it, and which of these stay."""
         if self.ridges is None:
             return [(self.faces, rows, np.zeros(len(rows), dtype=bool))]

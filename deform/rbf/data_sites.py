@@ -24,7 +24,7 @@ class DataSites:
     points: FloatArray  # (N, 3) m
     values: FloatArray  # (N, k) m
     components: tuple[int, ...] = XYZ  # direction of each of the k columns: 0, 1 or 2
-    merged: int = field(default=0, kw_only=True)  # points that `joined` dropped
+    merged: int = field(default=0, kw_only=True)  # points that `join` dropped
 
     def __post_init__(self) -> None:
         if self.points.ndim != 2 or self.points.shape[1] != 3 or not len(self.points):
@@ -44,7 +44,7 @@ class DataSites:
         if len(twice):
             raise CoincidentSitesError(
                 f"{len(twice)} data sites coincide with another, for example rows {first[twice[0]]} and "
-                f"{twice[0]} at {self.points[twice[0]]}: leave one of each pair, or merge them with `joined`"
+                f"{twice[0]} at {self.points[twice[0]]}: leave one of each pair, or merge them with `join`"
             )
 
     def __len__(self) -> int:
@@ -61,7 +61,7 @@ def fixed_sites(points: FloatArray, components: tuple[int, ...] = XYZ) -> DataSi
     return DataSites(points, np.zeros((len(points), len(components))), components)
 
 
-def joined(parts: Sequence[DataSites], tol: float = 1e-9) -> DataSites:
+def join(parts: Sequence[DataSites], tol: float = 1e-9) -> DataSites:
     """Return the sites of all parts; points within `tol` metres of an earlier one are dropped and counted.
 
     Raises ValueError if the parts have different components, or coincident points different values.
@@ -97,7 +97,7 @@ def univariate(parts: Sequence[DataSites], tol: float = 1e-9) -> tuple[DataSites
     for c in XYZ:
         carrying = [part.column(c) for part in parts if c in part.components]
         if carrying:
-            groups.append(joined(carrying, tol))
+            groups.append(join(carrying, tol))
     return tuple(groups)
 
 
@@ -110,7 +110,7 @@ def multivariate(parts: Sequence[DataSites], tol: float = 1e-9) -> tuple[DataSit
     for c in XYZ:
         where = tuple(i for i, part in enumerate(parts) if c in part.components)
         carriers.setdefault(where, []).append(c)
-    return tuple(joined([_columns(parts[i], tuple(cs)) for i in where], tol) for where, cs in carriers.items() if where)
+    return tuple(join([_columns(parts[i], tuple(cs)) for i in where], tol) for where, cs in carriers.items() if where)
 
 
 def _columns(sites: DataSites, components: tuple[int, ...]) -> DataSites:

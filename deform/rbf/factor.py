@@ -90,14 +90,14 @@ class Factor:
         inverse, _ = dtrtri(upper, lower=0)
         m = len(corner)
         if self.panels and self.panels[-1].used + m <= len(self.panels[-1].corner):
-            return Factor((*self.panels[:-1], _joined(self.panels[-1], above, inverse))), inverse
+            return Factor((*self.panels[:-1], _append(self.panels[-1], above, inverse))), inverse
         width = max(WIDTH, m)
         panel = Panel(len(self), m, np.zeros((width, len(self))), np.zeros((width, width)))
         panel.above[:m], panel.corner[:m, :m] = above.T, inverse
         return Factor((*self.panels, panel)), inverse
 
 
-def _joined(panel: Panel, above: FloatArray, inverse: FloatArray) -> Panel:
+def _append(panel: Panel, above: FloatArray, inverse: FloatArray) -> Panel:
     """Put m columns into a panel that has room for them."""
     start, used, m = panel.start, panel.used, len(inverse)
     new = slice(used, used + m)
@@ -130,15 +130,15 @@ class CholeskyBasis:
         beside = np.setdiff1d(np.arange(len(initial)), places)
         none = np.empty(0, dtype=np.intp)
         empty = cls(kernel, none, places, none, Factor(), np.empty((0, problem.values.shape[1])))
-        return empty._grown(np.array(initial, dtype=np.intp), beside)
+        return empty._grow(np.array(initial, dtype=np.intp), beside)
 
     def extended(self, block: IndexArray) -> Self:
         """Return the basis with the sites of a block as further centres."""
-        return self._grown(np.append(self.chosen, block), len(self.chosen) + np.arange(len(block)))
+        return self._grow(np.append(self.chosen, block), len(self.chosen) + np.arange(len(block)))
 
     def coefficients(self) -> Coefficients:
         """Return the coefficients of the interpolant on the chosen centres."""
-        return self._completed(self.factor.backward(self.z))
+        return self._complete(self.factor.backward(self.z))
 
     def refined(self) -> Coefficients:
         """Return the coefficients after one step of iterative refinement on the residual at the centres."""
@@ -147,7 +147,7 @@ class CholeskyBasis:
         rows = self.chosen[self.beside]
         missing = self.kernel.lagrange[rows] @ errors[self.anchor_places] - errors[self.beside]
         correction = self.factor.backward(self.factor.forward(missing))
-        return self._completed(self.factor.backward(self.z) + correction)
+        return self._complete(self.factor.backward(self.z) + correction)
 
     def with_values(self, values: FloatArray) -> Self:
         """Return the basis on the same centres for other values (N, k) at the sites.
@@ -176,7 +176,7 @@ class CholeskyBasis:
         inverse = LinearOperator(shape, matvec=solve, rmatvec=solve, matmat=solve, rmatmat=solve, dtype=np.float64)
         return norm * float(onenormest(inverse, t=1))
 
-    def _grown(self, chosen: IndexArray, new: IndexArray) -> Self:
+    def _grow(self, chosen: IndexArray, new: IndexArray) -> Self:
         """Extend the factor by the centres at the places `new` of `chosen`."""
         rows, further = self.chosen[self.beside], chosen[new]
         columns = self.kernel.matrix(np.append(rows, further), further)
@@ -192,7 +192,7 @@ class CholeskyBasis:
         beside, z = np.append(self.beside, new), np.vstack([self.z, z])
         return replace(self, chosen=chosen, beside=beside, factor=factor, z=z)
 
-    def _completed(self, gamma: FloatArray) -> Coefficients:
+    def _complete(self, gamma: FloatArray) -> Coefficients:
         """Add the coefficients of the anchors and of the polynomial."""
         alpha, at_anchors, others = self.kernel.complete(self.chosen[self.beside], gamma)
         beta = np.empty((len(self.chosen), others.shape[1]))

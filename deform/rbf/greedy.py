@@ -96,7 +96,7 @@ class Adaptation:
         return cls(interpolant, problem.sites.components, basis.chosen, (), stop, np.nan, basis)
 
 
-def fused(fits: Sequence[Adaptation]) -> Interpolant:
+def fuse(fits: Sequence[Adaptation]) -> Interpolant:
     """Return one interpolant with columns x, y, z on the union of all centres; 0 for directions without a fit.
 
     The logarithm, the costly part of a pair, is then computed once for all directions that share a centre.

@@ -4,7 +4,7 @@ A kernel is a function of the squared distance. It is used with a linear polynom
 for. The multiquadric would be solvable without (paper section 2.1), but the linear polynomial keeps plane faces plane
 in the surface blending of appendix A.
 
-A kernel is one class. The *type* of its named tuple of numbers (`Kernel.compiled`) selects the compiled formula, so the
+A kernel is one class. The *type* of its named tuple of numbers (`Kernel.code`) selects the compiled formula, so the
 loops over points and centres are written once. The logarithm is our own, because LLVM can vectorise it; it cannot
 vectorise a call into the C library.
 """
@@ -125,7 +125,7 @@ class Kernel:
         """Return phi / unit at a squared distance. Numba compiles it; the arguments must have these names."""
         raise NotImplementedError
 
-    def compiled(self) -> tuple[float, ...]:
+    def code(self) -> tuple[float, ...]:
         """Return the numbers in the formula."""
         return cast(tuple[float, ...], self.numbers())
 
@@ -193,7 +193,7 @@ class Multiquadric(Kernel):
     def formula(code: Any, r2: Any) -> Any:  # pragma: no cover - machine code
         return np.sqrt(1.0 + code.epsilon2 * r2)
 
-    def compiled(self) -> MultiquadricCode:
+    def code(self) -> MultiquadricCode:
         return MultiquadricCode(self.epsilon**2)
 
     def rescaled(self, length: float) -> Rescaling:
@@ -237,7 +237,7 @@ class WendlandC2(Kernel):
         left = max(1.0 - rho, 0.0)
         return left * left * left * left * (4.0 * rho + 1.0)
 
-    def compiled(self) -> WendlandC2Code:
+    def code(self) -> WendlandC2Code:
         return WendlandC2Code(self.radius**-2)
 
     def rescaled(self, length: float) -> Rescaling:
@@ -324,14 +324,14 @@ def kernel_sum(
     check_points(points=points, centers=centers)
     x = np.ascontiguousarray(points, dtype=np.float64)
     out = np.zeros((len(x), beta.shape[1]))
-    code, b = kernel.compiled(), kernel.unit * beta.T
+    code, b = kernel.code(), kernel.unit * beta.T
     sum_rows = for_code(_sum_rows, code)
     cuts = [slice(j, j + BLOCK) for j in range(0, max(1, len(centers)), BLOCK)]
-    blocks = [_padded(centers[cut].T) for cut in cuts]
+    blocks = [_pad(centers[cut].T) for cut in cuts]
 
     def pass_over(part: slice) -> None:
         width = next(w for w in WIDTHS if w >= min(beta.shape[1] - part.start, WIDTHS[-1]))
-        weights = [_padded(b[part, cut], width) for cut in cuts]
+        weights = [_pad(b[part, cut], width) for cut in cuts]
         a = np.ascontiguousarray(alpha[:, part].T)
         polynomials = [a, *(np.zeros_like(a) for _ in cuts[1:])]
 
@@ -351,7 +351,7 @@ def kernel_matrix(kernel: Kernel, a: FloatArray, b: FloatArray) -> FloatArray:
     check_points(a=a, b=b)
     out = np.empty((len(a), len(b)))
     x, y = np.ascontiguousarray(a), np.ascontiguousarray(b.T)
-    code, unit = kernel.compiled(), kernel.unit
+    code, unit = kernel.code(), kernel.unit
     matrix_rows = for_code(_matrix_rows, code)
 
     def chunk(low: int, high: int) -> None:
@@ -368,7 +368,7 @@ def check_points(**arrays: FloatArray) -> None:
             raise ValueError(f"{name} {array.shape} must be (N, 3)")
 
 
-def _padded(rows: FloatArray, count: int = 3) -> FloatArray:
+def _pad(rows: FloatArray, count: int = 3) -> FloatArray:
     """Pad rows (k, C) with zeros to `count` rows and a multiple of `PADDING` columns."""
     out = np.zeros((count, -(-rows.shape[1] // PADDING) * PADDING))
     out[: len(rows), : rows.shape[1]] = rows

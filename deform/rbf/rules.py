@@ -221,12 +221,12 @@ class LookingAhead(Sweep):
 
     def extended(self, basis: Basis, block: IndexArray, residual: FloatArray) -> tuple[Basis, FloatArray]:
         if not self.waiting or not np.array_equal(block, self.waiting[0][0].chosen[len(basis.chosen) :]):
-            guesses = self._guessed(basis, block, residual)
+            guesses = self._guess(basis, block, residual)
             errors = self.problem.errors(guesses[-1].basis.chosen, [guess.coefficients for guess in guesses])
             self.waiting[:] = zip((guess.basis for guess in guesses), errors, strict=True)
         return self.waiting.pop(0)
 
-    def _guessed(self, basis: Basis, block: IndexArray, residual: FloatArray) -> list[Guess]:
+    def _guess(self, basis: Basis, block: IndexArray, residual: FloatArray) -> list[Guess]:
         """Extend a basis by its block and by guessed ones.
 
         A site among the worst had a large residual before, or is near a new centre, where the residual may grow.

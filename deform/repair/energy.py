@@ -60,7 +60,7 @@ class Energy:
         one, out, measures = self.elements, self._slopes, self._measures
         form = float(eps), int(power)
         _blockwise(lambda a, b: _energies(points, one.nodes, one.targets, form, measures, out, (a, b)), len(out))
-        return float(measures[0].sum()), self._gathered(out, 3)
+        return float(measures[0].sum()), self._gather(out, 3)
 
     def least(self, points: FloatArray) -> float:
         """Return the least weighted mean ratio of an element to its target; 0 if one is inverted."""
@@ -76,9 +76,9 @@ class Energy:
         one, out = self.elements, np.empty((len(self.elements.nodes), 24))
         form = float(eps), int(power)
         _blockwise(lambda a, b: _curvatures(points, one.nodes, one.targets, form, out, (a, b)), len(out))
-        return self._gathered(out, 6)
+        return self._gather(out, 6)
 
-    def _gathered(self, values: FloatArray, width: int) -> FloatArray:
+    def _gather(self, values: FloatArray, width: int) -> FloatArray:
         """Add the values of elements at their four corners (E, 4 width) to each unknown node (U, width)."""
         one = self.elements
         total = np.empty((one.unknown, width))

@@ -234,7 +234,7 @@ class FreeNodes:
         def moved(one: Slide) -> bool:
             return not np.array_equal(points[one.nodes], start[one.nodes])
 
-        return tuple(one for one in self.slides if moved(one) and any(_folded(start, points, f) for f in one.faces))
+        return tuple(one for one in self.slides if moved(one) and any(_folds(start, points, f) for f in one.faces))
 
     def without(self, some: tuple[Slide, ...]) -> FreeNodes:
         """Return the same without some of the slides."""
@@ -314,7 +314,7 @@ def _plane(mesh: Mesh, points: FloatArray, face: Polygons) -> SlidingPiece:
     return SlidingPiece(plane, faces=(face,)) if flat else SlidingPiece(None)
 
 
-def _folded(start: FloatArray, points: FloatArray, face: Polygons) -> bool:
+def _folds(start: FloatArray, points: FloatArray, face: Polygons) -> bool:
     """True if a polygon of a plane face is reversed on the way from `start` (N, 3) to `points` (N, 3)."""
     before = area_vectors(start, face)
     normal = before.sum(axis=0)

@@ -105,7 +105,7 @@ class QualityGoal:
         """Return whether cells keep a spread (T, 2) but for `LOST`; always True without a spread."""
         return spread is None or bool((self.spread(found) >= spread - LOST).all())
 
-    def weighted(self, found: CellScores, careful: bool) -> QualityGoal:
+    def with_weights(self, found: CellScores, careful: bool) -> QualityGoal:
         """Return the goal; if careful with weights by which each good cell keeps a share `CARE` of its quality."""
         if not careful:
             return self

@@ -152,7 +152,7 @@ def _raise_quality(
         if not len(unknown) or (large and len(unknown) > far * count):
             break
         progress(f"repair: {count} cells, {len(unknown)} nodes", nan)
-        patch = RepairPatch.of(points, tetrahedra, unknown, freedom, goal.weighted(found, careful))
+        patch = RepairPatch.of(points, tetrahedra, unknown, freedom, goal.with_weights(found, careful))
         new, taken = improve(patch, level, REST * (size > 0))
         beyond = freedom.slides_left_by(points, new)
         if beyond:

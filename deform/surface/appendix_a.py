@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import FloatArray, farthest, first_coincident
 from sdm_deflect.deform.mesh.axis import Cylinder
-from sdm_deflect.deform.rbf.data_sites import DataSites, fixed_sites, joined
+from sdm_deflect.deform.rbf.data_sites import DataSites, fixed_sites, join
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import Kernel, Multiquadric, ThinPlateSpline
 
@@ -32,7 +32,7 @@ def blend(
     fixed, moved : (F, 3) and (M, 3) data sites; where they coincide, `moved` must not move.
     moved_by : (M, 3) displacements of `moved`.
     """
-    sites = joined([fixed_sites(fixed), DataSites(moved, moved_by)])
+    sites = join([fixed_sites(fixed), DataSites(moved, moved_by)])
     return fit(kernel, sites.points, sites.values)(nodes)
 
 
@@ -55,7 +55,7 @@ def blend_strip(
         raise ValueError(f"{int(strip.sum())} of {len(strip)} nodes lie in the strip: some must, and some must not")
     beyond = np.flatnonzero(~strip)
     known = beyond[farthest(nodes[beyond], STRIP_SITES)]
-    sites = joined([fixed_sites(fixed), _away_from(fixed, nodes[known], displacement[known])])
+    sites = join([fixed_sites(fixed), _away_from(fixed, nodes[known], displacement[known])])
     out = np.array(displacement)
     out[strip] = fit(kernel, sites.points, sites.values)(nodes[strip])
     return out
@@ -103,7 +103,7 @@ def slide_panel(
     root, root_by : (M, 3) nodes of the undeflected root line and their displacements on the fuselage.
     border : (B, 3) nodes of the panel's border: they stay.
     """
-    sites = joined([DataSites(root, root_by), fixed_sites(border)])
+    sites = join([DataSites(root, root_by), fixed_sites(border)])
     moved = nodes + fit(kernel, sites.points, sites.values)(nodes)
     return cylinder.projected(moved) - nodes
 

@@ -16,7 +16,7 @@ from sdm_deflect.deform.mesh.axis import Axis, Cylinder
 from sdm_deflect.deform.mesh.edges import area_vectors, polygons_of, unit
 from sdm_deflect.deform.mesh.mesh import REGION, Mesh
 from sdm_deflect.deform.mesh.sliding import CylinderWall
-from sdm_deflect.deform.rbf.data_sites import DataSites, fixed_sites, joined
+from sdm_deflect.deform.rbf.data_sites import DataSites, fixed_sites, join
 from sdm_deflect.deform.rbf.interpolant import Interpolant, fit
 from sdm_deflect.deform.rbf.kernels import Multiquadric, ThinPlateSpline
 
@@ -179,7 +179,7 @@ class SkinLaw(Smooth):
         out[self.tail] = turned + share**2 * (3.0 - 2.0 * share) * self._onto(tail, turned)
         root, follow = self.tail & self.panel, self.panel & ~self.tail & ~self.stays
         moved = DataSites(self._flat(self.points[root]), turn[root])
-        sites = joined([moved, fixed_sites(self._flat(self.points[self.stays]))])
+        sites = join([moved, fixed_sites(self._flat(self.points[self.stays]))])
         flat = fit(ThinPlateSpline(), sites.points, sites.values)(self._flat(self.points[follow]))
         out[follow] = flat + self._onto(self.points[follow], flat)
         return out
@@ -269,7 +269,7 @@ class RootLaw:
         """
         chosen_at = amount if self.chosen_at is None else self.chosen_at
         region = self._region(chosen_at)
-        return self._moved(amount, region, self._staying(chosen_at, region))
+        return self._displacement(amount, region, self._staying(chosen_at, region))
 
     @property
     def functions(self) -> Functions:
@@ -290,14 +290,14 @@ class RootLaw:
         stays, within = self.stays, self.motion.within
         while True:
             follow = self.panel & ~self.tail & ~stays
-            places = self.points[follow] + self._moved(amount, region, stays)[follow]
+            places = self.points[follow] + self._displacement(amount, region, stays)[follow]
             leaving = ~within.contains(places)
             if not leaving.any():
                 return stays
             stays = stays.copy()
             stays[np.flatnonzero(follow)[leaving]] = True
 
-    def _moved(self, amount: float, region: "RootRegion", stays: BoolArray) -> FloatArray:
+    def _displacement(self, amount: float, region: "RootRegion", stays: BoolArray) -> FloatArray:
         motion, out = self.motion, np.zeros_like(self.points)
         rotated = motion.hinge.rotated(self.points[self.tail], amount)
         apex = motion.hinge.rotated(motion.apex[None], amount)[0]

@@ -395,7 +395,7 @@ def deflect_in_steps(
     begin, nodes, start = perf_counter(), plan.sites.moving, plan.boundary.mesh.points
     points, steps, reached = start, [], np.zeros((len(nodes), 3))
     for k in range(1, count + 1):
-        target = plan.boundary.displacement(shared(amounts, k, count))
+        target = plan.boundary.displacement(share_of(amounts, k, count))
         begins = earlier.start if earlier else plan.start(points)
         try:
             steps.append(take(begins, target - reached, earlier, held, progress, plan.runner))
@@ -410,7 +410,7 @@ def deflect_in_steps(
     return BoxDeflection(plan, amounts, tuple(steps), plan.to_whole_mesh(points), perf_counter() - begin)
 
 
-def shared(amounts: Amounts, k: int, count: int) -> Amounts:
+def share_of(amounts: Amounts, k: int, count: int) -> Amounts:
     """Return the amounts after k of `count` equal steps."""
     return tuple(amount * k / count for amount in amounts)
 

@@ -229,7 +229,7 @@ class Field:
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, Any], tag: str = "") -> "Field":
         """Make a field of the arrays of `arrays`; ValueError or KeyError if they do not fit together."""
-        return cls(tuple(_box(arrays, f"_{b}{tag}") for b in _counted(arrays, f"boxes{tag}")))
+        return cls(tuple(_box(arrays, f"_{b}{tag}") for b in _range(arrays, f"boxes{tag}")))
 
 
 def _box(stored: Mapping[str, Any], tag: str) -> FieldBox:
@@ -237,7 +237,7 @@ def _box(stored: Mapping[str, Any], tag: str) -> FieldBox:
     places, ends, planes = (bounded(stored[f"{name}{tag}"], name) for name in ("places", "ends", "planes"))
     if places.shape != ends.shape or places.ndim != 2 or places.shape[1] != 3:
         raise ValueError(f"places {places.shape} and ends {ends.shape} must be (K, 3) both")
-    steps = tuple(_step(stored, f"_{i}{tag}") for i in _counted(stored, f"steps{tag}"))
+    steps = tuple(_step(stored, f"_{i}{tag}") for i in _range(stored, f"steps{tag}"))
     zones = tuple(stored[f"zones{tag}"].tolist())
     halfway = None
     if f"halfway{tag}" in stored:
@@ -247,7 +247,7 @@ def _box(stored: Mapping[str, Any], tag: str) -> FieldBox:
     return FieldBox(Hexahedron(stored[f"corners{tag}"]), zones, steps, places, ends, planes.reshape(-1, 3), halfway)
 
 
-def _counted(stored: Mapping[str, Any], name: str) -> range:
+def _range(stored: Mapping[str, Any], name: str) -> range:
     """Return the indices of the boxes or steps of a file; ValueError if there are none."""
     if (count := int(stored[name])) < 1:
         raise ValueError(f"{name} = {count} must be at least 1")

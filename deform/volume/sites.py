@@ -100,7 +100,7 @@ class Sites:
     def of(cls, boundary: PrescribedNodes, region: BoxNodes, more: Sequence[Addition] = ()) -> "Sites":
         """Place the sites; `more` are additions beyond those of the job."""
         job, mesh = boundary.job, boundary.mesh
-        bind = _bound(boundary, region)
+        bind = _bind(boundary, region)
         slid = bind.nodes if bind else NO_ROWS
         distinct, sampled, sampled_sliding = _distinct(boundary, region.fixed, slid)
         bind = replace(bind, sampled=sampled_sliding) if bind else None
@@ -110,12 +110,12 @@ class Sites:
         known = np.concatenate([boundary.nodes, region.fixed, slid])
         around = known if job.near_wall else boundary.nodes
         additions = (*more, bind) if bind else tuple(more)
-        spacing, zero = _placed(boundary, region, additions, mesh.points[around], edge)
+        spacing, zero = _sites_on_box(boundary, region, additions, mesh.points[around], edge)
         tolerance = job.fitting.tolerance or TOLERANCE * edge
         radius = _radius(job.fitting, region.hexahedron.corners, edge)
         kernel = kernel_of(job.fitting.kernel, radius)
         edges = _edges(boundary, known) if job.near_wall else np.empty((0, 2), dtype=np.intp)
-        sheared = _sheared(boundary, known, edges, len(boundary.nodes) + len(region.fixed))
+        sheared = _shear_mask(boundary, known, edges, len(boundary.nodes) + len(region.fixed))
         return cls(
             boundary.nodes, distinct, region.fixed, sampled, bind, zero, edges, sheared, spacing, edge, tolerance,
             kernel, radius,
@@ -161,7 +161,7 @@ def _edges(boundary: PrescribedNodes, known: IntArray) -> IntArray:
     return np.unique(np.sort(edges[(edges >= 0).all(axis=1)], axis=1), axis=0).astype(np.intp)
 
 
-def _sheared(boundary: PrescribedNodes, known: IntArray, edges: IntArray, certain: int) -> BoolArray:
+def _shear_mask(boundary: PrescribedNodes, known: IntArray, edges: IntArray, certain: int) -> BoolArray:
     """Return the mask `Sites.sheared`; the first `certain` of the known nodes (B,) are moving or fixed."""
     move = np.zeros((len(known), 3))
     for surface, law in zip(boundary.surfaces, boundary.laws, strict=True):
@@ -216,7 +216,7 @@ def _sample(mask: BoolArray) -> IntArray:
     return rows[:: max(1, -(-len(rows) // MOST_FIXED))]
 
 
-def _bound(boundary: PrescribedNodes, region: BoxNodes) -> "Bind | None":
+def _bind(boundary: PrescribedNodes, region: BoxNodes) -> "Bind | None":
     """Return the bound nodes inside, without data sites yet; None if there are none."""
     mesh, known = boundary.mesh, union(boundary.nodes, region.fixed)
     pairs = union(*(pair.nodes for pair in mesh.periodic if not pair.thin))
@@ -260,7 +260,7 @@ def _surface_edge(boundary: PrescribedNodes, distinct: IntArray) -> float:
     return float(np.median(cKDTree(points).query(points, 2)[0][:, 1]))
 
 
-def _placed(
+def _sites_on_box(
     boundary: PrescribedNodes, region: BoxNodes, additions: Sequence[Addition], known: FloatArray, edge: float
 ) -> tuple[float, tuple[DataSites, ...]]:
     """Return the spacing of zero sites, and the sites, at some distance from known nodes (K, 3).

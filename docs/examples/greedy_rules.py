@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 from point_cloud import HINGE, REGION, flap
 
 from sdm_deflect.deform.base.arrays import farthest
-from sdm_deflect.deform.rbf.data_sites import DataSites, fixed_sites, joined
+from sdm_deflect.deform.rbf.data_sites import DataSites, fixed_sites, join
 from sdm_deflect.deform.rbf.greedy import Adaptation, adapt
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.rbf.rules import GreedyOptions, Rule, Separated, Worst
@@ -23,7 +23,7 @@ def sites() -> DataSites:
     """Return the z displacement of the flap of `point_cloud.py`, and zero on the faces of its region."""
     surface = flap(0.005)
     moving = DataSites(surface, HINGE.displacement(surface, 20.0)[:, [2]], (2,))
-    return joined([moving, fixed_sites(REGION.face_sites(0.01), (2,))])
+    return join([moving, fixed_sites(REGION.face_sites(0.01), (2,))])
 
 
 def adapted(name: str, iterations: int = 100_000) -> Adaptation:

@@ -52,7 +52,7 @@ class Tets(Format):
                 raise MeshFileError(f"has patches {number.min()} to {number.max()}, but {len(names)} names")
             patches = tuple(Patch(name, (Cells("triangle", triangles[number == i]),)) for i, name in enumerate(names))
             ranges = (PointRange(0, points.rows, points),)
-            pieces = TablePieces(str(path.resolve()), points.rows, ranges, (CellTable("tetra", tets, 0),)).oriented()
+            pieces = TablePieces(str(path.resolve()), points.rows, ranges, (CellTable("tetra", tets, 0),)).orient()
         return MeshInPieces(path.resolve().name, pieces, patches, (Zone("", 0, points.rows),))
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:

@@ -39,7 +39,7 @@ class InverseMultiquadric(Kernel):
         """Return phi at a squared distance, compiled; names and annotations of the arguments must be these."""
         return 1.0 / np.sqrt(1.0 + code.inverse2 * r2)
 
-    def compiled(self) -> InverseMultiquadricCode:
+    def code(self) -> InverseMultiquadricCode:
         """Return the number of the formula."""
         return InverseMultiquadricCode(self.radius**-2)
 

@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.mesh.axis import Axis, Cylinder
-from sdm_deflect.deform.rbf.data_sites import DataSites, fixed_sites, joined
+from sdm_deflect.deform.rbf.data_sites import DataSites, fixed_sites, join
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.surface.appendix_a import slide_panel
@@ -54,7 +54,7 @@ def followed(nodes: FloatArray) -> FloatArray:
 def bulging(nodes: FloatArray) -> FloatArray:
     """Return the same without the projection back onto the cylinder."""
     line = root()
-    sites = joined([DataSites(line, extended(line)[1] - line), fixed_sites(border(nodes))])
+    sites = join([DataSites(line, extended(line)[1] - line), fixed_sites(border(nodes))])
     return nodes + fit(ThinPlateSpline(), sites.points, sites.values)(nodes)
 
 

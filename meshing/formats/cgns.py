@@ -65,7 +65,7 @@ def in_pieces(path: Path, file: Any) -> MeshInPieces | None:
         return None
     border = zone_border(base.node, zone, faces, found[-1].last, count, base.dimension)
     patches = without(border.patches, {fault.patch for fault in border.faults})
-    pieces = TablePieces(str(path.resolve()), count, points, cells).oriented()
+    pieces = TablePieces(str(path.resolve()), count, points, cells).orient()
     notes = (*notes_of({name: border.faults}), *coordinates_beside(file, base))
     return MeshInPieces(path.name, pieces, patches, (Zone(name, 0, count),), notes)
 

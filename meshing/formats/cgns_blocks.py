@@ -15,7 +15,7 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.mesh.cells import Cells, Constraint, Patch
 
-from .cgns_boundary import Border, Fault, check_range, constraint, location, named_conditions, place_of, tolerated
+from .cgns_boundary import Border, Fault, as_faults, check_range, constraint, location, named_conditions, place_of
 from .cgns_nodes import check_taken, child, integers
 from .format import MeshFileError
 from .zones import common_constraints
@@ -99,7 +99,7 @@ def block_border(base: Any, zone: Any, size: Size, left_handed: bool) -> tuple[B
     for name, node, patch, of_family in named_conditions(base, zone, faults, always=True):
         families |= {patch} if of_family else set()
         held.append((patch, constraint(base, node)))
-        with tolerated(faults, name, patch, of_family):
+        with as_faults(faults, name, patch, of_family):
             for plane in list(_planes(node, size)):
                 numbers += len(plane.rows)
                 check_taken(zone, 64 * numbers, "what its boundary conditions name")

@@ -108,7 +108,7 @@ def _by_patch(
     """Return the faces of each patch, and remove them from the free ones."""
     named: dict[str, list[Cells | Polygons]] = {condition.patch: [] for condition in found}
     for condition in sorted(found, key=lambda condition: condition.by_points):
-        with tolerated(faults, condition.name, condition.patch, condition.of_family):
+        with as_faults(faults, condition.name, condition.patch, condition.of_family):
             rows = _on_points(condition, faces, free) if condition.by_points else _by_number(condition, faces, last)
             for part, own, left in zip(faces, rows, free, strict=True):
                 left &= ~own
@@ -121,7 +121,7 @@ def _conditions(base: Any, zone: Any, faults: list[Fault], sizes: tuple[int, int
     """Return the conditions of a zone with faces; `sizes`: the last element's number, the points, the dimension."""
     found: list[BoundaryCondition] = []
     for name, node, patch, of_family in named_conditions(base, zone, faults, always=False):
-        with tolerated(faults, name, patch, of_family):
+        with as_faults(faults, name, patch, of_family):
             by_points, numbers = _numbers(node, place_of(node), location(node), *sizes)
             if len(numbers):
                 held_by = constraint(base, node)
@@ -133,12 +133,12 @@ def named_conditions(base: Any, zone: Any, faults: list[Fault], always: bool) ->
     """Yield each boundary condition of a zone: name, node, patch, and whether the patch is a family."""
     for _, group in children(zone, "ZoneBC_t"):
         for name, node in children(group, "BC_t"):
-            with tolerated(faults, name, name):
+            with as_faults(faults, name, name):
                 yield name, node, *patch_name(base, name, node, always)
 
 
 @contextmanager
-def tolerated(faults: list[Fault], name: str, patch: str, of_family: bool = False) -> Iterator[None]:
+def as_faults(faults: list[Fault], name: str, patch: str, of_family: bool = False) -> Iterator[None]:
     """Append errors of a boundary condition to `faults` instead of raising them."""
     try:
         yield
@@ -160,7 +160,7 @@ def check_range(begin: Sequence[int], end: Sequence[int], most: Sequence[int]) -
     """Refuse an empty range outside 1 to `most` (`NoFacesError`): it ends right before it begins."""
     for a, b, n in zip(begin, end, most, strict=True):
         if a - b == 1 and not 1 <= b < a <= n:
-            raise NoFacesError(f"its range {_listed(begin)} to {_listed(end)} holds nothing")
+            raise NoFacesError(f"its range {_list_of(begin)} to {_list_of(end)} holds nothing")
 
 
 def without(patches: Sequence[Patch], absent: Container[str]) -> tuple[Patch, ...]:
@@ -270,5 +270,5 @@ def _on_points(
     return rows
 
 
-def _listed(indices: Sequence[int]) -> str:
+def _list_of(indices: Sequence[int]) -> str:
     return f"({', '.join(map(str, indices))})" if len(indices) > 1 else str(indices[0])

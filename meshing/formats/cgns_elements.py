@@ -78,7 +78,7 @@ def blocks(section: ElementSection, points: int, dimension: int) -> Iterator[tup
 
 def _elements(section: ElementSection, points: int) -> Iterator[tuple[Cells, IntArray]]:
     if section.kind == MIXED:
-        yield from _mixed(section, points)
+        yield from _mixed_elements(section, points)
     elif section.kind in SHAPES:
         nodes = connectivity(section)
         size = SIZES[section.kind]
@@ -119,7 +119,7 @@ def _walk(connectivity: IntArray, sizes: dict[int, int] | None) -> Iterator[int]
     yield at
 
 
-def _mixed(section: ElementSection, points: int) -> Iterator[tuple[Cells, IntArray]]:
+def _mixed_elements(section: ElementSection, points: int) -> Iterator[tuple[Cells, IntArray]]:
     stored = connectivity(section)
     offsets = starts(section, stored, SIZES)
     begin = offsets[:-1]

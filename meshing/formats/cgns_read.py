@@ -308,7 +308,7 @@ def _unstructured(base: Base, name: str, points: FloatArray) -> _CgnsZone:
     polyhedral = any(section.kind in (NGON, NFACE) for section in found)
     if polyhedral and base.dimension == 2:
         raise MeshFileError("cells by their faces (NGON_n) in two dimensions; triangles and quads can be read")
-    volume, faces = _polyhedral(found, points) if polyhedral else _shaped(found, points, base.dimension)
+    volume, faces = _polyhedral(found, points) if polyhedral else _cells_and_faces(found, points, base.dimension)
     border = zone_border(base.node, zone, faces, found[-1].last, len(points), base.dimension)
     patches = tuple(replace(patch, faces=tuple(simple(patch.faces))) for patch in border.patches)
     mesh = Mesh(points, tuple(simple(volume)), patches)
@@ -317,7 +317,7 @@ def _unstructured(base: Base, name: str, points: FloatArray) -> _CgnsZone:
     return _CgnsZone(ZoneMesh(name, mesh, border.families), meets, NONE, NONE, [*border.faults, *faults])
 
 
-def _shaped(
+def _cells_and_faces(
     found: Sequence[ElementSection], points: FloatArray, dimension: int
 ) -> tuple[tuple[Cells, ...], list[NumberedFaces]]:
     cells, faces = [], []

@@ -64,7 +64,7 @@ def write_errors(out: Path) -> Iterator[None]:
 
 
 @contextmanager
-def renamed(beside: Path, out: Path) -> Iterator[None]:
+def errors_for(beside: Path, out: Path) -> Iterator[None]:
     """Name `out` in errors of what is written for it at `beside`."""
     try:
         yield

@@ -250,7 +250,7 @@ def _mesh_of(
     cells = tuple(_cells(solids[kind], parts, stored) for kind, parts in blocks.items() if kind in solids)
     own = {kind: (_nodes(parts, stored), parts) for kind, parts in blocks.items() if kind in faces}
     border = group_patches(own, group_names(file, dimension - 1), faces)
-    pieces = replace(points, cells=cells).oriented()
+    pieces = replace(points, cells=cells).orient()
     listed, notes = pairs_listed(file, dimension - 1, stored.index)
     pairs = pairs_of(border, listed, pieces.places)
     zones = (Zone("", 0, stored.count),)
@@ -339,10 +339,10 @@ def write_mesh(mesh: Mesh, out: Path) -> tuple[str, ...]:
     )
     meshio.write(out, whole, file_format="gmsh22", binary=False)
     left = [pair for pair in mesh.periodic if pair not in links]
-    return (*_renamed(mesh, names), *(["its zones are one mesh"] if len(mesh.zones) > 1 else []), *unwritten(left))
+    return (*_new_names(mesh, names), *(["its zones are one mesh"] if len(mesh.zones) > 1 else []), *unwritten(left))
 
 
-def _renamed(mesh: Mesh, names: Sequence[str]) -> list[str]:
+def _new_names(mesh: Mesh, names: Sequence[str]) -> list[str]:
     pairs = zip(mesh.names, names, strict=True)
     return [f"patch {own} is called {name}" for own, name in pairs if own != name]
 

@@ -69,10 +69,10 @@ def _face_pairs(mesh: Mesh, keys: Keys) -> tuple[Polygons, IntArray, IntArray]:
         swap = (neighbour >= 0) & (neighbour < cells.owner)
         owner, other = np.where(swap, neighbour, cells.owner), np.where(swap, cells.owner, neighbour)
         return turn_faces(cells.faces, swap), owner, other
-    return _met(*_faces_of_cells(mesh), keys)
+    return _match(*_faces_of_cells(mesh), keys)
 
 
-def _met(faces: Polygons, cell: IntArray, keys: Keys) -> tuple[Polygons, IntArray, IntArray]:
+def _match(faces: Polygons, cell: IntArray, keys: Keys) -> tuple[Polygons, IntArray, IntArray]:
     """Return what `_face_pairs` does, from the faces of all cells and their cells (K,); equal keys are one face."""
     key = face_keys(faces, keys)
     order = np.lexsort((cell, key))
@@ -89,7 +89,7 @@ def _met(faces: Polygons, cell: IntArray, keys: Keys) -> tuple[Polygons, IntArra
 
 def polyhedra(faces: Polygons, cell: IntArray, points: int) -> Polyhedra:
     """Return cells from all their outward faces and the cell (K,) of each; MeshFileError for a face of three cells."""
-    once, owner, neighbour = _met(faces, cell, node_keys(points))
+    once, owner, neighbour = _match(faces, cell, node_keys(points))
     order = np.argsort(neighbour < 0, kind="stable")
     return Polyhedra(take_faces(once, order), owner[order], neighbour[neighbour >= 0])
 

@@ -216,7 +216,7 @@ def zone_of(source: Su2File, own: Sequence[KeywordBlock], scratch: Path | None) 
     kind = np.int32 if scratch and len(points) <= np.iinfo(np.int32).max else np.intp
     found = elements_of(source, only(own, "NELEM"), KINDS[source.dimension][0], len(points), scratch, kind)
     cells = tuple(CellTable(shape, table, 0) for shape, table in found.items())
-    return TablePieces("", len(points), (PointRange(0, len(points), place),), cells).oriented()
+    return TablePieces("", len(points), (PointRange(0, len(points), place),), cells).orient()
 
 
 def only(own: Sequence[KeywordBlock], keyword: str) -> KeywordBlock:

@@ -131,14 +131,14 @@ class TablePieces:
         check_unchanged(self.files, elsewhere=True)
         return Cells(self.cells[block].shape, self.cells[block].nodes(start, stop))
 
-    def oriented(self) -> Self:
+    def orient(self) -> Self:
         """Return it with each block in VTK's order, whichever of the two orders the file used (`shapes.orient`).
 
         Plane cells stay as they are: they are turned one by one.
         """
-        return replace(self, cells=tuple(self._oriented(own) for own in self.cells))
+        return replace(self, cells=tuple(self._orient(own) for own in self.cells))
 
-    def _oriented(self, cells: CellTable) -> CellTable:
+    def _orient(self, cells: CellTable) -> CellTable:
         if not cells.table.rows or cells.shape in PLANE:
             return cells
         rows = np.arange(0, cells.table.rows, max(1, cells.table.rows // SAMPLE))

@@ -125,7 +125,7 @@ class Tau(Format):
                 return None
             _check_count(grid, "no_of_elements", cells)
             patches = _patches(grid, path, points.points)
-        pieces = replace(points, cells=tuple(own for own in cells if own.table.rows)).oriented()
+        pieces = replace(points, cells=tuple(own for own in cells if own.table.rows)).orient()
         return MeshInPieces(path.resolve().name, pieces, patches, (Zone("", 0, points.points),))
 
     def coordinates(self, path: Path) -> TablePieces:

@@ -81,7 +81,7 @@ class Ugrid(Format):
             cells = tuple(
                 CellTable(name, tables[name], 1, TO_VTK.get(name, ())) for name in SOLIDS if tables[name].rows
             )
-            pieces = replace(_pieces(path, tables), cells=cells).oriented()
+            pieces = replace(_pieces(path, tables), cells=cells).orient()
         return MeshInPieces(path.resolve().name, pieces, border, (Zone("", 0, count),))
 
     def coordinates(self, path: Path) -> TablePieces:

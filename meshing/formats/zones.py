@@ -46,7 +46,7 @@ def join_zones(names: Sequence[str], parts: Sequence[Mesh]) -> Mesh:
 
 def _shifted_patch(patch: Patch, zone: Zone, common: bool) -> Patch:
     name = f"{zone.name}/{patch.name}" if common else patch.name
-    faces = tuple(_shifted(faces, zone.start) for faces in patch.faces)
+    faces = tuple(_shift(faces, zone.start) for faces in patch.faces)
     return Patch(name, faces, constraint=patch.constraint)
 
 
@@ -56,7 +56,7 @@ def part(mesh: Mesh, zone: Zone) -> Mesh:
     ValueError if a cell or a boundary face joins two zones.
     """
     if (zone.start, zone.stop) == (0, len(mesh.points)):
-        return replace(mesh, patches=tuple(_unprefixed(patch, zone) for patch in mesh.patches))
+        return replace(mesh, patches=tuple(_without_zone(patch, zone) for patch in mesh.patches))
     cells = [block for block in (_cells_inside(block, zone) for block in mesh.cells) if len(block)]
     patches = [patch for patch in (_patch_inside(patch, zone) for patch in mesh.patches) if patch.faces]
     pairs = [pair for pair in mesh.periodic if ((pair.nodes >= zone.start) & (pair.nodes < zone.stop)).all()]
@@ -67,7 +67,7 @@ def part(mesh: Mesh, zone: Zone) -> Mesh:
 def _patch_inside(patch: Patch, zone: Zone) -> Patch:
     """Return the part of a patch that lies in a zone; it may have no faces."""
     faces = [_inside(block, zone, f"faces of patch {patch.name}") for block in patch.faces]
-    return _unprefixed(Patch(patch.name, tuple(filter(len, faces)), constraint=patch.constraint), zone)
+    return _without_zone(Patch(patch.name, tuple(filter(len, faces)), constraint=patch.constraint), zone)
 
 
 def common_constraints(named: Iterable[tuple[str, Constraint]]) -> dict[str, Constraint]:
@@ -78,7 +78,7 @@ def common_constraints(named: Iterable[tuple[str, Constraint]]) -> dict[str, Con
     return constraints
 
 
-def _unprefixed(patch: Patch, zone: Zone) -> Patch:
+def _without_zone(patch: Patch, zone: Zone) -> Patch:
     return replace(patch, name=patch.name.removeprefix(f"{zone.name}/"))
 
 
@@ -86,12 +86,12 @@ def _own(names: tuple[str, str], zone: Zone) -> tuple[str, str]:
     return names[0].removeprefix(f"{zone.name}/"), names[1].removeprefix(f"{zone.name}/")
 
 
-def _shifted(block: Faces, by: int) -> Faces:
+def _shift(block: Faces, by: int) -> Faces:
     return replace(block, nodes=block.nodes + by) if by else block
 
 
 def _shifted_cells(block: Cells | Polyhedra, by: int) -> Cells | Polyhedra:
-    return replace(block, faces=_shifted(block.faces, by)) if isinstance(block, Polyhedra) else _shifted(block, by)
+    return replace(block, faces=_shift(block.faces, by)) if isinstance(block, Polyhedra) else _shift(block, by)
 
 
 def _cells_inside(block: Cells | Polyhedra, zone: Zone) -> Cells | Polyhedra:
@@ -115,7 +115,7 @@ def _inside(block: Faces, zone: Zone, what: str) -> Faces:
         some, whole = (np.asarray(of.reduce(within, axis=1)) for of in (np.logical_or, np.logical_and))
     if torn := np.count_nonzero(some & ~whole):
         raise ValueError(f"{torn} {what} join zone {zone.name} to another zone")
-    return _shifted(block if whole.all() else chosen(block, np.flatnonzero(whole)), -zone.start)
+    return _shift(block if whole.all() else chosen(block, np.flatnonzero(whole)), -zone.start)
 
 
 def renumber(block: Block, index: IntArray) -> Block:
@@ -174,7 +174,7 @@ def pairs_of(patches: Sequence[Patch], listed: Iterable[Listed], places: Places)
     every, notes, pairs = list(patches), [], list[Periodic]()
     for name, nodes in listed:
         try:
-            new = _fitted(name, ("", ""), nodes, places)
+            new = _fit(name, ("", ""), nodes, places)
             one, other = (_holder(every, f"{name}~{i}", side) for i, side in enumerate(new.nodes.T, 1))
             every += [patch for patch in dict.fromkeys((one, other)) if patch not in every]
             _enter(pairs, replace(new, patches=(one.name, other.name)), places)
@@ -183,7 +183,7 @@ def pairs_of(patches: Sequence[Patch], listed: Iterable[Listed], places: Places)
     return Pairs(tuple(pairs), tuple(every), tuple(notes))
 
 
-def _fitted(name: str, patches: tuple[str, str], nodes: IntArray, places: Places) -> Periodic:
+def _fit(name: str, patches: tuple[str, str], nodes: IntArray, places: Places) -> Periodic:
     """Return a pair with the motion that fits its nodes, each of which is there once."""
     rows = np.unique(nodes, axis=0)
     numbers = union(rows)
@@ -216,7 +216,7 @@ def _enter(pairs: list[Periodic], new: Periodic, places: Places) -> None:
             here, there = places(nodes[:, 0]), places(nodes[:, 1])
             allowed = tolerance(np.concatenate([here, there]), np.arange(2 * len(here)))
             if np.abs(old.image(here) - there).max() <= allowed:
-                pairs[i] = _fitted(old.name, old.patches, np.concatenate([old.nodes, nodes]), places)
+                pairs[i] = _fit(old.name, old.patches, np.concatenate([old.nodes, nodes]), places)
                 return
     same = sum(pair.patches[0] == new.patches[0] for pair in pairs)
     pairs.append(replace(new, name=f"{new.patches[0]}~{same + 1}" if same else new.patches[0]))

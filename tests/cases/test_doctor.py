@@ -57,7 +57,7 @@ def test_an_extra_that_is_not_installed_is_no_fault(monkeypatch):
         monkeypatch.setattr(f"{module}.find_spec", lambda name: None)
     assert doctor.extras().well
     assert "work by others (--workers, --scheduler) needs cryptography, dask, distributed" in doctor.extras().text
-    assert doctor.compiled().well
+    assert doctor.compiled_libraries().well
 
 
 def test_library_that_cannot_be_loaded_says_why(monkeypatch, tmp_path):
@@ -66,7 +66,7 @@ def test_library_that_cannot_be_loaded_says_why(monkeypatch, tmp_path):
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
     assert doctor.import_complaint("json") == ""
     monkeypatch.setattr(doctor, "COMPILED", ("json", "broken_library", "no_such_library"))
-    found = doctor.compiled()
+    found = doctor.compiled_libraries()
     assert not found.well
     assert "broken_library: ImportError: libGL.so.1" in found.text
     assert "no_such_library" not in found.text

@@ -1,4 +1,7 @@
-"""How commands end when a signal asks them to. The work here is a stand-in for a command."""
+"""How commands end when a signal asks them to. The work here is a stand-in for a command.
+
+It sleeps in short turns: Python does not see a signal that arrives just before a sleep begins until the sleep ends.
+"""
 
 import signal
 import subprocess
@@ -49,16 +52,16 @@ def ended(process: "subprocess.Popen[str]") -> tuple[int, str]:
     return process.returncode, said
 
 
-OBEYS = "    time.sleep(600)"
+OBEYS = "    for _ in range(600): time.sleep(1)"
 TURNS = """
     try:
-        time.sleep(600)
+        for _ in range(600): time.sleep(1)
     except BaseException:
         raise ValueError("an error of a library's own")
 """
 FORGETS = """
     try:
-        time.sleep(600)
+        for _ in range(600): time.sleep(1)
     except BaseException:
         pass
 """
@@ -76,7 +79,7 @@ def test_no_other_request_disturbs_the_tidying(tmp_path):
     process = begun(f"""
     with files.fresh(Path({str(tmp_path / "old")!r})) as beside:
         try:
-            time.sleep(600)
+            for _ in range(600): time.sleep(1)
         finally:
             time.sleep(0.5)
 """)
@@ -97,7 +100,7 @@ def test_the_line_says_what_became_of_the_results(tmp_path):
     process = begun(f"""
     with files.fresh(Path({str(tmp_path / "new")!r})): pass
     print(2, flush=True)
-    time.sleep(600)
+    for _ in range(600): time.sleep(1)
 """)
     process.stdout.readline()
     process.send_signal(signal.SIGTERM)

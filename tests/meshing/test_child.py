@@ -71,14 +71,14 @@ def test_failures_carry_the_last_line(worker: str) -> None:
 
 
 def test_this_process_goes_on_while_the_child_works(worker: str) -> None:
-    with child.started(worker, {"x": np.array([3.0]), "sleep": np.array(0.5)}) as pending:
+    with child.start(worker, {"x": np.array([3.0]), "sleep": np.array(0.5)}) as pending:
         assert pending.process.poll() is None
         assert np.array_equal(pending.answer(60.0)["double"], [6.0])
 
 
 def test_an_answer_that_nobody_waits_for_is_dropped_at_once(worker: str, tmp_path: Path) -> None:
     note, before = tmp_path / "pid", time.monotonic()
-    with child.started(worker, {"sleep": np.array(60.0), "note": np.array(str(note))}) as pending:
+    with child.start(worker, {"sleep": np.array(60.0), "note": np.array(str(note))}) as pending:
         pid = pid_in(note)
     assert not alive(pid)
     assert not pending.folder.exists()

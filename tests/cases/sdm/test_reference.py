@@ -21,7 +21,7 @@ def test_both_processes_build_the_same_and_the_second_run_reads_it(tmp_path, mon
     case = case_named("aileron")
     with reference(case) as wait:
         found = wait()
-    monkeypatch.setattr(aircraft_reference, "started", None)  # a second process would fail
+    monkeypatch.setattr(aircraft_reference, "start", None)  # a second process would fail
     with reference(case) as wait:
         kept = wait()
     for which in ("undeflected", "deflected", "still"):

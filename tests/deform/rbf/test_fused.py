@@ -6,8 +6,8 @@ import pytest
 from sdm_deflect.deform.base.arrays import farthest
 from sdm_deflect.deform.box.hexahedron import box
 from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.rbf.data_sites import DataSites, fixed_sites, joined, multivariate, univariate
-from sdm_deflect.deform.rbf.greedy import adapt, fused
+from sdm_deflect.deform.rbf.data_sites import DataSites, fixed_sites, join, multivariate, univariate
+from sdm_deflect.deform.rbf.greedy import adapt, fuse
 from sdm_deflect.deform.rbf.kernels import Multiquadric, ThinPlateSpline
 from sdm_deflect.deform.rbf.rules import GreedyOptions
 
@@ -35,35 +35,35 @@ def squv():
 
 
 def test_the_fused_interpolant_is_its_parts(squv):
-    whole = fused(squv)(CLOUD)
+    whole = fuse(squv)(CLOUD)
     for fit in squv:
         alone = fit.interpolant(CLOUD)
         np.testing.assert_allclose(whole[:, list(fit.components)], alone, atol=1e-13)
-    together = fused(squv)
+    together = fuse(squv)
     assert len(together.centers) < sum(len(f.chosen) for f in squv)  # shared centres are taken once
 
 
 def test_mv_and_squv_agree_to_the_tolerance(squv):
     surface = _plate()
-    mv = fused(_fits(multivariate))(surface)
-    assert np.abs(mv - fused(squv)(surface)).max() < 2e-3
+    mv = fuse(_fits(multivariate))(surface)
+    assert np.abs(mv - fuse(squv)(surface)).max() < 2e-3
 
 
 def test_displacement_vanishes_at_pinned_faces(squv):
-    sites = joined([fixed_sites(REGION.face_sites(0.4))]).points
-    assert np.abs(fused(squv)(sites)).max() < 1e-3
+    sites = join([fixed_sites(REGION.face_sites(0.4))]).points
+    assert np.abs(fuse(squv)(sites)).max() < 1e-3
 
 
 def test_a_direction_without_fit_does_not_move(squv):
-    assert not fused(squv[2:])(CLOUD)[:, :2].any()
+    assert not fuse(squv[2:])(CLOUD)[:, :2].any()
 
 
 def test_fusing_checks_what_it_gets(squv):
     with pytest.raises(ValueError, match="no adaptation"):
-        fused([])
+        fuse([])
     with pytest.raises(ValueError, match="two adaptations hold one direction"):
-        fused([squv[0], squv[0]])
+        fuse([squv[0], squv[0]])
     surface = _plate()
     other = adapt(DataSites(surface, surface[:, :1], (0,)), Multiquadric(1.0), farthest(surface, 9), OPTIONS)
     with pytest.raises(ValueError, match="different kernels"):
-        fused([squv[1], other])
+        fuse([squv[1], other])

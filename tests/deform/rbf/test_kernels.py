@@ -92,7 +92,7 @@ def test_conditionally_positive_definite_up_to_sign(kernel):
 
 def test_phi_is_for_compiled_code():
     with pytest.raises(NotImplementedError, match="compiled"):
-        phi(ThinPlateSpline().compiled(), 1.0)
+        phi(ThinPlateSpline().code(), 1.0)
 
 
 @njit

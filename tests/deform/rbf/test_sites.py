@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.rbf.data_sites import DataSites, fixed_sites, joined, multivariate, univariate
+from sdm_deflect.deform.rbf.data_sites import DataSites, fixed_sites, join, multivariate, univariate
 
 GRID = np.stack(np.meshgrid(*[np.arange(4.0)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
 
@@ -33,7 +33,7 @@ def test_sites_reject_bad_arrays(points, values, components, match):
 
 def test_joining_drops_and_counts_what_is_there_already():
     moved = DataSites(GRID[:10], np.zeros((10, 3)))
-    both = joined([moved, fixed_sites(GRID[5:20] + 1e-12)])
+    both = join([moved, fixed_sites(GRID[5:20] + 1e-12)])
     assert len(both) == 20
     assert both.merged == 5
     assert np.array_equal(both.points[:10], GRID[:10])
@@ -42,11 +42,11 @@ def test_joining_drops_and_counts_what_is_there_already():
 def test_joining_refuses_contradictions():
     moved = DataSites(GRID[:10], np.ones((10, 3)))
     with pytest.raises(ValueError, match="5 pairs of coinciding data sites are to move differently"):
-        joined([moved, fixed_sites(GRID[5:20])])
+        join([moved, fixed_sites(GRID[5:20])])
     with pytest.raises(ValueError, match="cannot join"):
-        joined([moved, fixed_sites(GRID[20:], (1,))])
+        join([moved, fixed_sites(GRID[20:], (1,))])
     with pytest.raises(ValueError, match="no data sites"):
-        joined([])
+        join([])
 
 
 def _chimera():

@@ -70,8 +70,8 @@ def test_weights_rise_with_what_good_cells_shall_keep():
     asked = goal.QualityGoal.of(touched, freedom)
     found = touched.before
     expected = asked.weights * np.maximum(0.95 * found.quality / found.quality.min(), 1.0) ** 3
-    np.testing.assert_allclose(asked.weighted(found, True).weights, expected)
-    assert asked.weighted(found, False) is asked
+    np.testing.assert_allclose(asked.with_weights(found, True).weights, expected)
+    assert asked.with_weights(found, False) is asked
     assert asked.keeps(found, asked.spread(found) + 0.004)
     assert not asked.keeps(found, asked.spread(found) + 0.006)
 

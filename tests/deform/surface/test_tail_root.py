@@ -133,7 +133,7 @@ def test_rates_of_root_tip_and_panel_are_those_of_their_equations(law):
 def test_rates_of_every_node_are_those_of_a_polynomial_through_other_angles(law, amount):
     """A Chebyshev polynomial of degree 8 through angles within half a degree, differentiated exactly."""
     nodes, region = chebyshev.chebpts1(9), law._region(amount)
-    moves = np.stack([law._moved(amount + 0.5 * x, region, law.stays).ravel() for x in nodes])
+    moves = np.stack([law._displacement(amount + 0.5 * x, region, law.stays).ravel() for x in nodes])
     slope = chebyshev.chebval(0.0, chebyshev.chebder(chebyshev.chebfit(nodes, moves, 8))) / 0.5
     np.testing.assert_allclose(rate_of(law, amount), slope.reshape(-1, 3), atol=1e-13)
 
@@ -147,7 +147,7 @@ def test_panel_nodes_that_would_leave_the_hexahedron_stay(law, surface):
     short = replace(MOTION, within=within).law(surface)
     assert not short.stays[farthest]
     panel = short.panel & ~short.tail
-    alone = short.points + short._moved(AMOUNT, short._region(AMOUNT), short.stays)
+    alone = short.points + short._displacement(AMOUNT, short._region(AMOUNT), short.stays)
     assert not within.contains(alone[farthest][None])[0]
     move = short.displacement(AMOUNT)
     moving = panel & move.any(axis=1)
