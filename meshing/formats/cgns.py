@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 
 RENUMBERED = 3.05
-"""First version of CGNS with today's numbers of element types, as far as single precision tells it; 3.0 has others."""
+"""Between version 3.0 of CGNS, which numbers the types of elements otherwise, and the later ones."""
 CELLS = {number: shape for number, shape in SHAPES.items() if shape in VOLUMES}
 ADF = b"ADF Database"
 """Mark at the beginning of files in ADF."""
