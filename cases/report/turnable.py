@@ -49,7 +49,7 @@ MOST_DOTS = 3_000
 MARGIN = 0.2
 """Margin around the hexahedron of a view, as a share of its largest extent."""
 EDGE = 0.02
-"""Margin around the scene, as a share of its largest extent: the ends of axes clip."""
+"""Margin around the scene, as a share of its largest extent: without it, what touches the end of an axis is clipped."""
 FLAT = 1e-3
 """Drawn height of the hexahedron around a plane mesh, as a share of its own."""
 AT_LEAST = 0.5

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 BEYOND = 3.0
 """Largest factor by which a table's amount is scaled."""
 STEPS = 3
-"""Distance of the curve's amounts, in resolutions."""
+"""Spacing of the curve's amounts, in units of the resolution."""
 COLOURS = ("#0072b2", "#d55e00")
 """Colours of the curves without and with repair."""
 

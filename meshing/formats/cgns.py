@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 
 RENUMBERED = 3.05
-"""Between version 3.0 of CGNS, which numbers the types of elements otherwise, and the later ones."""
+"""A version between CGNS 3.0 and later ones; 3.0 numbers the types of elements otherwise."""
 CELLS = {number: shape for number, shape in SHAPES.items() if shape in VOLUMES}
 ADF = b"ADF Database"
 """Mark at the beginning of files in ADF."""

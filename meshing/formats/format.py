@@ -84,7 +84,7 @@ def fitting_names(names: Sequence[str], unfit: str, reserved: Container[str] = (
 
 
 def fewest_bits(kinds: Iterable[np.dtype[Any]]) -> np.dtype[Any]:
-    """Return the real type with the fewest bits, in the machine's byte order; double if `types` is empty."""
+    """Return the real type with the fewest bits, in the machine's byte order; double if `kinds` is empty."""
     return min((*(kind.newbyteorder("=") for kind in kinds), DOUBLE), key=lambda kind: kind.itemsize)
 
 

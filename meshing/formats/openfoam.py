@@ -45,7 +45,7 @@ LABEL, SCALAR = np.dtype("<i4"), np.dtype("<f8")
 FLAT = 1e-9
 """Largest distance of a planar patch's nodes from its plane, as a share of the patch's extent."""
 UNFIT = r"[\s\"'/;{}()\[\]$#\\]|^(?=[\d+.-])"
-"""What a word of OpenFOAM must not contain; it must not begin like a number either."""
+"""Pattern of what a name in OpenFOAM must not contain; a name must not begin like a number either."""
 BANNER = "// Written by sdm-deflect.\n"
 SYMMETRY = ("symmetry", "sym")
 OPEN = ("far", "inlet", "outlet", "inflow", "outflow", "freestream", "chimera", "overset", "interface", "volume")

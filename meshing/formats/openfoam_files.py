@@ -33,7 +33,7 @@ COMPACT = "faceCompactList"
 HEAD = 10_000
 """Bytes from the beginning of a file that contain its header."""
 READING, CORNERS, WIDEST = 4, 16, 64
-"""Largest bytes of memory for one byte of packed text, numbers in a face, and bytes of a number in text."""
+"""Upper limits: bytes of memory for a byte of packed text, numbers in a face, bytes of a number in text."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

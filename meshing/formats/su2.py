@@ -29,7 +29,7 @@ from .table_pieces import CellTable, PointRange, TablePieces
 from .tables import FileTable, Held, gather_tables
 
 LARGE = 1 << 24
-"""Least bytes of a section for which compiled code is worth loading."""
+"""Smallest section, in bytes, for which loading compiled code pays."""
 SOLIDS = {10: "tetra", 12: "hexahedron", 13: "wedge", 14: "pyramid"}
 FACES = {5: "triangle", 9: "quad"}
 KINDS = {3: (SOLIDS, FACES), 2: (FACES, {3: "line"})}

@@ -132,7 +132,7 @@ class TablePieces:
         return Cells(self.cells[block].shape, self.cells[block].nodes(start, stop))
 
     def orient(self) -> Self:
-        """Return it with each block in VTK's order, whichever of the two orders the file used (`shapes.orient`).
+        """Return the pieces with each block in VTK's order, whichever order the file used (`shapes.orient`).
 
         Plane cells stay as they are: they are turned one by one.
         """

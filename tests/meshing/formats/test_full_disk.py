@@ -31,7 +31,7 @@ def test_writing_beyond_the_limit_fails_instead_of_ending_the_process():
 
 
 @pytest.mark.parametrize("form", [*writable(), "fluent", "plot3d", "tets", "arrays"])
-def test_a_full_disk_is_an_error_that_names_the_file_and_keeps_the_old_one(form, tmp_path):
+def test_a_full_disk_is_an_error_that_names_the_file_and_keeps_the_old_one(form, tmp_path, capfd):
     out, tasks = work(form, tmp_path)
     for task in tasks:
         task()
@@ -48,6 +48,7 @@ def test_a_full_disk_is_an_error_that_names_the_file_and_keeps_the_old_one(form,
             ):
                 task()
             assert content(tmp_path) == before
+    assert capfd.readouterr().err == ""
 
 
 def work(form: str, folder: Path):
