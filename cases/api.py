@@ -7,6 +7,7 @@ import webbrowser
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from functools import partial
 from html import escape
 from os import PathLike
 from pathlib import Path
@@ -21,12 +22,15 @@ from sdm_deflect.cases.run.progress import in_notebook, of_notebook
 from sdm_deflect.cases.settings.job_settings import BY_NAME, GONE, IN_PYTHON, settings_of
 from sdm_deflect.cases.settings.jobs import jobs_of, swept
 from sdm_deflect.cases.settings.keywords import Options
+from sdm_deflect.deform.base import threads
 from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.errors import InputError, shortened
+from sdm_deflect.deform.base.errors import InputError, MeshFileError, shortened
 from sdm_deflect.deform.base.schema import describe
+from sdm_deflect.deform.base.states import check_unchanged
 from sdm_deflect.deform.base.threads import Progress, Threads, silent
 from sdm_deflect.deform.checks import Check, checks_of
 from sdm_deflect.deform.loop import run
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.volume.deflection import Deflection
@@ -34,7 +38,6 @@ from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.job import Amounts, Job
 from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.meshing.formats import adapters
-from sdm_deflect.meshing.formats.format import MeshFileError
 
 from .file_mesh import FileMesh, about_files, path_of, save_mesh
 
@@ -198,7 +201,7 @@ class Result:
         """
         from sdm_deflect.cases.report.folder import plan_around, write_run_folder
         from sdm_deflect.cases.run.output import OutputError, check_installed, output_folder
-        from sdm_deflect.meshing.files import permitted_as
+        from sdm_deflect.deform.base.files import permitted_as
 
         check_installed("report")
         place = path_of(folder)
@@ -355,7 +358,8 @@ def plan(
     """Hold everything that moves a mesh to any amounts within a range: sums of fixed fields.
 
     With a `range`, `deflect` makes the meshes at its ends, and amounts between are judged. With an `angle` alone the
-    plan serves this one. Of a file that can be read in pieces only the boundary and the box are held.
+    plan serves this one. Of a large file that can be read in pieces only the boundary and the box are held; `at` then
+    reads the coordinates of all nodes from the file.
 
     Parameters
     ----------
@@ -372,18 +376,17 @@ def plan(
         of one amount, if a check of the mesh fails, which it names.
     """
     from sdm_deflect.deform.held import HeldPlan
-    from sdm_deflect.meshing.formats.registry import in_pieces
 
     jobs = jobs_of(settings_of(surfaces, hinge, angle, options), by_range=True)
-    if isinstance(mesh, str | PathLike):
-        with about_files(), in_pieces(path_of(mesh), progress) as large:
-            mesh = excerpt(large, jobs, (), Threads(), progress) if large else mesh
+    mesh = _read_needed(path_of(mesh), jobs, progress) if isinstance(mesh, str | PathLike) else mesh
     if any(moving.range for job in jobs for moving in job.surfaces):
-        return HeldPlan.of(_plan_jobs(mesh, jobs, (), progress)[0], progress).judged(progress)
-    (found,) = _run(mesh, jobs, (), progress)
-    if not found.passed:
-        raise InputError(found.title)
-    return HeldPlan.of_one_amount(found.deflection, ())
+        held = HeldPlan.of(_plan_jobs(mesh, jobs, (), progress)[0], progress).judged(progress)
+    else:
+        (found,) = _run(mesh, jobs, (), progress)
+        if not found.passed:
+            raise InputError(found.title)
+        held = HeldPlan.of_one_amount(found.deflection, ())
+    return held.reading(partial(_coordinates, held.mesh.plan.mesh)) if held.mesh and held.mesh.plan.mesh.whole else held
 
 
 def sweep(
@@ -418,6 +421,27 @@ def sweep(
     """
     jobs, poses = swept(settings_of(surfaces, hinge, None, options), angles)
     return _run(mesh, jobs, poses, progress)
+
+
+def _read_needed(path: Path, jobs: Sequence[Job], progress: Progress) -> Mesh:
+    """Read a mesh file; of a large one that can be read in pieces only what jobs need."""
+    from sdm_deflect.meshing.formats.registry import in_pieces, size_of
+
+    with about_files():
+        if path.exists() and size_of(path) >= threads.LIMITS.file:
+            with in_pieces(path, progress) as large:
+                if large:
+                    return excerpt(large, jobs, (), Threads(), progress)
+        return read(path, progress)
+
+
+def _coordinates(mesh: Mesh) -> FloatArray:
+    """Read the undeflected coordinates (N, 3) of the file of a mesh; InputError if it has changed."""
+    from sdm_deflect.meshing.formats.registry import format_of
+
+    with about_files():
+        check_unchanged(mesh.files)
+        return format_of(mesh.source).points(Path(mesh.source))[0]
 
 
 def _run(mesh: Any, jobs: Sequence[Job], poses: Sequence[Amounts], progress: Progress) -> tuple[Result, ...]:

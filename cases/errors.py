@@ -8,9 +8,9 @@ def is_reported(error: Exception) -> bool:
     if isinstance(error, InputError | LostError):
         return True
     from sdm_deflect.cases.run.output import OutputError
+    from sdm_deflect.deform.base.errors import MeshFileError
     from sdm_deflect.deform.rbf.interpolant import SolveError
     from sdm_deflect.geometry.quantity import CadError
     from sdm_deflect.meshing.child import MeshingError
-    from sdm_deflect.meshing.formats.format import MeshFileError
 
     return isinstance(error, OutputError | SolveError | CadError | MeshingError | MeshFileError)

@@ -8,16 +8,19 @@ from dataclasses import fields
 from itertools import repeat
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sdm_deflect.cases.run.inspection import NAMES, extent, reach
 from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.errors import InputError, shortened
+from sdm_deflect.deform.base.errors import InputError, MeshFileError, shortened
 from sdm_deflect.deform.mesh.cells import Patch
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import Quality, by_shape, find_orientation
 from sdm_deflect.deform.mesh.standard import parts_of
-from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.deform.volume.modes import Wanted
+
+if TYPE_CHECKING:
+    from sdm_deflect.deform.held import HeldPlan
 
 
 class FileMesh(Mesh):
@@ -42,6 +45,18 @@ class FileMesh(Mesh):
         signs = (find_orientation(self.points, block)[0] for block in self.cells)
         return by_shape(self.points, zip(self.cells, repeat(None), signs, strict=False))
 
+    def moved_by(self, plan: "HeldPlan", amounts: Wanted) -> "FileMesh":
+        """Return the mesh with its nodes where a plan brings them.
+
+        Parameters
+        ----------
+        plan : A plan that was measured on this mesh, in any order of its nodes.
+        amounts : As for `HeldPlan.at`.
+
+        Raises InputError for an amount outside its range, or if the plan was measured on another mesh.
+        """
+        return self.of(self.with_points(moved_points(plan, amounts, self)))
+
     def save(self, path: str | PathLike[str]) -> Path:
         """Write the mesh as it is, and return the path; errors as of `Result.save`."""
         return save_mesh(self, self.points, path)
@@ -59,11 +74,21 @@ class FileMesh(Mesh):
         return "\n".join([f"{self.name}: {len(self.points)} points{counts}", *rows])
 
 
+def moved_points(plan: "HeldPlan", amounts: Wanted, mesh: Mesh) -> FloatArray:
+    """Return where a plan brings the nodes (N, 3) of a mesh; InputError as for `FileMesh.moved_by`."""
+    from sdm_deflect.cases.run.apply import compare_points, move
+
+    pose, name = plan.in_order(amounts), Path(mesh.source or mesh.name)
+    if fault := compare_points(plan, [(name, mesh.points, mesh.zones)]).fault:
+        raise InputError(f"{mesh.name}: {fault}")
+    return move(plan, pose, name, mesh.points, mesh.zones)
+
+
 def save_mesh(mesh: Mesh, points: FloatArray, path: str | PathLike[str]) -> Path:
     """Write a mesh with new points (N, 3) and return its path; see `Result.save`. It must read back as it is."""
     from sdm_deflect.cases.run.mesh_files import Targets, check_written, write_mesh
     from sdm_deflect.cases.run.output import OutputError, output_files
-    from sdm_deflect.meshing.files import permitted_as
+    from sdm_deflect.deform.base.files import permitted_as
 
     out, source = path_of(path), Path(mesh.source) if mesh.source else None
     with about_files():

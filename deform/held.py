@@ -1,90 +1,39 @@
 """A held plan: the mesh at any amounts of its surfaces, and its derivatives, as sums of fixed fields."""
 
-import json
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from math import inf, isfinite, nan
 from os import PathLike
 from pathlib import Path
-from shutil import copymode
-from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.errors import InputError, nearest, shortened
+from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import Progress, silent
-from sdm_deflect.deform.base.unpacking import damaged, read_arrays
 from sdm_deflect.deform.mesh.precision import EVERY_BIT, Precision
-from sdm_deflect.deform.surface.motions import Fixed, Moving, Powers, Turn
+from sdm_deflect.deform.surface.motions import Fixed, Moving
+from sdm_deflect.deform.surface.placement import UNITS
 from sdm_deflect.deform.surface.surface import Surface, name_of
 from sdm_deflect.deform.surface.tail_root import RootOnCylinder
-from sdm_deflect.deform.surface.tracks import Places
+from sdm_deflect.deform.volume.checksum import Checksum, Keys, place_keys
 from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection
-from sdm_deflect.deform.volume.field import Field
+from sdm_deflect.deform.volume.field import Field, FieldBox
 from sdm_deflect.deform.volume.job import Amounts
-from sdm_deflect.deform.volume.modes import Control, Modes, Readings, fields_of, residuals
+from sdm_deflect.deform.volume.modes import Control, Modes, Readings, Wanted, fields_of, in_order, residuals
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 
 from .checks import Check, checks_of
 from .motion_fields import write_motion
+from .plan_file import Measured, PlacedFields, StoredPlan, combine, read_plan, write_plan
 
-FILE = "plan of sdm-deflect, 1"
 MEASURED = 9
 """Number of amounts of each surface at which the mesh is checked."""
 NO_MIRROR = "a plan holds no mirrored surface: leave mirror out, and give each surface its own hinge"
-KINDS: dict[str, Any] = {"turn": Turn, "powers": Powers, "fixed": Fixed, "places": Places}
-"""Functions of the amount by their names in a file."""
-Wanted = float | Mapping[str, float] | Sequence[float]
-"""Amounts: of the only surface; by name, 0 where left out; or of all surfaces in order."""
-
-
-@dataclass(frozen=True, slots=True)
-class Measured:
-    """Checks of the mesh with one surface at an amount and the others where they stand.
-
-    Attributes
-    ----------
-    amount : amount of the surface.
-    least : least quality of the cells that the surface's box may change; nan without cells.
-    inverted : number of these cells that are newly inverted.
-    site_error : largest error at a data site of the box, a length.
-    failed : names of the failed checks of the whole mesh.
-    """
-
-    amount: float
-    least: float
-    inverted: int
-    site_error: float
-    failed: tuple[str, ...]
-
-
-class PlacedFields(NamedTuple):
-    """Deflections of one surface as functions of place, and their weights (k, r).
-
-    A plan for one amount has one deflection and no weights.
-    """
-
-    fields: tuple[Field, ...]
-    weights: FloatArray | None
-
-    def on(self, points: FloatArray) -> FloatArray:
-        """Return the fields (k, N, 3) at undeflected points (N, 3)."""
-        return combine(self.weights, points, [one.apply(points) for one in self.fields])
-
-    def move(self, points: FloatArray, values: FloatArray, out: FloatArray) -> None:
-        """Add the displacement of undeflected points (N, 3) to `out` (N, 3), at values (k,) of the functions."""
-        for value, one in zip(values, self.on(points), strict=True):
-            out += value * one
-
-    @property
-    def zones(self) -> tuple[str, ...]:
-        """Names of the zones that deform."""
-        return tuple(dict.fromkeys(name for one in self.fields for box in one.boxes for name in box.zones))
+ANOTHER = "measured on another mesh"
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +48,8 @@ class HeldPlan:
     placed : for each surface its fields as functions of place; None until needed.
     mesh : the plan at the nodes of its mesh; None for a plan from a file.
     source : name of the file of the undeflected mesh; empty if it came from elsewhere.
+    nodes : the modes at all nodes; None to take them from `mesh`.
+    stored_checksum : checksum of the mesh; None to take it from `mesh`.
     """
 
     controls: tuple[Control, ...]
@@ -107,6 +58,8 @@ class HeldPlan:
     placed: tuple[PlacedFields, ...] | None = field(default=None, repr=False)
     mesh: "OnMesh | None" = field(default=None, repr=False)
     source: str = ""
+    nodes: Modes | None = field(default=None, repr=False)
+    stored_checksum: Checksum | None = field(default=None, repr=False)
 
     @classmethod
     def of(cls, plan: Plan, progress: Progress = silent, known: Deflection | None = None) -> "HeldPlan":
@@ -139,10 +92,11 @@ class HeldPlan:
     @classmethod
     def of_one_amount(cls, found: Deflection, failed: Sequence[str]) -> "HeldPlan":
         """Hold an unrounded deflection and the names of its failed checks; it serves these amounts alone."""
+        found = found.rounded(EVERY_BIT)
         plan, controls, placed = found.plan, [], []
         if any(box.mirror for box in plan.boxes):
             raise InputError(NO_MIRROR)
-        first = next((i for i, amount in enumerate(found.amounts) if amount), 0)
+        first = _first(found.amounts)
         for i, ((moving, surface), amount) in enumerate(zip(plan.moving, found.amounts, strict=True)):
             ends = min(0.0, amount), max(0.0, amount)
             controls.append(Control(_name(moving, surface), surface.patches, moving.motion.unit, *ends, Fixed(amount)))
@@ -151,64 +105,48 @@ class HeldPlan:
         error = max(box.site_error for box in found.boxes)
         one = Measured(found.amounts[first], least, found.inverted, error, tuple(failed))
         measured = tuple((one,) if i == first else () for i in range(len(controls)))
-        source = Path(plan.mesh.source).name
-        return cls(tuple(controls), found.amounts, measured, tuple(placed), source=source)
+        own, source = OnMesh(plan, (), tuple(controls), found), Path(plan.mesh.source).name
+        return cls(tuple(controls), found.amounts, measured, tuple(placed), own, source)
 
     @classmethod
-    def load(cls, path: str | PathLike[str]) -> "HeldPlan":
-        """Read a file of `save`; InputError if it is missing, damaged or of another kind."""
-        stored = read_arrays(Path(path))
-        with damaged(Path(path), FILE):
-            if str(stored["kind"]) != FILE:
-                raise ValueError("it holds something else")
-            known = json.loads(str(stored["plan"]))
-            controls, measured, placed = [], [], []
-            for i, one in enumerate(known["controls"]):
-                kind, *numbers = one.pop("functions")
-                functions, patches = KINDS[kind](*numbers), tuple(map(str, one.pop("patches")))
-                controls.append(Control(functions=functions, patches=patches, **one))
-                rows = (row | {"failed": tuple(row["failed"])} for row in known["measured"][i])
-                measured.append(tuple(Measured(**row) for row in rows))
-                fields = (Field.from_arrays(stored, f"_{i}_{j}") for j in range(known["readings"][i]))
-                weights = stored.get(f"weights_{i}")
-                placed.append(PlacedFields(tuple(fields), weights))
-            own = tuple(controls), tuple(known["amounts"]), tuple(measured), tuple(placed)
-            return cls(*own, source=str(known.get("source", "")))
+    def load(cls, path: str | PathLike[str], points: FloatArray | None = None) -> "HeldPlan":
+        """Read a file of `save`.
+
+        Parameters
+        ----------
+        path : The file.
+        points : (N, 3) undeflected coordinates of the mesh, for which `at`, `jvp` and `vjp` then answer.
+
+        Raises InputError if the file is missing, damaged or of another kind, or as `on`.
+        """
+        controls, amounts, measured, placed, source, mesh = read_plan(Path(path))
+        one = cls(controls, amounts, measured, placed, source=source, stored_checksum=mesh)
+        return one if points is None else replace(one, nodes=one.on(points))
+
+    def reading(self, coordinates: Callable[[], FloatArray]) -> "HeldPlan":
+        """Return the same plan of a part of a mesh, with what reads the coordinates (N, 3) of the whole."""
+        return replace(self, mesh=replace(self._on_mesh, coordinates=coordinates))
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the plan to a file, completely or not at all; `load` restores it exactly."""
-        arrays: dict[str, Any] = {"kind": np.array(FILE)}
-        names = {kind: name for name, kind in KINDS.items()}
-        controls = [asdict(one) for one in self.controls]
-        for table, one in zip(controls, self.controls, strict=True):
-            table["functions"] = [names[type(one.functions)], *table["functions"].values()]
-        for i, own in enumerate(self.by_place):
-            if own.weights is not None:
-                arrays[f"weights_{i}"] = own.weights
-            for j, reading in enumerate(own.fields):
-                arrays |= reading.arrays(f"_{i}_{j}")
-        known = {
-            "controls": controls,
-            "amounts": self.amounts,
-            "measured": [[asdict(row) for row in rows] for rows in self.measured or [()] * len(controls)],
-            "readings": [len(own.fields) for own in self.by_place],
-            "source": self.source,
-        }
-        arrays["plan"] = np.array(json.dumps(known))
-        with TemporaryDirectory(prefix=".sdm-", dir=Path(path).parent) as folder:
-            beside = Path(folder, "plan.npz")
-            np.savez_compressed(beside, **arrays)
-            with suppress(FileNotFoundError):
-                copymode(path, beside)
-            beside.replace(path)
+        """Write the plan to a file, completely or not at all; `load` restores it exactly.
+
+        Raises InputError if the file cannot be written, or is there and no plan.
+        """
+        own = self.controls, self.amounts, self.measured, self.by_place, self.source, self.checksum
+        write_plan(Path(path), StoredPlan(*own))
 
     def save_openfoam(self, case: str | PathLike[str], points: FloatArray | None = None) -> tuple[Path, ...]:
         """Write the plan into a case of OpenFOAM, for the solver in `solvers/openfoam`; return the files.
 
         `points` (N, 3) are the case's undeflected ones, in its order; those of the plan's mesh if None. Raises
-        InputError as `write_motion` does, or for a plan from a file without points.
+        InputError as `write_motion` and `on` do, or for a plan from a file without points.
         """
         return write_motion(Path(case), self.modes if points is None else self.on(points))
+
+    @cached_property
+    def checksum(self) -> Checksum:
+        """Checksum of the mesh on which the plan was measured."""
+        return self.stored_checksum or self._on_mesh.checksum(self.boxes)
 
     @cached_property
     def by_place(self) -> tuple[PlacedFields, ...]:
@@ -219,17 +157,50 @@ class HeldPlan:
         return tuple(PlacedFields(tuple(Field.of([one]) for one in own.deflections), own.weights) for own in readings)
 
     def on(self, points: FloatArray) -> Modes:
-        """Return the modes at undeflected points (N, 3), any part of the mesh.
+        """Return the modes at undeflected points (N, 3), all nodes of the mesh or any part of them.
 
-        Nodes with prescribed places are found by their exact coordinates. InputError if the points are not finite (N,
-        3).
+        Raises InputError if the points are not finite (N, 3), or are not those on which the plan was measured: rounded,
+        deflected, or in another unit of length. Of a part some faults cannot be seen.
         """
+        found = self.at_places(points)
+        self.check_mesh(found.start)
+        return found
+
+    def at_places(self, points: FloatArray) -> Modes:
+        """Return the modes at undeflected points (N, 3) that are known to belong to the mesh."""
         rows, fields = [], []
         for own in self.by_place:
             found = own.on(points)
             rows.append(np.flatnonzero(found.any(axis=(0, 2))))
             fields.append(found[:, rows[-1]])
-        return Modes(self.controls, points, tuple(rows), tuple(fields))
+        return Modes(self.controls, np.asarray(points, dtype=np.float64), tuple(rows), tuple(fields))
+
+    def check_mesh(self, points: FloatArray) -> None:
+        """Raise InputError if points (N, 3) are not nodes of the mesh of this plan, as `on`."""
+        exact, near = np.concatenate([box.matches(points) for box in self.boxes], axis=1)
+        if rounded := int((near & ~exact).sum()):
+            raise InputError(f"points: {rounded} are near a place of the plan, but not on it: give all digits")
+        hint = "" if exact.any() else unit_hint(self.boxes, points)
+        whole, keys = (
+            len(points) >= self.checksum.points,
+            [place_keys(points[box.inside(points)]) for box in self.boxes],
+        )
+        if fault := hint or self.mesh_fault(Checksum.of(len(points), keys), whole):
+            raise InputError(f"points: {fault}")
+
+    @property
+    def boxes(self) -> list[FieldBox]:
+        """The boxes in which surfaces move."""
+        return [box for own in self.by_place for one in own.fields[:1] for box in one.boxes]
+
+    def mesh_fault(self, found: Checksum, whole: bool) -> str:
+        """Return why what was found is not the plan's mesh, or cannot be a part of it; empty if nothing is wrong."""
+        wanted = self.checksum
+        if (found.places, found.total) == (wanted.places, wanted.total) or (not whole and found.places < wanted.places):
+            return ""
+        if found.places != wanted.places:
+            return f"{ANOTHER}, with {wanted.places} places in the box; here are {found.places}"
+        return f"{ANOTHER}: in the box some of its {wanted.places} places are elsewhere"
 
     def at_nodes(self, points: FloatArray) -> Modes:
         """Return the modes at the nodes (N, 3) of the mesh: the plan's own, if it has them."""
@@ -238,8 +209,7 @@ class HeldPlan:
     @property
     def modes(self) -> Modes:
         """Modes at all nodes of the mesh, even if the plan holds a part of it; InputError for a plan from a file."""
-        whole = self._on_mesh.plan.mesh.whole
-        return self.on(whole.pieces.coordinates(0, whole.pieces.points)) if whole else self._on_mesh.modes
+        return self.nodes or self._on_mesh.whole_modes
 
     def at(self, amounts: Wanted) -> FloatArray:
         """Return the coordinates (N, 3) of the mesh at amounts; at 0 they equal the mesh's exactly.
@@ -249,17 +219,20 @@ class HeldPlan:
         amounts : One number for a single surface; numbers by name, 0 where left out; or numbers of all surfaces in
             order. Degrees, or shares of a table.
 
-        Raises InputError for an amount outside its range, or for a plan from a file, which has no mesh: see `on`.
+        Raises InputError for an amount outside its range, or for a plan from a file without points: see `load`.
         """
-        return self._on_mesh.modes.at(self.in_order(amounts))
+        return self.modes.at(amounts)
 
     def jvp(self, amounts: Wanted, speeds: Wanted) -> FloatArray:
         """Return the derivative (N, 3) of the coordinates along `speeds`, which are given like amounts."""
-        return self._on_mesh.modes.jvp(self.in_order(amounts), self.in_order(speeds))
+        return self.modes.jvp(amounts, speeds)
 
     def vjp(self, amounts: Wanted, gradient: ArrayLike) -> FloatArray:
-        """Return the derivative (n,) by the amounts of a function whose gradient by the coordinates is (N, 3)."""
-        return self._on_mesh.modes.vjp(self.in_order(amounts), np.asarray(gradient, dtype=np.float64))
+        """Return the derivative (n,) by the amounts of a function whose gradient by the coordinates is (N, 3).
+
+        Raises InputError for a gradient of another shape.
+        """
+        return self.modes.vjp(amounts, gradient)
 
     def deflection(self, amounts: Wanted, precision: Precision = EVERY_BIT) -> Deflection:
         """Return the mesh at amounts as a deflection, with the steps of the nearest reading."""
@@ -317,38 +290,21 @@ class HeldPlan:
                 out.append(f"{control.name} = {amount:g} {control.unit}: {among}; failed: {failed}")
         return tuple(out)
 
-    def check_ranges(self, amounts: Amounts) -> None:
-        """Raise InputError for an amount outside its range."""
-        for control, amount in zip(self.controls, amounts, strict=True):
-            control.check(amount)
-
     def is_measured(self, amounts: Amounts) -> bool:
         """Return whether at most one surface is away from where it stood during the checks."""
         return sum(one != other for one, other in zip(amounts, self.amounts, strict=True)) <= 1
 
     def in_order(self, amounts: Wanted) -> Amounts:
-        """Return the amounts in the order of the surfaces; InputError for a wrong name or number of them."""
-        if isinstance(amounts, Mapping):
-            out = [0.0] * len(self.controls)
-            for name, amount in amounts.items():
-                out[self._row(name)] = float(amount)
-            return tuple(out)
-        found = np.atleast_1d(np.asarray(amounts, dtype=np.float64))
-        if found.shape != (len(self.controls),):
-            names = ", ".join(one.name for one in self.controls)
-            raise InputError(f"amounts = {shortened(amounts)}: the plan has {len(self.controls)} surfaces: {names}")
-        return tuple(found.tolist())
-
-    def _row(self, name: str) -> int:
-        for i, control in enumerate(self.controls):
-            if name == control.name or name in control.patches:
-                return i
-        raise InputError(f"{name!r} is no surface of the plan; {nearest(name, [one.name for one in self.controls])}")
+        """Return the amounts in the order of the surfaces; InputError as for `Modes.at`."""
+        return in_order(self.controls, amounts)
 
     @property
     def _on_mesh(self) -> "OnMesh":
         if self.mesh is None:
-            raise InputError("a plan from a file has no mesh: take plan.on(points), the undeflected coordinates (N, 3)")
+            raise InputError(
+                "a plan from a file has no mesh: give the undeflected points (N, 3) to HeldPlan.load, or take "
+                "plan.on(points)"
+            )
         return self.mesh
 
     def figures(self) -> list[dict[str, Any]]:
@@ -378,15 +334,51 @@ class HeldPlan:
 
 @dataclass(frozen=True, eq=False)
 class OnMesh:
-    """A held plan at the nodes of its mesh: the plan, and the deflections that were read."""
+    """A held plan at the nodes of its mesh.
+
+    Attributes
+    ----------
+    plan : the plan.
+    readings : the deflections that were read.
+    controls, found : of a plan of one amount its surfaces and its deflection, in place of readings.
+    coordinates : reads all nodes (N, 3) of the whole mesh, if the plan holds a part of it.
+    """
 
     plan: Plan
     readings: tuple[Readings, ...]
+    controls: tuple[Control, ...] = ()
+    found: Deflection | None = None
+    coordinates: Callable[[], FloatArray] | None = None
+
+    @cached_property
+    def whole_modes(self) -> Modes:
+        """Modes at all nodes of the mesh, of which the plan may hold a part."""
+        whole, own = self.plan.mesh.whole, self.modes
+        if whole is None or self.coordinates is None:
+            return own
+        return replace(own, start=self.coordinates(), rows=tuple(whole.nodes[rows] for rows in own.rows))
+
+    def checksum(self, boxes: Sequence[FieldBox]) -> Checksum:
+        """Return the checksum of the mesh, for the boxes in which surfaces move."""
+        mesh, keys = self.plan.mesh, list[Keys]()
+        for zone in mesh.zones:
+            points = mesh.points[zone.start : zone.stop]
+            keys += [place_keys(points[box.inside(points)]) for box in boxes if zone.name in box.zones]
+        return Checksum.of(mesh.point_count, keys)
 
     @cached_property
     def modes(self) -> Modes:
-        """Modes at all nodes."""
+        """Modes at all nodes that the plan holds."""
         start, rows, fields = self.plan.mesh.points, [], []
+        if self.found:
+            moved = np.flatnonzero((self.found.points != start).any(axis=1))
+            whole = combine(None, start[moved], [self.found.points[moved]])
+            brings = [i == _first(self.found.amounts) for i in range(len(self.controls))]
+            rows, fields = (
+                [moved[: len(moved) * one] for one in brings],
+                [whole[:, : len(moved) * one] for one in brings],
+            )
+            return Modes(self.controls, start, tuple(rows), tuple(fields))
         for own in self.readings:
             rows.append(own.box.movable)
             ends = [one.exact[rows[-1]] for one in own.deflections]
@@ -424,6 +416,19 @@ class OnMesh:
         return Deflection(plan, tuple(boxes))
 
 
+def unit_hint(boxes: Iterable[FieldBox], points: FloatArray) -> str:
+    """Return the factor by which points (N, 3) would be places of a plan, as a sentence; empty if there is none."""
+    for factor in UNITS:
+        if any(match.any() for box in boxes for match in box.matches(points * factor)):
+            return f"times {factor:.4g} they would be those of the plan: give them in its unit of length"
+    return ""
+
+
+def _first(amounts: Amounts) -> int:
+    """Return the index of the first surface that moves, which brings all nodes there in a plan of one amount."""
+    return next((i for i, amount in enumerate(amounts) if amount), 0)
+
+
 def _finer(box: BoxPlan) -> BoxPlan:
     """Return a box whose fits are finer by the number of its surfaces with a range: their errors add up."""
     return replace(box, margin=float(max(1, sum(moving.ends[0] < moving.ends[1] for moving in box.job.surfaces))))
@@ -433,14 +438,3 @@ def _name(moving: Moving, surface: Surface) -> str:
     """Return a name for a surface, without the panel that moves with its root."""
     following = moving.motion.panel if isinstance(moving.motion, RootOnCylinder) else ()
     return name_of([name for name in surface.plain_names if name not in following])
-
-
-def combine(weights: FloatArray | None, points: FloatArray, ends: Sequence[FloatArray]) -> FloatArray:
-    """Return the fields (k, M, 3) at points (M, 3), given their places (M, 3) in each reading.
-
-    A plan for one amount has two fields; with the points they add up exactly to the final places.
-    """
-    if weights is not None:
-        return fields_of(weights, [end - points for end in ends])
-    move = ends[0] - points if ends else np.zeros_like(points)
-    return np.stack([move, ends[0] - (points + move) if ends else move])

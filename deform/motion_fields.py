@@ -8,12 +8,12 @@ import re
 from collections.abc import Iterable
 from itertools import pairwise
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from .base.arrays import FloatArray
 from .base.errors import InputError
+from .base.files import replacing_together
 from .surface.motions import Fixed, Powers, Turn
 from .volume.modes import Control, Modes
 
@@ -49,12 +49,12 @@ def write_motion(case: Path, modes: Modes) -> tuple[Path, ...]:
     """
     if not (case / "constant").is_dir():
         raise InputError(f"{case}: is no case of OpenFOAM: it has no folder constant")
-    names = _names(modes)
+    names, constant = _names(modes), case / "constant"
     files: dict[Path, Path] = {}
-    with TemporaryDirectory(prefix=".sdm-", dir=case) as folder:
+    with replacing_together(case) as (folder, moves):
 
         def write(path: Path, kind: str, content: str, values: FloatArray | None = None) -> None:
-            files[path] = Path(folder, str(len(files)))
+            files[path] = folder / str(len(files))
             form = "ascii" if values is None else "binary"
             with files[path].open("wb") as file:
                 file.write((HEADER.format(form, kind, path.parent.name, path.name) + content).encode())
@@ -70,12 +70,13 @@ def write_motion(case: Path, modes: Modes) -> tuple[Path, ...]:
                 whole[rows] = field
                 write(case / "0" / label, "pointVectorField", FIELD, whole)
             entries.append(f"{name}\n{{\n    fields ({' '.join(labels)});\n{_functions(control)}}}\n")
-        write(case / "constant" / "sdmMotion", "dictionary", "".join(entries))
-        if not (amounts := case / "constant" / "dynamicMeshDict").exists():
+        write(constant / "sdmMotion", "dictionary", "".join(entries))
+        if not (amounts := constant / "dynamicMeshDict").exists():
             write(amounts, "dictionary", SOLVER + "".join(f"    {name} table ((0 0));\n" for name in names) + "}\n")
+        if (older := constant / "sdmMotion").exists():  # without functions no solver adds up fields of two plans
+            moves[older] = folder / "older"
         (case / "0").mkdir(exist_ok=True)
-        for path, beside in files.items():
-            beside.replace(path)
+        moves |= {beside: path for path, beside in files.items()}
     return tuple(files)
 
 

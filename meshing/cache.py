@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from sdm_deflect.deform.base.compiled import code_files, default_folder
+from sdm_deflect.deform.base.errors import MeshFileError, write_errors
+from sdm_deflect.deform.base.files import replacing
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.formats.format import MeshFileError, about, write_errors
+from sdm_deflect.meshing.formats.format import about
 
-from .files import replacing
 from .mesh import VOLUME, Skin, skin, tetrahedral, tets_of
 
 # Raised whenever the same parameters give another mesh than before: kept meshes then no longer match.

@@ -18,13 +18,13 @@ from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.report.pictures import write_png
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.files import hidden_folder, replacing
 from sdm_deflect.deform.base.threads import Stage
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.options import RepairMode
 from sdm_deflect.deform.rbf.fitting import Strategy
 from sdm_deflect.meshing.cache import cache_key
-from sdm_deflect.meshing.files import hidden_folder, replacing
 from sdm_deflect.meshing.mesh import tets_of, touching
 from studies import pictures as aircraft
 from studies.files import read_rows, write_csv, write_plot

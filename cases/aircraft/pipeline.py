@@ -14,6 +14,7 @@ from sdm_deflect.cases.run.deflect_file import held_plan
 from sdm_deflect.cases.run.limit import Search
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.compiled import default_folder
+from sdm_deflect.deform.base.errors import MeshFileError
 from sdm_deflect.deform.base.threads import Progress
 from sdm_deflect.deform.loop import run as carried_out
 from sdm_deflect.deform.mesh.mesh import Mesh
@@ -23,7 +24,6 @@ from sdm_deflect.deform.volume.deflection import Deflection, deflect
 from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.geometry.parameters import LARGEST_TURN
 from sdm_deflect.meshing.cache import MeshCache, cache_key
-from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.mesh import tets_of
 
 from .case import Case

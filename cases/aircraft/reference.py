@@ -18,12 +18,12 @@ import numpy as np
 from sdm_deflect import geometry
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.compiled import default_folder
+from sdm_deflect.deform.base.errors import MeshFileError
 from sdm_deflect.geometry.datum import hinged
 from sdm_deflect.geometry.deflected import CadTurn
 from sdm_deflect.geometry.quantity import CadError
 from sdm_deflect.meshing.cache import ArrayCache, cache_key
 from sdm_deflect.meshing.child import Arrays, MeshingError, serve, start
-from sdm_deflect.meshing.formats.format import MeshFileError
 
 if TYPE_CHECKING:
     from sdm_deflect.geometry.model import CadFace

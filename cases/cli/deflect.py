@@ -203,12 +203,17 @@ def apply(
         done = apply_plan(plan, _named_amounts("--angle", angle), meshes, out, zones, progress)
     files = [{"file": str(file), "points": points, "moved": moved} for file, points, moved in done.files]
     lines = [f"{file}: {moved} of {points} points moved" for file, points, moved in done.files]
-    if done.missing:
-        lines.append(f"{done.missing} of {done.places} places of {plan} are in none of these meshes")
+    if done.mesh.missing:
+        lines.append(f"{done.mesh.missing} of {done.mesh.places} places of {plan} are in none of these meshes")
+    if not done.mesh.compared:
+        lines.append(
+            f"not compared with the mesh of {plan}: {done.mesh.found} of its {done.mesh.inside} places in the box"
+        )
     if not done.measured:
         lines.append("not measured: the surfaces were measured one at a time; sdm quality judges the cells")
     lines += [f"FAILED: {text}; do not use the mesh as it is" for text in done.faults]
-    figures = {**asdict(done), "files": files}
+    figures = {**asdict(done), **asdict(done.mesh), "files": files}
+    del figures["mesh"], figures["fault"]
     options.print_either(as_json, figures, *lines)
     return options.code_of(not done.faults)
 
@@ -223,7 +228,7 @@ def apply(
 @options.progress_options
 def gradient(
     sensitivity: Path, plan: Path, at: str, mesh: Path | None, zones: tuple[str, ...], as_json: bool, **show: bool
-) -> None:
+) -> int:
     """Turn an adjoint's sensitivities into derivatives by amounts.
 
     SENSITIVITY is a .csv of SU2, an .npz, a .cgns, or a pointVectorField of OpenFOAM, by all coordinates of the mesh:
@@ -234,21 +239,29 @@ def gradient(
     quiet = show["quiet"] or (as_json and not show["verbose"])
     with options.watch(quiet, show["verbose"]) as watch, watch.stage("gradient") as progress:
         amounts = _named_amounts("--at", at)
-        held, found, count = amount_derivatives(sensitivity, plan, amounts, mesh, zones, progress)
-    units = {one.name: one.unit for one in held.controls}
-    lines = [f"d/d({name}) = {value:.10g} per {units[name]}" for name, value in found.items()]
-    options.print_either(as_json, {"gradient": found, "units": units, "nodes": count}, *lines, f"from {count} nodes")
+        found = amount_derivatives(sensitivity, plan, amounts, mesh, zones, progress)
+    units = {one.name: one.unit for one in found.held.controls}
+    lines = [f"d/d({name}) = {value:.10g} per {units[name]}" for name, value in found.values.items()]
+    lines += [f"from {found.nodes} nodes", *([f"FAILED: {plan}: {found.fault}"] if found.fault else [])]
+    figures = {"gradient": found.values, "units": units, "nodes": found.nodes, "fault": found.fault}
+    options.print_either(as_json, figures, *lines)
+    return options.code_of(not found.fault)
 
 
 def _named_amounts(flag: str, text: str) -> float | dict[str, float]:
     """Return an amount, or those of ``NAME=AMOUNT`` with commas; InputError for another text."""
     try:
+        if "_" in text.rpartition("=")[2]:  # Python's digit groups: 1_0 is more likely a slip than 10
+            raise ValueError
         if "=" not in text:
             return float(text)
-        pairs = (part.rpartition("=") for part in text.split(","))
-        return {name.strip(): float(amount) for name, _, amount in pairs}
+        pairs = [part.rpartition("=") for part in text.split(",")]
+        amounts = {name.strip(): float(amount) for name, _, amount in pairs}
     except ValueError:
         raise InputError(f"{flag} {text}: must be a number, or NAME=NUMBER with commas") from None
+    if len(amounts) < len(pairs):
+        raise InputError(f"{flag} {text}: a surface is named twice")
+    return amounts
 
 
 @click.command()
@@ -259,7 +272,7 @@ def example(folder: Path, fighter: bool) -> None:
 
     The file is naca.su2, or fighter.su2 and fighter.toml, in FOLDER or here.
     """
-    from sdm_deflect.meshing.files import fresh
+    from sdm_deflect.deform.base.files import fresh
 
     names = ("fighter.su2", "fighter.toml") if fighter else ("naca.su2",)
     for out in (folder / name for name in names):

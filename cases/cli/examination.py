@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import stat
 import subprocess
@@ -17,10 +18,9 @@ from time import time
 
 from sdm_deflect.cases.run.output import EXTRAS, LIBRARIES, lacks, usable_cores, versions
 from sdm_deflect.deform.base.compiled import CODE_VARIABLE, FOLDER_VARIABLE, code_complaint, code_folder, default_folder
-from sdm_deflect.deform.base.errors import short_list
+from sdm_deflect.deform.base.errors import MeshFileError, short_list
+from sdm_deflect.deform.base.files import END, LOCK, NAME, NOTE, OLD, UNLOCKED
 from sdm_deflect.meshing.cache import MeshCache
-from sdm_deflect.meshing.files import END, LOCK, NAME, NOTE
-from sdm_deflect.meshing.formats.format import MeshFileError
 
 PACKAGES = "libgl1 libegl1 libopengl0 libgomp1 libglu1-mesa libxcursor1 libxft2 libxinerama1 libxrender1"
 INSTALL = f"on Debian or Ubuntu: apt-get install -y --no-install-recommends {PACKAGES}"
@@ -136,13 +136,14 @@ def _tidy(place: Path) -> Iterator[str]:
     """
     with ExitStack() as stack, suppress(OSError):
         handle = _open_own(stack, place, os.O_RDONLY | os.O_DIRECTORY)
-        if LOCK in _names(handle):
+        names = _names(handle)
+        if LOCK in names:
             import fcntl
 
             lock = _open_own(stack, LOCK, os.O_RDWR | os.O_NONBLOCK, handle)
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        elif time() - os.fstat(handle).st_mtime < YOUNG:
-            return
+        elif not {*names} <= {UNLOCKED} or time() - os.fstat(handle).st_mtime < YOUNG:
+            return  # a user's folder of such a name, or one that a command is about to lock
         yield from _put_back(place, handle)
         _remove(place, handle)
         yield f"removed {place}"
@@ -153,6 +154,8 @@ def _put_back(place: Path, handle: int) -> Iterator[str]:
     with ExitStack() as stack, suppress(OSError, ValueError, TypeError):
         note = _open_own(stack, NOTE, os.O_RDONLY | os.O_NONBLOCK, handle)
         number, aside, name = json.loads(os.read(note, LONGEST))
+        if Path(name).name != name or not re.fullmatch(rf"{re.escape(name)}({re.escape(OLD)})+", aside):
+            return
         old, target = place.with_name(aside), place.with_name(name)
         folder = _open_own(stack, old, os.O_RDONLY | os.O_DIRECTORY)
         if os.fstat(folder).st_ino != number:

@@ -106,7 +106,7 @@ def geometry(out: Path, case: str | None, angle: float | None, binary: bool, **g
     resolved = resolve(name, angle=angle or 0.0, **given)
 
     from sdm_deflect.cases.aircraft.cad import deflected_cad, undeflected_cad
-    from sdm_deflect.meshing.files import fresh
+    from sdm_deflect.deform.base.files import fresh
 
     with options.watch(quiet, verbose) as watch, watch.stage("geometry"):
         model = deflected_cad(resolved) if resolved.angle else undeflected_cad(resolved)

@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+from sdm_deflect.deform.base.files import fresh, permitted_as
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.files import fresh, permitted_as
 
 from .data import MESH_UNITS, ReportData, diagonal
 from .page import HERE, picture, templates
@@ -12,6 +12,8 @@ from .turnable import turnable
 
 MOST_TRIANGLES = 100_000
 """Patches of more are thinned."""
+MARK, BEGIN = b'<meta name="generator" content="sdm-deflect">', 1 << 12
+"""Mark of our pages, and the number of bytes in which it stands; the policy before it has fewer than a thousand."""
 HALF = 0.5
 """Patches that reach over more of the mesh are hidden at first, if others remain: they are far fields."""
 
@@ -42,9 +44,15 @@ def page_of(mesh: Mesh) -> str:
 
 
 def write_mesh_page(mesh: Mesh, out: Path) -> None:
-    """Write the page of a mesh; MeshFileError if the file cannot be written."""
-    with permitted_as(mesh.source), fresh(out) as beside:
+    """Write the page of a mesh; MeshFileError if the file cannot be written, or is there and no earlier page."""
+    with permitted_as(mesh.source), fresh(out, *map(Path, mesh.files), earlier=is_page) as beside:
         beside.write_text(page_of(mesh), encoding="utf-8")
+
+
+def is_page(path: Path) -> bool:
+    """Whether a file is a page of ours, by its mark."""
+    with path.open("rb") as file:
+        return MARK in file.read(BEGIN)
 
 
 def _patches(mesh: Mesh) -> Iterator[tuple[str, int, int, str, str]]:

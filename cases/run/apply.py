@@ -1,6 +1,6 @@
 """`sdm apply`: a saved plan moves the points of mesh files, or of the parts of a decomposed case of OpenFOAM."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.errors import InputError, short_list
+from sdm_deflect.deform.base.errors import InputError, MeshFileError, short_list
+from sdm_deflect.deform.base.files import permitted_as
 from sdm_deflect.deform.base.states import check_unchanged, states_of
 from sdm_deflect.deform.base.threads import Progress, silent
-from sdm_deflect.deform.held import HeldPlan
-from sdm_deflect.deform.mesh.cells import Zone
+from sdm_deflect.deform.held import HeldPlan, unit_hint
+from sdm_deflect.deform.mesh.cells import Zone, bounded
 from sdm_deflect.deform.mesh.precision import DOUBLE
-from sdm_deflect.meshing.files import permitted_as
-from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.openfoam_case import is_part, move_parts
+from sdm_deflect.deform.volume.checksum import Checksum, Keys, place_keys
+from sdm_deflect.meshing.formats.openfoam_case import are_all_parts, is_part, move_parts
 from sdm_deflect.meshing.formats.registry import files_of, format_of
 
 from .mesh_files import Targets
@@ -34,15 +34,14 @@ class Applied:
     Attributes
     ----------
     files : each file with its points and how many of them moved.
-    places, missing : of the plan, and those that are in none of the parts of a case.
+    mesh : whether the meshes are the one on which the plan was measured.
     amounts, ranges, passed : of each surface by its name; the amounts that passed are None if none did.
     faults : sentences on amounts that did not pass.
     measured : whether at most one surface is away from where it stood while the others were measured.
     """
 
     files: tuple[tuple[Path, int, int], ...]
-    places: int
-    missing: int
+    mesh: "Comparison"
     amounts: dict[str, Any]
     ranges: dict[str, Any]
     passed: dict[str, tuple[float, float] | None]
@@ -80,13 +79,13 @@ def apply_plan(
     """
     held = HeldPlan.load(path)
     pose = held.in_order(amounts)
-    held.check_ranges(pose)
     states = states_of(file for mesh in meshes for file in _files(mesh))
-    places, found = check_places(held, path, meshes, zones, progress)
+    same = compare(held, path, meshes, zones, progress)
     files = []
     with _writers(meshes, out) as writers:
         for mesh, write in zip(meshes, writers, strict=True):
-            points, moved = _move(held, pose, mesh, zones)
+            points, own = points_of(mesh)
+            moved = move(held, pose, mesh, points, own, zones)
             progress(f"writing {mesh.name}", 0.5)
             beside, target = write(mesh, moved)
             if not np.array_equal(points_of(beside)[0], moved):
@@ -96,54 +95,107 @@ def apply_plan(
     ranges = {control.name: (control.low, control.high) for control in held.controls}
     named = dict(zip(ranges, pose, strict=True))
     passed = {name: held.passed(i) for i, name in enumerate(ranges)}
-    return Applied(
-        tuple(files), places, places - found, named, ranges, passed, held.faults(pose), held.is_measured(pose)
-    )
+    faults = (*([same.fault] if same.fault else []), *held.faults(pose))
+    return Applied(tuple(files), same, named, ranges, passed, faults, held.is_measured(pose))
 
 
 def plan_to_case(path: Path, case: Path, progress: Progress = silent) -> tuple[Path, ...]:
     """Write the plan in the file `path` as fields into a case of OpenFOAM; return the files; errors as `apply_plan`."""
     held = HeldPlan.load(path)
-    check_places(held, path, [case], (), progress)
+    if fault := compare(held, path, [case], (), progress).fault:
+        raise InputError(f"{path}: {fault}")
     return held.save_openfoam(case, points_of(case)[0])
 
 
-def _move(held: HeldPlan, pose: Sequence[float], mesh: Path, zones: Sequence[str]) -> tuple[FloatArray, FloatArray]:
-    """Return the points (N, 3) of a mesh, and where a plan moves them."""
-    points, own = points_of(mesh)
+def move(
+    held: HeldPlan,
+    pose: Sequence[float],
+    mesh: Path,
+    points: FloatArray,
+    zones: Sequence[Zone],
+    names: Sequence[str] = (),
+) -> FloatArray:
+    """Return where a plan moves the points (N, 3) of a mesh; `names` are further zones that deform.
+
+    Raises InputError if a point would be beyond what a mesh may have.
+    """
     moved = points.copy()
     for placed, control, amount in zip(held.by_place, held.controls, pose, strict=True):
-        for rows in deforming(mesh, own, placed.zones, zones) if amount and placed.fields else ():
+        for rows in deforming(mesh, zones, placed.zones, names) if amount and placed.fields else ():
             placed.move(points[rows], control.functions.values(amount), moved[rows])
-    return points, moved
+    return bounded(moved, f"{mesh.name}, moved by the plan")
 
 
 def _files(mesh: Path) -> Sequence[Path]:
     return sorted((mesh / "constant" / "polyMesh").iterdir()) if is_part(mesh) else files_of(mesh)
 
 
-def check_places(
-    held: HeldPlan, path: Path, meshes: Sequence[Path], zones: Sequence[str], progress: Progress
-) -> tuple[int, int]:
-    """Return how many places a plan has, and how many of them are points of meshes.
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """What of a plan's mesh there is in some meshes.
 
-    InputError if none is, or if points were rounded.
+    Attributes
+    ----------
+    places, missing : of the plan, and those that are in none of the meshes.
+    inside, found : number of places inside the boxes: of the plan's mesh, and of these meshes.
+    compared : whether these meshes are a whole mesh, which was compared with the plan's.
+    fault : why they are not the mesh on which the plan was measured; empty if they are, or were not compared.
     """
-    boxes = [box for own in held.by_place for one in own.fields[:1] for box in one.boxes]
-    known = [np.zeros((2, len(box.places)), dtype=np.bool_) for box in boxes]
-    for mesh in meshes:
-        progress(f"reading {mesh.name}", 0.0)
-        points, own = points_of(mesh)
+
+    places: int
+    missing: int
+    inside: int
+    found: int
+    compared: bool
+    fault: str
+
+
+def compare(held: HeldPlan, path: Path, meshes: Sequence[Path], zones: Sequence[str], progress: Progress) -> Comparison:
+    """Compare mesh files, or parts of a case, with a plan's mesh; errors as of `compare_points` and `points_of`."""
+
+    def read() -> Iterator[tuple[Path, FloatArray, Sequence[Zone]]]:
+        for mesh in meshes:
+            progress(f"reading {mesh.name}", 0.0)
+            yield mesh, *points_of(mesh)
+
+    try:
+        return compare_points(held, read(), zones)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def compare_points(
+    held: HeldPlan, meshes: Iterable[tuple[Path, FloatArray, Sequence[Zone]]], zones: Sequence[str] = ()
+) -> Comparison:
+    """Compare meshes, given by their paths, points (N, 3) and zones, with that of a plan.
+
+    `zones` are further zones that deform. Raises InputError if none of the plan's places is one of the points, or if
+    points were rounded.
+    """
+    boxes, known = held.boxes, [np.zeros((2, len(box.places)), dtype=np.bool_) for box in held.boxes]
+    keys, paths, hint = list[list[Keys]](), list[Path](), ""
+    for mesh, points, own in meshes:
+        paths.append(mesh)
+        keys.append([])
         for box, found in zip(boxes, known, strict=True):
+            names = {name for zone in own for name in (zone.name, *zone.blocks)} & {*box.zones}
             for rows in deforming(mesh, own, box.zones, zones):
                 found |= box.matches(points[rows])
+            for rows in deforming(mesh, own, box.zones, () if names else zones):
+                keys[-1].append(place_keys(points[rows][box.inside(points[rows])]))
+        hint = hint or ("" if any(found.any() for found in known) else unit_hint(boxes, points))
     exact, near = np.concatenate(known, axis=1)
     if rounded := int((near & ~exact).sum()):
-        raise InputError(f"{path}: {rounded} of its places are nearly points of {_names(meshes)}: write all digits")
-    count, places = int(exact.sum()), len(exact)
-    if not count or (count < places and not all(map(is_part, meshes))):
-        raise InputError(f"{path}: is of another mesh: {count} of its {places} places are points of {_names(meshes)}")
-    return places, count
+        raise InputError(f"{rounded} of its places are nearly points of {_names(paths)}: write all digits")
+    count, places, parts = int(exact.sum()), len(exact), all(map(is_part, paths))
+    if not count or (count < places and not parts):
+        text = f"is of another mesh: {count} of its {places} places are points of {_names(paths)}"
+        raise InputError("; ".join(filter(None, [text, hint])))
+    whole = count == places and (not parts or are_all_parts(paths))
+    sums = [Checksum.of(0, own) for own in ([[one for own in keys for one in own]] if parts else keys)]
+    fault = next(filter(None, (held.mesh_fault(one, whole) for one in sums)), "")
+    compared = whole or sums[0].places >= held.checksum.places
+    return Comparison(places, places - count, held.checksum.places, sums[0].places, compared, fault)
 
 
 def points_of(mesh: Path) -> tuple[FloatArray, tuple[Zone, ...]]:

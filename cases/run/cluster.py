@@ -19,8 +19,8 @@ from time import monotonic, sleep
 from typing import Any
 
 from sdm_deflect.deform.base.errors import InputError, LostError
+from sdm_deflect.deform.base.files import hidden_folder
 from sdm_deflect.deform.base.threads import Runner
-from sdm_deflect.meshing.files import hidden_folder
 
 from .output import check_installed
 from .progress import Stopwatch

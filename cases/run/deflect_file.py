@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from sdm_deflect.deform.base import threads
 from sdm_deflect.deform.base.errors import InputError, short_list
+from sdm_deflect.deform.base.files import permitted_as
 from sdm_deflect.deform.base.states import check_unchanged, hold_open
 from sdm_deflect.deform.base.threads import HERE, Progress, Runner, Stage
 from sdm_deflect.deform.checks import Check, layers_of, verdict
@@ -17,7 +18,6 @@ from sdm_deflect.deform.mesh.touched import Layers
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.job import Amounts, Job
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
-from sdm_deflect.meshing.files import permitted_as
 from sdm_deflect.meshing.formats.registry import FORMATS, files_of, format_of, in_pieces, read, size_of
 
 from .mesh_files import Targets, check_written, write_mesh, write_sensitivity

@@ -1,31 +1,52 @@
 """`sdm gradient`: derivatives of an objective by the amounts of a plan, from the nodal sensitivities of any adjoint."""
 
-import csv
-import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.errors import InputError, short_list
 from sdm_deflect.deform.base.threads import Progress, silent
-from sdm_deflect.deform.base.unpacking import damaged, read_arrays
+from sdm_deflect.deform.base.unpacking import PLACES, columns_of, damaged, read_arrays, read_titles, refuse_device
 from sdm_deflect.deform.held import HeldPlan
+from sdm_deflect.deform.mesh.cells import Zone
 from sdm_deflect.deform.volume.field import POINTS_AT_A_TIME
 from sdm_deflect.deform.volume.modes import Modes
 from sdm_deflect.meshing.formats.format import about
 
-from .apply import check_places, deforming, points_of
+from .apply import compare, deforming, points_of
 
 NEAR = 1e-6
 """Largest distance of a table's points from the plan's, as a share of the mesh's size: tables have seven digits."""
-COLUMN = re.compile(r"sensitivity[ _:-]?([xyz012])", re.IGNORECASE)
-"""Titles of components: `Sensitivity_x` of SU2, `Sensitivity:0` of ParaView."""
+LARGEST = 1e300
+"""Bound of a sensitivity: sums of larger ones overflow."""
+TITLES = {f"Sensitivity_{name}": (f"Sensitivity_{name}", f"Sensitivity:{i}") for i, name in enumerate("xyz")}
+"""Titles of components: those of SU2, and those of ParaView."""
+NUMBER = "PointID"
+EXAMPLE = '"PointID","x","y","z","Sensitivity_x","Sensitivity_y","Sensitivity_z"'
 Piece = tuple[IntArray, FloatArray]
 """Nodes (M,) and their sensitivities (M, 3); further columns, up to three, are deflected coordinates."""
+
+
+@dataclass(frozen=True, slots=True)
+class AmountDerivatives:
+    """Derivatives of an objective by the amounts of a plan.
+
+    Attributes
+    ----------
+    held : the plan.
+    values : derivatives per unit of each amount, by the surfaces' names.
+    nodes : number of nodes in the file of sensitivities.
+    fault : why the mesh is not the one on which the plan was measured; empty if it is.
+    """
+
+    held: HeldPlan
+    values: dict[str, float]
+    nodes: int
+    fault: str
 
 
 def amount_derivatives(
@@ -35,7 +56,7 @@ def amount_derivatives(
     mesh: Path | None = None,
     zones: Sequence[str] = (),
     progress: Progress = silent,
-) -> tuple[HeldPlan, dict[str, float], int]:
+) -> AmountDerivatives:
     """Sum d(objective)/d(coordinates) times d(coordinates)/d(amount) over all nodes, a part of them at a time.
 
     Parameters
@@ -46,35 +67,53 @@ def amount_derivatives(
     mesh : The undeflected mesh; the one of that name beside the plan if None.
     zones, progress : As for `apply_plan`.
 
-    Returns
-    -------
-    The plan, the derivatives per unit of each amount by the surfaces' names, and the number of nodes in the file.
-
-    Raises InputError if sensitivities do not belong to the mesh at these amounts; MeshFileError for a damaged mesh.
+    Raises InputError if sensitivities do not belong to the mesh at these amounts, or if one of a node that moves is
+    missing; MeshFileError for a damaged mesh.
     """
     held = HeldPlan.load(plan)
     pose, mesh = held.in_order(amounts), mesh or plan.with_name(held.source or "undeflected mesh")
     if not mesh.exists():
         raise InputError(f"{mesh} is not there: name the undeflected mesh of the plan in --mesh")
-    check_places(held, plan, [mesh], zones, progress)
+    fault = compare(held, plan, [mesh], zones, progress).fault
     points, own = points_of(mesh)
-    near, total, seen = NEAR * float(np.ptp(points, axis=0).max()), np.zeros(len(pose)), np.zeros(len(points), np.int32)
+    near, total, seen = near_of(points), np.zeros(len(pose)), np.zeros(len(points), np.intp)
     deforms = np.zeros((len(pose), len(points)), dtype=np.bool_)
     for mask, placed in zip(deforms, held.by_place, strict=True):
         for some in deforming(mesh, own, placed.zones, zones):
             mask[some] = True
-    for nodes, rows in pieces(path, len(points)):
+    plane = not np.ptp(points, axis=0).all()
+    for nodes, rows in pieces(path, points, own, plane):
         np.add.at(seen, nodes, 1)
         if seen.max() > 1:
             raise InputError(f"{path}: node {np.argmax(seen)} has two rows; give each node once")
-        modes = _among(held.on(points[nodes]), deforms[:, nodes])
+        modes = _among(held.at_places(points[nodes]), deforms[:, nodes])
         total += modes.vjp(pose, rows[:, :3])
         off = np.abs(rows[:, 3:] - modes.at(pose)[:, : rows.shape[1] - 3]).max(axis=1, initial=0.0)
         if (worst := off.max(initial=0.0)) > near:
             where = f"node {nodes[np.argmax(off)]} is {worst:g} from where the plan brings it"
             raise InputError(f"{path}: {where}: amounts, or the order of nodes, differ")
         progress(f"reading {path.name}", seen.sum() / len(points))
-    return held, dict(zip((one.name for one in held.controls), total.tolist(), strict=True)), int(seen.sum())
+    _refuse_missing(path, held, points, deforms, seen)
+    if not np.isfinite(total).all():
+        raise InputError(f"{path}: the sensitivities are too large to add up")
+    values = dict(zip((one.name for one in held.controls), total.tolist(), strict=True))
+    return AmountDerivatives(held, values, int(seen.sum()), fault)
+
+
+def near_of(points: FloatArray) -> float:
+    """Return the largest distance of places in a file from nodes at points (N, 3)."""
+    return NEAR * float(np.ptp(points, axis=0).max())
+
+
+def _refuse_missing(path: Path, held: HeldPlan, points: FloatArray, deforms: BoolArray, seen: IntArray) -> None:
+    """Raise InputError if nodes that a surface moves are not among those `seen` (N,)."""
+    rest = np.flatnonzero(seen == 0)
+    missing = 0
+    for start in range(0, len(rest), POINTS_AT_A_TIME):
+        nodes = rest[start : start + POINTS_AT_A_TIME]
+        missing += len(np.unique(np.concatenate(_among(held.at_places(points[nodes]), deforms[:, nodes]).rows)))
+    if missing:
+        raise InputError(f"{path}: has {int(seen.sum())} of {len(points)} nodes; {missing} that move are missing")
 
 
 def _among(modes: Modes, deforms: BoolArray) -> Modes:
@@ -84,49 +123,63 @@ def _among(modes: Modes, deforms: BoolArray) -> Modes:
     return replace(modes, rows=tuple(map(np.compress, kept, modes.rows)), fields=fields)
 
 
-def pieces(path: Path, count: int) -> Iterator[Piece]:
-    """Yield what a file holds for a mesh of `count` nodes; InputError if it is not of such a mesh."""
+def pieces(path: Path, points: FloatArray, zones: Sequence[Zone], plane: bool) -> Iterator[Piece]:
+    """Yield what a file holds for a mesh with nodes at `points` (N, 3); InputError if it is not of such a mesh."""
+    refuse_device(path)
+    count = len(points)
     if path.suffix.lower() == ".csv":
-        yield from _of_table(path, count)
+        yield from _of_table(path, count, plane)
         return
-    reader = {".npz": _of_arrays, ".cgns": _of_cgns}.get(path.suffix.lower(), _of_field)
-    rows = reader(path)
-    if rows.shape != (count, 3) or rows.dtype.kind != "f" or not np.isfinite(rows).all():
+    if path.suffix.lower() == ".cgns":
+        rows = _of_cgns(path, points, zones, plane)
+    else:
+        rows = _of_arrays(path) if path.suffix.lower() == ".npz" else _of_field(path)
+    if rows.ndim != 2 or rows.shape not in ((count, 3), (count, 6)) or rows.dtype.kind != "f":
         raise InputError(f"{path}: must have sensitivities ({count}, 3) of finite real numbers for this mesh")
+    _check_numbers(path, rows)
     for start in range(0, count, POINTS_AT_A_TIME):
         nodes = np.arange(start, min(start + POINTS_AT_A_TIME, count))
         yield nodes, rows[nodes]
 
 
-def _of_table(path: Path, count: int) -> Iterator[Piece]:
+def _check_numbers(path: Path, rows: FloatArray) -> None:
+    if not (np.abs(rows) < LARGEST).all():
+        raise InputError(f"{path}: a sensitivity is not finite, or beyond {LARGEST:g}")
+
+
+def _of_table(path: Path, count: int, plane: bool) -> Iterator[Piece]:
     """Yield rows of a .csv with titles; without a column PointID they are in the order of the mesh's nodes."""
-    with path.open(encoding="utf-8-sig", errors="replace") as file:
-        titles = [title.strip() for title in next(csv.reader(file), [])]
+    with damaged(path, "table of sensitivities"):
+        file = path.open(encoding="utf-8-sig", errors="replace")
+    with file:
         with damaged(path, "table of sensitivities"):
-            own = components_of(titles)
-        places = [titles.index(name) for name in "xyz"[: len(own)] if name in titles]
-        used = [*own, *places, *(titles.index(name) for name in titles if name == "PointID")]
-        start, numbered = 0, "PointID" in titles
+            titles = read_titles(file, EXAMPLE)
+            own = components_of(titles, plane)
+            at = columns_of(titles, {**PLACES, NUMBER: (NUMBER,)})
+        places = [at[name] for name in "xyz"[: len(own)] if name in at]
+        used = [*own, *places, *([at[NUMBER]] if NUMBER in at else [])]
+        start, numbered = 0, NUMBER in at
         while lines := list(islice(file, POINTS_AT_A_TIME)):
             with damaged(path, "table of sensitivities"):
-                given = np.loadtxt(lines, delimiter=",", usecols=used, ndmin=2)
-                nodes = given[:, -1].astype(np.intp) if numbered else start + np.arange(len(given))
-                if not np.isfinite(given).all() or nodes.min() < 0 or nodes.max() >= count:
-                    raise InputError(f"a number is not finite, or a node is not one of the mesh, 0 to {count - 1}")
+                given = np.loadtxt(lines, delimiter=",", usecols=used, ndmin=2, comments=None)
+                nodes = given[:, -1] if numbered else start + np.arange(len(given))
+                if not (nodes == np.floor(nodes)).all() or nodes.min() < 0 or nodes.max() >= count:
+                    raise InputError(f"a node is not one of the mesh, 0 to {count - 1}")
+            _check_numbers(path, given)
             rows = np.zeros((len(given), 3 + len(places)))
             rows[:, : len(own)], rows[:, 3:] = given[:, : len(own)], given[:, len(own) : len(own) + len(places)]
-            yield nodes, rows
+            yield nodes.astype(np.intp), rows
             start += len(rows)
 
 
-def components_of(titles: Sequence[str]) -> list[int]:
-    """Return the indices of the titles of x, y and, if there is one, z; InputError if one is missing or repeated."""
-    found = sorted(
-        ("xyz012".index(match[1].lower()) % 3, i) for i, t in enumerate(titles) if (match := COLUMN.search(t))
-    )
-    if [axis for axis, _ in found] not in ([0, 1], [0, 1, 2]):
-        raise InputError("there must be Sensitivity_x, Sensitivity_y and in space Sensitivity_z, once each")
-    return [i for _, i in found]
+def components_of(titles: Sequence[str], plane: bool) -> list[int]:
+    """Return the indices of the titles of x, y and, in space, z; InputError if one is missing."""
+    found = columns_of(titles, TITLES)
+    if [*found] not in ([*TITLES], [*TITLES][:2] if plane else [*TITLES]):
+        raise InputError(
+            f"there must be Sensitivity_x, Sensitivity_y and in space Sensitivity_z; there is {short_list(titles)}"
+        )
+    return list(found.values())
 
 
 def _of_arrays(path: Path) -> FloatArray:
@@ -136,24 +189,43 @@ def _of_arrays(path: Path) -> FloatArray:
     return arrays["sensitivity"]
 
 
-def _of_cgns(path: Path) -> FloatArray:
-    """Return the sensitivities (N, 3) in solutions at the vertices."""
+def _of_cgns(path: Path, points: FloatArray, zones: Sequence[Zone], plane: bool) -> FloatArray:
+    """Return the sensitivities (N, 3) in solutions at the vertices, zone by zone of the mesh.
+
+    With coordinates (N, 6) if all zones have some other than the undeflected ones.
+    """
     import h5py
 
     from sdm_deflect.meshing.formats.cgns_boundary import location
     from sdm_deflect.meshing.formats.cgns_nodes import children, reals
     from sdm_deflect.meshing.formats.cgns_read import base_of, may_fit
 
+    def columns(node: h5py.Group, label: str, names: Sequence[str] = ()) -> FloatArray:
+        """Return the vectors (M, 3) among the arrays of all solutions, or of the coordinates, of a zone."""
+        parts = [one for _, one in children(node, label) if names or location(one) == "Vertex"]
+        arrays = [pair for part in parts for pair in children(part, "DataArray_t")]
+        titles = [name for name, _ in arrays]
+        found = list(columns_of(titles, PLACES).values()) if names else components_of(titles, plane)
+        own = [reals(arrays[i][1])[()].ravel() for i in found]
+        return np.column_stack([*own, *[np.zeros_like(own[0])] * (3 - len(own))]) if own else np.empty((0, 3))
+
     with about(path), h5py.File(path) as file:
         base, out = base_of(file), []
         if may_fit(base):
             raise InputError("its zones share points: give the sensitivities of the mesh's nodes in an .npz")
-        for zone in base.zones.values():
-            solutions = [one for _, one in children(zone, "FlowSolution_t") if location(one) == "Vertex"]
-            arrays = [pair for some in solutions for pair in children(some, "DataArray_t")]
-            own = [reals(arrays[i][1])[()].ravel() for i in components_of([name for name, _ in arrays])]
-            out.append(np.column_stack([*own, *[np.zeros_like(own[0])] * (3 - len(own))]))
-        return np.concatenate(out)
+        names = [zone.name if len(zones) > 1 else next(iter(base.zones), "") for zone in zones]
+        if sorted(names) != sorted(base.zones):
+            raise InputError(f"its zones are {short_list(base.zones)}; those of the mesh are {short_list(names)}")
+        for name, zone in zip(names, zones, strict=True):
+            one, size = base.zones[name], zone.stop - zone.start
+            own, places = columns(one, "FlowSolution_t"), columns(one, "GridCoordinates_t", ["x"])
+            if len(own) != size or len(places) not in (0, size):
+                raise InputError(f"zone {name} has {len(own)} sensitivities, and the mesh {size} nodes there")
+            start = points[zone.start : zone.stop]
+            same = not len(places) or np.abs(places - start).max(initial=0.0) <= near_of(points)
+            out.append(own if same else np.hstack([own, places]))
+        width = min(one.shape[1] for one in out)
+        return np.concatenate([one[:, :width] for one in out])
 
 
 def _of_field(path: Path) -> FloatArray:

@@ -13,14 +13,15 @@ from typing import Any
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.errors import InputError, printable
+from sdm_deflect.deform.base.errors import InputError, MeshFileError, printable
 from sdm_deflect.deform.base.states import check_unchanged
 from sdm_deflect.deform.base.threads import HERE, Progress, Runner, silent
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.pieces import gather_points
 from sdm_deflect.deform.mesh.precision import DOUBLE, EVERY_BIT, Precision
+from sdm_deflect.deform.plan_file import is_plan
 from sdm_deflect.deform.volume.job import Amounts
-from sdm_deflect.meshing.formats.format import MeshFileError, only_rewritten
+from sdm_deflect.meshing.formats.format import only_rewritten
 from sdm_deflect.meshing.formats.registry import ending, format_of, in_pieces
 
 SENSITIVITY = "d_points_d_angle"
@@ -178,7 +179,7 @@ class Targets:
         if target.exists() and any(given.exists() and target.samefile(given) for given in read):
             raise InputError(f"{target}: this is a file that is read; name another one in out")
         if target.exists() and not self._may_replace(target):
-            rule = "and only the file that out names, and an earlier sensitivity, are replaced"
+            rule = "and only the file that out names, and an earlier plan or sensitivity, are replaced"
             fault = rule if target.is_file() or target.is_dir() else "and is a pipe or a device"
             raise InputError(f"{target} exists already, {fault}; delete it, or choose another name in out")
 
@@ -192,9 +193,9 @@ class Targets:
         """Whether what is there may be replaced."""
         if target.is_dir():
             return self._is_folder and not target.suffix[1:2].isalpha() and not any(target.iterdir())
-        return target.is_file() and (
-            target in (self.out, self.plan) or (target in (*self.extra, self.summary) and _is_ours(target))
-        )
+        if target == self.plan:
+            return target.is_file() and is_plan(target)
+        return target.is_file() and (target == self.out or (target in (*self.extra, self.summary) and _is_ours(target)))
 
     def _file(self, tail: str, suffix: str | None = None) -> Path:
         end = "" if self._is_folder else ending(self.out)

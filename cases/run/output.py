@@ -15,12 +15,11 @@ from platform import machine, platform, python_version
 import numpy as np
 from threadpoolctl import threadpool_info  # type: ignore[import-untyped, unused-ignore]
 
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.errors import FULL, InputError
+from sdm_deflect.deform.base.files import replacing, replacing_files
 from sdm_deflect.deform.rbf.data_sites import DIRECTIONS
 from sdm_deflect.deform.rbf.kernels import arrays_of
 from sdm_deflect.deform.volume.deflection import BoxDeflection
-from sdm_deflect.meshing.files import replacing, replacing_files
-from sdm_deflect.meshing.formats.format import FULL
 
 PARTS = ("convergence", "quality", "slices", "cad_map", "rigid_cad_map")
 """Parts of the page, with which the names of its pictures begin."""
@@ -47,8 +46,10 @@ BRINGS = {
 """What needs an extra."""
 PAGE = ("report.html", *(f"figures/{part}*.{form}" for part in PARTS for form in ("png", "pdf", "svg")))
 """A page and its pictures, as patterns."""
+SETTINGS_FILES = ("case.toml", "settings.toml")
+"""Files of settings: one of them marks a folder as a run's."""
 RUN = (
-    "case.toml", "settings.toml", "metrics.json", "convergence.csv", "interpolant.npz", "plan.npz", "table_[0-9]*.npz",
+    *SETTINGS_FILES, "metrics.json", "convergence.csv", "interpolant.npz", "plan.npz", "table_[0-9]*.npz",
     "track_[0-9]*.csv",
     "undeflected.vtu", "deflected.vtu", "background.vtu", *PAGE,
 )  # fmt: skip
@@ -74,9 +75,17 @@ def output_folder(target: Path, stale: Sequence[str] = RUN) -> Iterator[Path]:
         raise OutputError(
             f"--out {target}: this command works in the folder that it is to replace; run it from another"
         )
+    _refuse_others(target, stale)
     with _name_errors(target, replacing(target, stale)) as scratch:
         scratch.mkdir()
         yield scratch
+
+
+def _refuse_others(target: Path, stale: Sequence[str]) -> None:
+    """Raise OutputError for a folder with files that would be removed, if it is no earlier run."""
+    theirs = [path.name for pattern in stale for path in target.glob(pattern)] if target.is_dir() else []
+    if theirs and not {*theirs} & {*SETTINGS_FILES}:
+        raise OutputError(f"--out {target} holds {theirs[0]}, and is no earlier run: name another folder")
 
 
 @contextmanager

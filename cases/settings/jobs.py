@@ -16,7 +16,7 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, shortened
-from sdm_deflect.deform.base.unpacking import read_rows
+from sdm_deflect.deform.base.unpacking import columns_of, damaged, read_rows
 from sdm_deflect.deform.box.automatic import Automatic, BoxRule, Given, Outline
 from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.axis import Axis
@@ -237,12 +237,13 @@ def _rows(angles: Any, settings: JobSettings) -> tuple[Amounts, ...]:
 
 def _columns(path: Path, names: Sequence[tuple[str, ...]]) -> FloatArray:
     """Read a table with a column for each surface, in the order of the surfaces' patch `names`."""
-    titles, given = read_rows(path, "table of amounts")
-    owners = [next((i for i, own in enumerate(names) if title in own), -1) for title in titles]
-    if sorted(owners) != [*range(len(names))]:
-        wanted = ",".join(own[0] for own in names)
+    wanted = ",".join(own[0] for own in names)
+    titles, given = read_rows(path, "table of amounts", wanted)
+    with damaged(path, "table of amounts"):
+        found = columns_of(titles, {own[0]: own for own in names})
+    if len(found) < len(names) or len(found) < len(titles):
         raise InputError(f"{path}: one column for each surface, titled {wanted}; its titles are {','.join(titles)}")
-    return given[:, np.argsort(owners)] if given.shape[1] == len(names) else given
+    return given[:, [found[own[0]] for own in names]]
 
 
 def job_of(settings: JobSettings, *, by_range: bool = False) -> Job:

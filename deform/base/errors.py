@@ -1,11 +1,16 @@
 """Errors that a user sees as one sentence instead of a traceback."""
 
+import errno
 import signal
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager
 from difflib import get_close_matches
+from pathlib import Path
 
 REQUESTS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 """Signals that ask a command to end; Windows knows no SIGHUP."""
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""Errors of writing alone: no space, a quota, a limit of the size."""
 LONGEST, MOST, FEW = 80, 900, 5
 """Largest number of letters of a value and of a message, and of names in a list: damaged files may hold anything."""
 
@@ -28,6 +33,17 @@ class InputError(ValueError):
         super().__init__(sentence(message))
 
 
+class MeshFileError(RuntimeError):
+    """A mesh file is damaged, or holds what we cannot read; the message names the file and what is wrong."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(sentence(message))
+
+
+class WriteError(MeshFileError):
+    """A file cannot be written; the message names it."""
+
+
 class LostError(RuntimeError):
     """Something that a run needs was lost; the same command may succeed again."""
 
@@ -48,3 +64,21 @@ def nearest(name: str, known: Collection[str], noun: str = "known are") -> str:
     """Return the end of a sentence about an unknown name: the most similar known ones, or all."""
     close = get_close_matches(name, list(known), n=3)
     return f"did you mean {', '.join(close)}?" if close else f"{noun} {short_list(known) or 'none'}"
+
+
+@contextmanager
+def write_errors(out: Path) -> Iterator[None]:
+    """Name `out` in errors of writing it: WriteError in place of an OSError, as ``"out: cannot be written: why"``."""
+    try:
+        yield
+    except OSError as error:
+        raise WriteError(f"{out}: cannot be written: {error.strerror or error}") from error
+
+
+@contextmanager
+def errors_for(beside: Path, out: Path) -> Iterator[None]:
+    """Name `out` in errors of what is written for it at `beside`."""
+    try:
+        yield
+    except MeshFileError as error:
+        raise MeshFileError(str(error).replace(str(beside), str(out))) from error

@@ -1,17 +1,19 @@
 """Reading packed arrays safely: how much memory a file may take, and errors that name the file."""
 
+import csv
 import lzma
 import os
+import re
 import struct
 import tokenize
 import warnings
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +24,10 @@ RATIO_VARIABLE = "SDM_DEFLECT_UNPACK_RATIO"
 """Environment variable for the largest ratio of a file's data in memory to its size on disk."""
 RATIO, ALWAYS = 100.0, 1 << 26
 """That ratio by default, and the bytes that any file may take."""
+LONGEST_LINE = 1 << 16
+"""Largest number of letters in a line of titles: a file without line ends is no table."""
+PLACES = {name: (name, f"Points:{i}", f"Coordinate{name}", f"Coordinates:{i}") for i, name in enumerate("xyz")}
+"""Titles of coordinates: ours, those of ParaView, and those of CGNS."""
 Array = NDArray[Any]
 DAMAGED = (
     OSError, EOFError, ValueError, TypeError, AttributeError, LookupError, ArithmeticError, MemoryError, RuntimeError,
@@ -60,11 +66,10 @@ def damaged(path: Path, what: str) -> Iterator[None]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            if path.exists() and not (path.is_file() or path.is_dir()):
-                raise InputError("a device or a pipe is no file to read")
+            refuse_device(path)
             yield
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise InputError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
     except DAMAGED as error:
         reason = (
             error.strerror if isinstance(error, OSError) else " ".join(str(error).partition(': "<')[0].split())[:200]
@@ -72,11 +77,72 @@ def damaged(path: Path, what: str) -> Iterator[None]:
         raise InputError(f"{path}: no {what}: {reason or 'it is damaged'}") from None
 
 
-def read_rows(path: Path, what: str) -> tuple[list[str], NDArray[np.float64]]:
-    """Return the titles and the numbers (rows, columns) of a .csv with a title line; InputError if it is no `what`."""
+def refuse_device(path: Path) -> None:
+    """Raise InputError for a device or a pipe, which may have no end."""
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise InputError(f"{path}: a device or a pipe is no file to read")
+
+
+def read_titles(text: TextIO, example: str) -> list[str]:
+    """Return the titles in the first line of a .csv; ValueError for a line of numbers, or no line.
+
+    NumPy begins such a line with ``#``. `example` is a line of titles, for the message.
+    """
+    line = text.readline(LONGEST_LINE).removeprefix("#")
+    if len(line) >= LONGEST_LINE - 1:
+        raise ValueError("the line of titles is too long")
+    try:
+        (titles,) = csv.reader([line], strict=True, skipinitialspace=True)
+    except (csv.Error, ValueError) as error:
+        raise ValueError(f"the line of titles cannot be read: {error or 'it is empty'}") from None
+    if any(map(_is_number, titles)):
+        raise InputError(f"the first line has numbers; add a line of titles above it, such as {example}")
+    return [title.strip() for title in titles]
+
+
+def read_rows(path: Path, what: str, example: str) -> tuple[list[str], NDArray[np.float64]]:
+    """Return the titles and the numbers (rows, columns) of a .csv with a title line; InputError if it is no `what`.
+
+    `example` is a line of titles, for the message.
+    """
     with damaged(path, what), path.open(encoding="utf-8-sig") as text:
-        titles = [title.strip() for title in text.readline().split(",")]
-        return titles, np.loadtxt(text, delimiter=",", ndmin=2)
+        titles = read_titles(text, example)
+        rows = np.loadtxt(text, delimiter=",", ndmin=2, comments=None)
+        if rows.shape[1] != len(titles):
+            raise InputError(f"{len(titles)} titles stand above {rows.shape[1]} columns")
+        return titles, rows
+
+
+def columns_of(titles: Sequence[str], names: Mapping[str, Sequence[str]]) -> dict[str, int]:
+    """Return the index of the column that has each name; names without a column are left out.
+
+    A title is one of the spellings of a name, but the letters' case, spaces and ``_ : . -`` do not matter:
+    ``Points:0``, ``Points_0`` and ``points 0`` are alike. Of titles that are alike the one to the letter is taken.
+
+    Raises InputError if a name has two columns.
+    """
+    found: dict[str, int] = {}
+    for name, spellings in names.items():
+        own = [i for i, title in enumerate(titles) if _plain(title) in map(_plain, spellings)]
+        if len({_plain(titles[i]) for i in own}) == 1:
+            own = [i for i in own if titles[i] in spellings] or own
+        if len(own) > 1:
+            raise InputError(f"the titles {titles[own[0]]} and {titles[own[1]]} mean the same: leave one out")
+        if own:
+            found[name] = own[0]
+    return found
+
+
+def _plain(title: str) -> str:
+    return re.sub(r"[\s_:.-]", "", title).casefold()
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def read_arrays(path: Path) -> dict[str, Array]:

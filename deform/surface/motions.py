@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, farthest, first_coincident
 from sdm_deflect.deform.base.errors import InputError, shortened
-from sdm_deflect.deform.base.unpacking import damaged, read_arrays, read_rows
+from sdm_deflect.deform.base.unpacking import PLACES, columns_of, damaged, read_arrays, read_rows
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.cells import bounded
 from sdm_deflect.deform.options import LARGEST_ANGLE
@@ -25,6 +25,9 @@ from .surface import Surface
 
 TRACK_UNIT = "of the track"  # unit of a track's parameter
 TABLE = "table of points and displacements"
+TITLES = "x,y,z,dx,dy,dz"
+VECTORS = {f"d{name}": (f"d{name}", f"displacement:{i}", f"displacement{name}") for i, name in enumerate("xyz")}
+"""Titles of displacements: ours, and those of ParaView."""
 MOST_FUNCTIONS = 6  # most functions of one amount
 MOST = 3000  # most points of a table for a direct solve
 
@@ -53,6 +56,11 @@ class Functions:
     def rates(self, amount: float) -> FloatArray:
         """Return the derivatives (k,) per unit of the amount."""
         raise NotImplementedError
+
+    def check(self) -> None:
+        """Raise ValueError if a number is one that the functions cannot have."""
+        if not 1 <= self.count <= MOST_FUNCTIONS:
+            raise ValueError(f"{self.count} functions of an amount")
 
     @property
     def stops(self) -> tuple[float, ...]:
@@ -96,6 +104,11 @@ class Turn(Functions):
 
     count: int = 2
 
+    def check(self) -> None:
+        Functions.check(self)
+        if self.count % 2:
+            raise ValueError(f"{self.count} functions of an angle")
+
     @property
     def finer(self) -> "Turn | None":
         """Two more functions, up to six."""
@@ -120,6 +133,11 @@ class Powers(Functions):
     count: int
     scale: float = 1.0
 
+    def check(self) -> None:
+        Functions.check(self)
+        if not self.scale > 0.0:
+            raise ValueError(f"scale {self.scale:g}")
+
     @property
     def finer(self) -> "Powers | None":
         """Two more functions, up to six."""
@@ -141,6 +159,10 @@ class Fixed(Functions):
 
     amount: float
     count: int = 2
+
+    def check(self) -> None:
+        if self.count != 2:
+            raise ValueError(f"{self.count} functions of one amount")
 
     def values(self, amount: float) -> FloatArray:
         """Return ones; InputError at any other amount."""
@@ -316,6 +338,7 @@ class Table:
     ----------
     points, vectors : (P, 3) each, in the mesh's unit of length.
     hinge : an axis along the surface that the box follows; None for none.
+    plane : whether it lacks z, so that it suits plane meshes alone.
 
     Raises InputError if shapes differ, if there are fewer than 4 points, or if a number is not finite.
     """
@@ -323,6 +346,7 @@ class Table:
     points: FloatArray = field(repr=False)
     vectors: FloatArray = field(repr=False)
     hinge: Axis | None = None
+    plane: bool = False
     unit: ClassVar[str] = "of the table"
 
     def __post_init__(self) -> None:
@@ -335,9 +359,9 @@ class Table:
 
     @classmethod
     def read(cls, path: str | PathLike[str], hinge: Axis | None = None) -> "Table":
-        """Read a .csv of x, y, z, dx, dy, dz with a title line, or an .npz with `points` and `vectors`.
+        """Read a .csv with the titles x, y, z, dx, dy, dz in any order, or an .npz with `points` and `vectors`.
 
-        A .csv for a plane mesh may have x, y, dx, dy only.
+        A .csv for a plane mesh may have x, y, dx, dy only. Other columns are not read.
 
         Raises InputError for any other content.
         """
@@ -348,13 +372,16 @@ class Table:
             stored = read_arrays(path)
             with damaged(path, TABLE):
                 return cls(stored["points"], stored["vectors"], hinge)
-        _, rows = read_rows(path, TABLE)
+        titles, rows = read_rows(path, TABLE, TITLES)
         with damaged(path, TABLE):
-            if rows.shape[1] == 4:
-                rows = np.insert(rows, (2, 4), 0.0, axis=1)
-            if rows.shape[1] != 6:
-                raise ValueError(f"rows of {rows.shape[1]} numbers instead of x, y, z, dx, dy, dz")
-            return cls(rows[:, :3], rows[:, 3:], hinge)
+            found = columns_of(titles, {**PLACES, **VECTORS})
+            if {*found} not in ({*"xyz", "dx", "dy", "dz"}, {*"xy", "dx", "dy"}):
+                raise InputError(f"titles must be {TITLES}, in a plane mesh x,y,dx,dy; they are {','.join(titles)}")
+            points, vectors = np.zeros((2, len(rows), 3))
+            for i, name in enumerate("xyz"):
+                if name in found:
+                    points[:, i], vectors[:, i] = rows[:, found[name]], rows[:, found[f"d{name}"]]
+            return cls(points, vectors, hinge, "z" not in found)
 
     @property
     def axis(self) -> Axis | None:
@@ -362,7 +389,12 @@ class Table:
         return self.hinge
 
     def law(self, surface: Surface) -> "TableLaw":
-        """Interpolate the table at the nodes of a surface; InputError for a point with two displacements."""
+        """Interpolate the table at the nodes of a surface.
+
+        Raises InputError for a point with two displacements, or a table without z for a mesh in space.
+        """
+        if self.plane and not surface.mesh.plane:
+            raise InputError(f"table: it lacks z and dz, and {surface.mesh.name} is a mesh in space: {TITLES}")
         first = first_coincident(self.points)
         torn = np.flatnonzero((self.vectors != self.vectors[first]).any(axis=1))
         if len(torn):

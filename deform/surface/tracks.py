@@ -15,7 +15,7 @@ from scipy.interpolate import PchipInterpolator, make_interp_spline
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray
 from sdm_deflect.deform.base.errors import InputError, shortened
-from sdm_deflect.deform.base.unpacking import read_rows
+from sdm_deflect.deform.base.unpacking import columns_of, damaged, read_rows
 from sdm_deflect.deform.mesh.axis import Axis, cross_matrix
 from sdm_deflect.deform.mesh.cells import bounded
 from sdm_deflect.deform.options import LARGEST_ANGLE
@@ -25,8 +25,8 @@ from .surface import Surface
 
 CPACS = "controlParameter"
 """First title of a file with the steps of a CPACS control surface, between which CPACS interpolates linearly."""
-COLUMNS = {4: (2, 3), 5: (2, 3, 4), 6: (2, 3, 5, 6), 8: (2, 3, 4, 5, 6, 7)}
-"""Columns of shifts among (parameter, angle, dx, dy, dz, dx2, dy2, dz2), by the number of columns in a file."""
+TITLES = ("parameter", "angle", "dx", "dy", "dz", "dx2", "dy2", "dz2")
+"""Titles of a file; of the shifts a plane mesh has no dz, and dx2 to dz2 are those of the second hinge point."""
 SAMPLES = 201
 """Amounts at which the entries of a motion are compared with one another."""
 INDEPENDENT = 1e-11
@@ -43,6 +43,7 @@ class Track(Hinged):
     rows : (T, 8) parameter, angle in degrees, shift of the first hinge point (3,) and of the second (3,); sorted, with
         a row of zeros at parameter 0.
     smooth : whether rows are joined by monotone cubics (PCHIP); else linearly, like the steps of CPACS.
+    plane : whether it lacks dz, so that it suits plane meshes alone.
 
     Raises InputError if the rows are of another form.
     """
@@ -50,6 +51,7 @@ class Track(Hinged):
     hinge: Axis
     rows: FloatArray = field(repr=False)
     smooth: bool = True
+    plane: bool = False
     unit: ClassVar[str] = TRACK_UNIT
 
     def __post_init__(self) -> None:
@@ -72,23 +74,31 @@ class Track(Hinged):
 
     @classmethod
     def read(cls, path: str | PathLike[str], hinge: Axis) -> "Track":
-        """Read a .csv with a title line: parameter, angle, dx, dy[, dz], and the same shifts of the second hinge point.
+        """Read a .csv with the titles parameter, angle, dx, dy[, dz], and dx2, dy2[, dz2] of the second hinge point.
 
-        Without the latter both points have the same shift. If the first title is `controlParameter`, rows are steps of
-        CPACS. Raises InputError for any other content.
+        Without the latter both points have the same shift. Titles stand in any order; other columns are not read. If
+        `controlParameter` stands for `parameter`, rows are steps of CPACS. Raises InputError for any other content.
         """
-        titles, given = read_rows(Path(path), "track")
-        if given.shape[1] not in COLUMNS:
-            raise InputError(f"{path}: rows of {given.shape[1]} numbers; they must be parameter, angle, dx, dy[, dz]")
-        rows = np.zeros((len(given), 8))
-        rows[:, :2] = given[:, :2]
-        rows[:, COLUMNS[given.shape[1]]] = given[:, 2:]
-        if given.shape[1] < 6:
-            rows[:, 5:] = rows[:, 2:5]
-        return cls(hinge, rows, titles[0] != CPACS)
+        example = ",".join(TITLES[:5])
+        titles, given = read_rows(Path(path), "track", example)
+        with damaged(Path(path), "track"):
+            found = columns_of(titles, {name: (name, *([CPACS] if name == TITLES[0] else [])) for name in TITLES})
+            plane, second = "dz" not in found, "dx2" in found
+            shifts = ["dx", "dy", *([] if plane else ["dz"])]
+            wanted = {*TITLES[:2], *shifts, *(f"{name}2" for name in shifts if second)}
+            if {*found} != wanted:
+                raise InputError(f"titles must be {example}, in a plane mesh without dz; they are {','.join(titles)}")
+            rows = np.zeros((len(given), 8))
+            for name, column in found.items():
+                rows[:, TITLES.index(name)] = given[:, column]
+            if not second:
+                rows[:, 5:] = rows[:, 2:5]
+            return cls(hinge, rows, not columns_of(titles, {CPACS: (CPACS,)}), plane)
 
     def law(self, surface: Surface) -> "TrackLaw":
-        """Return the motion of the nodes of a surface."""
+        """Return the motion of the nodes of a surface; InputError for a track without dz and a mesh in space."""
+        if self.plane and not surface.mesh.plane:
+            raise InputError(f"track: it lacks dz, and {surface.mesh.name} is a mesh in space: {','.join(TITLES[:5])}")
         return TrackLaw(self, surface.points)
 
     def entries(self, amount: float, rate: bool = False) -> FloatArray:
@@ -182,6 +192,13 @@ class Places(Functions):
         """The track."""
         *numbers, length = self.axis
         return Track(Axis(np.array(numbers[:3]), np.array(numbers[3:]), length), np.array(self.rows), self.smooth)
+
+    def check(self) -> None:
+        low, high = self.track.rows[[0, -1], 0]
+        if len(self.axis) != 7 or not self.size > 0.0 or len(self.basis) != 12 or not 1 <= self.count <= 12:
+            raise ValueError(f"a track from {low:g} to {high:g} whose functions are incomplete")
+        if {*map(len, self.basis)} != {self.count}:
+            raise ValueError("rows of the functions of a track are of different lengths")
 
     @property
     def count(self) -> int:

@@ -133,7 +133,7 @@ class FieldBox:
     def move(self, given: FloatArray, out: FloatArray) -> None:
         """Write the final places of the points `given` (M, 3) inside the box into `out` (M, 3)."""
         start = self.halfway.places(given) if self.halfway else given
-        inside = self.box.contains(start)
+        inside = self.inside(given)
         inner = np.flatnonzero(inside | self._among(given))
         distance, row = self._tree.query(given[inner]) if len(self.places) else (np.ones(len(inner)), inner)
         exact = distance == 0.0
@@ -150,6 +150,10 @@ class FieldBox:
         away = moved - start[rows]
         out[rows] = given[rows] + self.halfway.displacement(given[rows], away) if self.halfway else moved
         out[inner[exact]] = self.ends[row[exact]]
+
+    def inside(self, points: FloatArray) -> BoolArray:
+        """Return which points (M, 3) lie inside the box."""
+        return self.box.contains(self.halfway.places(points) if self.halfway else points)
 
     def matches(self, points: FloatArray) -> tuple[BoolArray, BoolArray]:
         """Return which places (K,) coincide with a point (M, 3), and which do so but for `NEAR` of the spacing."""
@@ -238,7 +242,10 @@ def _box(stored: Mapping[str, Any], tag: str) -> FieldBox:
     if places.shape != ends.shape or places.ndim != 2 or places.shape[1] != 3:
         raise ValueError(f"places {places.shape} and ends {ends.shape} must be (K, 3) both")
     steps = tuple(_step(stored, f"_{i}{tag}") for i in _range(stored, f"steps{tag}"))
-    zones = tuple(stored[f"zones{tag}"].tolist())
+    names = stored[f"zones{tag}"]
+    if names.dtype.kind != "U" or names.ndim != 1 or not len(names):
+        raise ValueError("zones must be names")
+    zones = tuple(names.tolist())
     halfway = None
     if f"halfway{tag}" in stored:
         from sdm_deflect.deform.mesh.thin import Halfway
@@ -249,9 +256,10 @@ def _box(stored: Mapping[str, Any], tag: str) -> FieldBox:
 
 def _range(stored: Mapping[str, Any], name: str) -> range:
     """Return the indices of the boxes or steps of a file; ValueError if there are none."""
-    if (count := int(stored[name])) < 1:
-        raise ValueError(f"{name} = {count} must be at least 1")
-    return range(count)
+    count = stored[name]
+    if count.shape or count.dtype.kind != "i" or count < 1:
+        raise ValueError(f"{name} = {count} must be a whole number of at least 1")
+    return range(int(count))
 
 
 def _step(stored: Mapping[str, Any], tag: str) -> FieldStep:

@@ -4,17 +4,21 @@ A hinge gives x(a) = X0 + sin a S + (1 - cos a) V, a table x(s) = X0 + s T, and 
 undeflected mesh. The fields are read from deflections at the ends of the range, each with its own steps and repair.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from math import isfinite
+from numbers import Real
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.errors import InputError, nearest, short_list, shortened
 from sdm_deflect.deform.base.threads import Progress, silent
-from sdm_deflect.deform.surface.motions import Functions
+from sdm_deflect.deform.mesh.cells import LARGEST, bounded
+from sdm_deflect.deform.surface.motions import Fixed, Functions
 
 from .deflection import BoxDeflection, deflect_box, deflect_in_steps
 from .job import Amounts
@@ -23,6 +27,8 @@ from .step import take
 
 SAMPLES, MOST_GROWTH = 101, 5.0
 """Amounts at which the growth of errors between separate readings is sampled, and the largest that is allowed for."""
+Wanted = float | Mapping[str, float] | Sequence[float]
+"""Amounts: of the only surface; by name, 0 where left out; or of all surfaces in order."""
 MISSED = 0.1
 """Share of the tolerance by which modes may miss a deflection on the same centres between the ends."""
 
@@ -121,7 +127,7 @@ class Readings(NamedTuple):
         own, reads = _with_free_nodes_repaired(box), control.reads
         poses = [_alone(box, row, amount) for amount in reads]
         if control.functions.separate:
-            inverse = np.asarray(np.linalg.inv([control.functions.values(amount) for amount in reads]))
+            inverse = _inverse(control, reads)
             shares = [control.functions.values(amount) @ inverse for amount in control.samples(SAMPLES)]
             growth = min(MOST_GROWTH, float(np.abs(shares).sum(axis=1).max()))
             own = replace(own, margin=growth * own.margin)
@@ -145,7 +151,7 @@ class Readings(NamedTuple):
         else:
             found = _on_shared_centers(own, poses, end, progress)
         plain = [replace(one, exact=one.interpolated, repaired=None) for one in found]
-        weights = np.asarray(np.linalg.inv([control.functions.values(amount) for amount in reads]), dtype=np.float64)
+        weights = _inverse(control, reads)
         for i, one in enumerate(found):
             if one.repaired:
                 share = control.share(reads[i])
@@ -173,13 +179,25 @@ class Readings(NamedTuple):
             return (points - step.start.points)[self.box.region.inside]
 
         functions, known = self.control.functions, [on_centers(amount) for amount in reads]
-        weights, error = np.linalg.inv([functions.values(amount) for amount in reads]), 0.0
+        weights, error = _inverse(self.control, reads), 0.0
         for low, high in pairwise(sorted({0.0, *reads})):
             middle = 0.5 * (low + high)
             shares = functions.values(middle) @ weights
             off = on_centers(middle) - sum(share * one for share, one in zip(shares, known, strict=True))
             error = max(error, float(np.abs(off).max(initial=0.0)))
         return error
+
+
+def _inverse(control: Control, reads: Sequence[float]) -> FloatArray:
+    """Return the weights (k, k) of deflections at k amounts; InputError if the range is too narrow for them."""
+    values = np.array([control.functions.values(amount) for amount in reads], dtype=np.float64)
+    try:
+        found = np.asarray(np.linalg.inv(values))
+    except np.linalg.LinAlgError:
+        found = np.full_like(values, np.inf)
+    if not (np.abs(found) < LARGEST).all():
+        raise InputError(f"range = {control.low:g}:{control.high:g} of {control.name} is too narrow for a plan")
+    return found
 
 
 def _on_shared_centers(
@@ -259,40 +277,79 @@ class Modes:
     rows: tuple[IntArray, ...] = field(repr=False)
     fields: tuple[FloatArray, ...] = field(repr=False)
 
-    def at(self, amounts: Amounts) -> FloatArray:
-        """Return the coordinates (N, 3) at amounts, one for each surface; at zero they equal the mesh's exactly.
+    def at(self, amounts: Wanted) -> FloatArray:
+        """Return the coordinates (N, 3) at amounts; at zero they equal the mesh's exactly.
 
-        Terms are added in a fixed order, so a part of the nodes has the bits of the whole.
+        Terms are added in a fixed order, so a part of the nodes has the bits of the whole. InputError as for
+        `in_order`.
         """
         out = self.start.copy()
-        for (rows, fields), control, amount in zip(self._own, self.controls, amounts, strict=True):
-            control.check(amount)
+        pose = in_order(self.controls, amounts)
+        for (rows, fields), control, amount in zip(self._own, self.controls, pose, strict=True):
             if amount:
                 for value, one in zip(control.functions.values(amount), fields, strict=True):
                     out[rows] += value * one
         return out
 
-    def jvp(self, amounts: Amounts, speeds: Amounts) -> FloatArray:
-        """Return the derivative (N, 3) of the coordinates along `speeds`, one for each surface."""
-        out = np.zeros_like(self.start)
-        for (rows, fields), rates, speed in zip(self._own, self._rates(amounts), speeds, strict=True):
-            for rate, one in zip(rates, fields, strict=True):
+    def jvp(self, amounts: Wanted, speeds: Wanted) -> FloatArray:
+        """Return the derivative (N, 3) of the coordinates along `speeds`, which are given like amounts."""
+        out, rates, given = np.zeros_like(self.start), self._rates(amounts), by_surface(self.controls, speeds)
+        if not all(map(isfinite, given)):
+            raise InputError(f"speeds = {shortened(speeds)} must be finite")
+        for (rows, fields), own, speed in zip(self._own, rates, given, strict=True):
+            for rate, one in zip(own, fields, strict=True):
                 out[rows] += speed * rate * one
         return out
 
-    def vjp(self, amounts: Amounts, gradient: FloatArray) -> FloatArray:
-        """Return the derivative (n,) by the amounts of a function whose gradient by the coordinates is (N, 3)."""
+    def vjp(self, amounts: Wanted, gradient: ArrayLike) -> FloatArray:
+        """Return the derivative (n,) by the amounts of a function whose gradient by the coordinates is (N, 3).
+
+        Raises InputError for a gradient of another shape, or one that is not finite.
+        """
+        given = bounded(gradient, "gradient")
+        if given.shape != self.start.shape:
+            raise InputError(f"gradient {given.shape} must be {self.start.shape}, one row for each node")
         pairs = zip(self._own, self._rates(amounts), strict=True)  # sums in jvp's order: BLAS rounds by processor
-        return np.array([sum(rates * np.einsum("kmi,mi->k", own, gradient[rows])) for (rows, own), rates in pairs])
+        return np.array([sum(rates * np.einsum("kmi,mi->k", own, given[rows])) for (rows, own), rates in pairs])
 
     @property
     def _own(self) -> list[tuple[IntArray, FloatArray]]:
         return list(zip(self.rows, self.fields, strict=True))
 
-    def _rates(self, amounts: Amounts) -> Iterator[FloatArray]:
-        for control, amount in zip(self.controls, amounts, strict=True):
-            control.check(amount)
+    def _rates(self, amounts: Wanted) -> Iterator[FloatArray]:
+        for control, amount in zip(self.controls, in_order(self.controls, amounts), strict=True):
             yield control.functions.rates(amount)
+
+
+def by_surface(controls: Sequence[Control], values: Wanted) -> Amounts:
+    """Return values in the order of the surfaces; InputError for a wrong name or number of them, or no numbers."""
+    given = values if isinstance(values, Mapping) else dict(enumerate(np.atleast_1d(np.asarray(values, dtype=object))))
+    out, names = [0.0] * len(controls), [one.name for one in controls]
+    if not isinstance(values, Mapping) and len(given) != len(controls):
+        raise InputError(f"amounts = {shortened(values)}: the plan has {len(controls)} surfaces: {', '.join(names)}")
+    for name, value in given.items():
+        rows = [i for i, one in enumerate(controls) if name in (i, one.name, *one.patches)]
+        if not rows or isinstance(name, bool):
+            raise InputError(f"{name!r} is no surface of the plan; {nearest(str(name), names)}")
+        if isinstance(value, bool) or not isinstance(value, Real):
+            raise InputError(f"{names[rows[0]]} = {shortened(value)} must be a number")
+        out[rows[0]] = float(value)
+    return tuple(out)
+
+
+def in_order(controls: Sequence[Control], amounts: Wanted) -> Amounts:
+    """Return amounts in the order of the surfaces.
+
+    Raises InputError as `by_surface`; for an amount outside its range; or, of a plan of one amount, for another pose.
+    """
+    out = by_surface(controls, amounts)
+    for control, amount in zip(controls, out, strict=True):
+        control.check(amount)
+    wanted = [one.functions.amount for one in controls if isinstance(one.functions, Fixed)]
+    if len(wanted) == len(out) and any(out) and out != tuple(wanted):
+        pose, asked = (short_list(f"{value:g}" for value in values) for values in (wanted, out))
+        raise InputError(f"{asked}: the plan is of {pose} alone; make one with a range")
+    return out
 
 
 def fields_of(weights: FloatArray, displacements: Sequence[FloatArray]) -> FloatArray:

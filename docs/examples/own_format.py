@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from sdm_deflect.deform.base.errors import MeshFileError
+from sdm_deflect.deform.base.files import fresh
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import Cells, Patch, Zone
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.pieces import MeshInPieces
-from sdm_deflect.meshing.files import fresh
-from sdm_deflect.meshing.formats.format import MeshFileError, about
+from sdm_deflect.meshing.formats.format import about
 from sdm_deflect.meshing.formats.known import registered
 from sdm_deflect.meshing.formats.layout import Format
 from sdm_deflect.meshing.formats.polyhedra import standard_cells

@@ -9,12 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.errors import InputError, MeshFileError
 from sdm_deflect.deform.mesh.cells import CORNERS, PLANE, VOLUMES, Cells, Patch, whole
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import quality_of
 
-from .format import MeshFileError
 from .polyhedra import standard_cells
 from .shapes import simple_faces
 from .vtu import TYPES, in_memory

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.errors import MeshFileError
 from sdm_deflect.deform.mesh.cells import Cells, Constraint, Patch
 
 from .cgns_boundary import Border, Fault, as_faults, check_range, constraint, location, named_conditions, place_of
 from .cgns_nodes import check_taken, child, integers
-from .format import MeshFileError
 from .zones import common_constraints
 
 Size = tuple[int, ...]

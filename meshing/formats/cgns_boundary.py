@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, IntArray
-from sdm_deflect.deform.base.errors import sentence
+from sdm_deflect.deform.base.errors import MeshFileError, sentence
 from sdm_deflect.deform.mesh.cells import Cells, Constraint, Patch, Polygons
 from sdm_deflect.deform.mesh.mesh import ABSENT
 
 from .cgns_nodes import child, children, has, integers, text
-from .format import MeshFileError
 from .shapes import all_of, chosen
 from .zones import common_constraints
 

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, IntArray
+from sdm_deflect.deform.base.errors import MeshFileError
 from sdm_deflect.deform.mesh.cells import CORNERS, PLANE, VOLUMES, Cells, Polygons, Polyhedra, take_faces
 
 from .cgns_nodes import child, children, has, integers
-from .format import MeshFileError
 from .shapes import mirror_nodes, places, polygons, turn_faces
 
 SHAPES = {3: "line", 5: "triangle", 7: "quad", 10: "tetra", 12: "pyramid", 14: "wedge", 17: "hexahedron"}

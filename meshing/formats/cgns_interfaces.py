@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.errors import MeshFileError
 from sdm_deflect.deform.mesh.cells import LARGEST, Cells, Periodic
 from sdm_deflect.deform.mesh.images import TOLERANCE, RigidMotion
 from sdm_deflect.deform.mesh.mesh import Mesh
@@ -24,7 +25,6 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from .cgns_blocks import Size, bounds, check_face, donors_of, faces_at, points_in, strides
 from .cgns_boundary import Fault, NumberedFaces, location
 from .cgns_nodes import Integer, check_taken, child, children, create, has, integers, label_of, reals, text
-from .format import MeshFileError
 from .shapes import places
 from .zones import pairs_to_write
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import IntArray
+from sdm_deflect.deform.base.errors import MeshFileError
 from sdm_deflect.deform.base.unpacking import check_unpacked
 
-from .format import MeshFileError
 from .hdf5 import check_stored, is_real
 
 DATA = " data"

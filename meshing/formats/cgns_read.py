@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.errors import short_list
+from sdm_deflect.deform.base.errors import MeshFileError, short_list
 from sdm_deflect.deform.mesh.cells import Cells, Polyhedra
 from sdm_deflect.deform.mesh.mesh import Mesh, Warned
 
@@ -21,7 +21,6 @@ from .cgns_elements import NFACE, NGON, ElementSection, blocks, read_polyhedra, 
 from .cgns_interfaces import Interface, interfaces, meeting, pairs, periodic_pairs
 from .cgns_nodes import AXES, child, children, data, has, integers, text
 from .fitted import Fitted, ZoneMesh, fit_zones, simple
-from .format import MeshFileError
 from .hdf5 import is_real
 from .shapes import all_of, check_faces, chosen, orient
 from .zones import Listed, with_pairs

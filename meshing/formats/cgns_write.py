@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import IntArray
+from sdm_deflect.deform.base.errors import MeshFileError
 from sdm_deflect.deform.mesh.cells import Cells, Constraint, Polygons, Polyhedra
 from sdm_deflect.deform.mesh.faces import face_keys, node_keys, patch_keys
 from sdm_deflect.deform.mesh.mesh import Mesh
@@ -15,7 +16,6 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from .cgns_elements import NFACE, NGON, SHAPES
 from .cgns_interfaces import write_pairs
 from .cgns_nodes import AXES, Integer, create, create_sized, describe, node_names
-from .format import MeshFileError
 from .shapes import mirror_nodes, places, polygons, simple_faces
 from .zones import pairs_to_write, part, unwritten
 

@@ -1,6 +1,5 @@
 """Errors that name the file, and what else the formats share."""
 
-import errno
 import re
 from collections.abc import Container, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.errors import sentence
+from sdm_deflect.deform.base.errors import FULL, MeshFileError, WriteError
 from sdm_deflect.deform.mesh.precision import DOUBLE
 
 FLUENT = (
@@ -18,19 +17,6 @@ FLUENT = (
     "(fluent3DMeshToFoam for hanging nodes)"
 )
 """What to do with Fluent's older files."""
-FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-"""Errors of writing alone: no space, a quota, a limit of the size."""
-
-
-class MeshFileError(RuntimeError):
-    """A mesh file is damaged, or holds what we cannot read; the message names the file and what is wrong."""
-
-    def __init__(self, message: str) -> None:
-        super().__init__(sentence(message))
-
-
-class WriteError(MeshFileError):
-    """A file cannot be written; the message names it."""
 
 
 @contextmanager
@@ -52,24 +38,6 @@ def about(path: Path) -> Iterator[None]:
         raise MeshFileError(f"{path}: its data need more memory than there is") from error
     except (MeshFileError, ValueError) as error:
         raise MeshFileError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from error
-
-
-@contextmanager
-def write_errors(out: Path) -> Iterator[None]:
-    """Name `out` in errors of writing it: WriteError in place of an OSError, as ``"out: cannot be written: why"``."""
-    try:
-        yield
-    except OSError as error:
-        raise WriteError(f"{out}: cannot be written: {error.strerror or error}") from error
-
-
-@contextmanager
-def errors_for(beside: Path, out: Path) -> Iterator[None]:
-    """Name `out` in errors of what is written for it at `beside`."""
-    try:
-        yield
-    except MeshFileError as error:
-        raise MeshFileError(str(error).replace(str(beside), str(out))) from error
 
 
 def fitting_names(names: Sequence[str], unfit: str, reserved: Container[str] = ()) -> dict[str, str]:

@@ -12,16 +12,17 @@ from typing import Any
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.errors import MeshFileError
+from sdm_deflect.deform.base.files import fresh
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.base.unpacking import check_unpacked
 from sdm_deflect.deform.mesh.cells import MIRRORED, Cells, Patch, Periodic, Zone
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.deform.mesh.precision import DOUBLE
-from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.mesh import VOLUME
 
-from .format import MeshFileError, about, check_points, fitting_names
+from .format import about, check_points, fitting_names
 from .gmsh_file import ByteCursor, Cursor, GmshFile, Nodes, TextCursor, gmsh_file, nodes, periodic
 from .known import registered
 from .layout import Format

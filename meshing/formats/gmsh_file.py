@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import IntArray, distinct
+from sdm_deflect.deform.base.errors import MeshFileError
 
-from .format import FLUENT, MeshFileError
+from .format import FLUENT
 from .numbers import NumberLines, Placed, numbers
 from .shapes import places
 from .tables import FileTable, Held

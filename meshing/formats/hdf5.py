@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.errors import FULL, MeshFileError
 from sdm_deflect.deform.base.threads import Progress
 from sdm_deflect.deform.base.unpacking import check_unpacked
 
-from .format import FULL, MeshFileError
 from .rewriting import Change, rewritten
 from .tables import FileTable
 

@@ -20,9 +20,8 @@ from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.compiled import compiled_exactly
+from sdm_deflect.deform.base.errors import MeshFileError
 from sdm_deflect.deform.base.threads import available_threads
-
-from .format import MeshFileError
 
 SPACE = 32
 """Bytes up to this one separate numbers."""

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.files import fresh_folder
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import Polyhedra, Zone
 from sdm_deflect.deform.mesh.images import THIN
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.deform.mesh.precision import DOUBLE
-from sdm_deflect.meshing.files import fresh_folder
 
 from .format import about, fewest_bits, fitting_names
 from .known import registered

@@ -20,7 +20,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray, distinct, union
-from sdm_deflect.deform.base.errors import InputError, short_list
+from sdm_deflect.deform.base.errors import InputError, MeshFileError, short_list
+from sdm_deflect.deform.base.files import fresh_folder
 from sdm_deflect.deform.base.threads import Progress
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.cells import Constraint, Patch, Periodic, Polygons, take_faces
@@ -35,10 +36,9 @@ from sdm_deflect.deform.mesh.images import (
 )
 from sdm_deflect.deform.mesh.mesh import Warned
 from sdm_deflect.deform.mesh.sliding import Plane
-from sdm_deflect.meshing.files import fresh_folder
 
-from .format import MeshFileError, about, check_points
-from .openfoam_files import MESH, FoamFile, FoamPatch, open_foam, vectors
+from .format import about, check_points
+from .openfoam_files import MESH, FoamFile, FoamPatch, open_foam, parse, vectors
 
 CONSTRAINTS: dict[str, Constraint] = {
     "symmetry": "symmetry",
@@ -362,6 +362,18 @@ def is_part(path: Path) -> bool:
     if COLLATED.fullmatch(path.name) and (path / MESH).is_dir():
         raise MeshFileError(f"{path}: {OF_COLLATED}")
     return bool(PART.fullmatch(path.name)) and (path / MESH).is_dir()
+
+
+def are_all_parts(parts: Sequence[Path]) -> bool:
+    """Whether the neighbours of each of these parts of a decomposed case are among them, so that none is elsewhere."""
+    given, named = {part.name for part in parts}, set[str]()
+    for part in parts:
+        try:
+            patches = read_foam(part / MESH, "boundary", lambda file: parse(file.text()))
+        except (MeshFileError, OSError):
+            return False
+        named |= {f"processor{patch.entries.get('neighbProcNo')}" for patch in patches if patch.type in BETWEEN}
+    return named <= given
 
 
 def case_folder(path: Path) -> Path:

@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.errors import MeshFileError
 from sdm_deflect.deform.base.unpacking import check_unpacked, unpack_limit
 from sdm_deflect.deform.mesh.cells import Polygons
 
-from .format import MeshFileError
 from .numbers import Placed, numbers
 from .shapes import polygons
 

@@ -17,15 +17,16 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.errors import MeshFileError
+from sdm_deflect.deform.base.files import fresh
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import Cells, Patch
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.files import fresh
 
 from .cgns_blocks import AXES, BlockFace, Size, cells, equal_neighbours, faces, points_in
 from .cgns_interfaces import NEAR, meeting
 from .fitted import Fitted, ZoneMesh, fit_zones
-from .format import MeshFileError, about, check_points, fewest_bits
+from .format import about, check_points, fewest_bits
 from .known import registered
 from .layout import Format
 from .numbers import Placed, chunks, copy_text, numbers

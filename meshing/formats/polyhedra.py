@@ -6,12 +6,12 @@ from itertools import chain
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import IntArray
+from sdm_deflect.deform.base.errors import MeshFileError
 from sdm_deflect.deform.mesh.cells import Cells, Polygons, Polyhedra, take_faces
 from sdm_deflect.deform.mesh.faces import FACES, Keys, face_keys, node_keys, patch_keys
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.standard import parts_of
 
-from .format import MeshFileError
 from .shapes import polygons, turn_faces
 
 LOOSE = "unnamed"

@@ -10,10 +10,11 @@ from typing import BinaryIO
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.errors import MeshFileError, write_errors
+from sdm_deflect.deform.base.files import fresh
 from sdm_deflect.deform.base.threads import HERE, Progress, Runner, silent
-from sdm_deflect.meshing.files import fresh
 
-from .format import MeshFileError, about, write_errors
+from .format import about
 from .tables import SHORTER, FileTable
 
 RANGE = 1 << 23

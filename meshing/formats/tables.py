@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import IntArray
+from sdm_deflect.deform.base.errors import MeshFileError, write_errors
 
-from .format import MeshFileError, about, write_errors
+from .format import about
 
 SMALL = 1 << 26
 """Largest bytes of a table that is read whole even for a few rows."""

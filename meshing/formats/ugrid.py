@@ -12,13 +12,14 @@ from typing import Any
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.errors import MeshFileError
+from sdm_deflect.deform.base.files import fresh
 from sdm_deflect.deform.base.threads import HERE, Progress, Runner, silent
 from sdm_deflect.deform.mesh.cells import CORNERS, MIRRORED, Cells, Patch, Zone
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.pieces import MeshInPieces
-from sdm_deflect.meshing.files import fresh
 
-from .format import MeshFileError, about, check_points, fewest_bits, fitting_names
+from .format import about, check_points, fewest_bits, fitting_names
 from .known import registered
 from .layout import Format
 from .numbers import copy_text

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.errors import MeshFileError
 from sdm_deflect.deform.mesh.cells import CORNERS
 
-from .format import MeshFileError
 from .numbers import NumberLines, Placed, chunks, numbers, table
 from .tables import FileTable, Held
 

@@ -4,9 +4,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from sdm_deflect.deform.base.files import fresh_folder
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.files import fresh_folder
 from sdm_deflect.meshing.formats.format import about, fitting_names
 from sdm_deflect.meshing.formats.openfoam import UNFIT, control, is_planar, write_files, write_mesh
 from sdm_deflect.meshing.formats.openfoam_files import MESH, open_foam, parse

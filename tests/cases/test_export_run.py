@@ -11,9 +11,9 @@ from click import BadParameter
 from sdm_deflect.cases.cli.commands import cli
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.finished import export_run
+from sdm_deflect.deform.base.errors import MeshFileError
 from sdm_deflect.deform.mesh.cells import Polyhedra
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.known import writable
 from sdm_deflect.meshing.formats.openfoam import MESH
 from sdm_deflect.meshing.formats.registry import FORMATS

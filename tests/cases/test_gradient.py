@@ -162,7 +162,7 @@ def test_what_does_not_fit_is_refused(folder, exact, sdm):
     other.write_text('"PointID","x","y","Sensitivity_x"\n0,0,0,1\n')
     assert "there must be Sensitivity_x, Sensitivity_y" in refused(sdm, other, folder)
     other.write_text('"PointID","Sensitivity_x","Sensitivity_y"\n0,0\n')
-    assert "other.csv: no table of sensitivities" in refused(sdm, other, folder)
+    assert "in space Sensitivity_z; there is PointID" in refused(sdm, other, folder)
     np.savez(folder / "few.npz", sensitivity=slopes[1:])
     assert f"must have sensitivities ({len(points)}, 3)" in refused(sdm, folder / "few.npz", folder)
     np.savez(folder / "few.npz", sensitivity=np.full(slopes.shape, "1"))

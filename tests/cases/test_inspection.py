@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases.run.inspection import file_figures, inspect
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.errors import InputError, MeshFileError
 from sdm_deflect.deform.mesh.cells import Cells
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import MEASURES, mean_ratio
 from sdm_deflect.meshing.formats.cgns import Cgns
-from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.known import writable
 from sdm_deflect.meshing.formats.registry import FORMATS, read
 from tests.meshing.formats.examples import grid, hybrid, polyhedral

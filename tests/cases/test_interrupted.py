@@ -22,7 +22,7 @@ import sys, time
 from pathlib import Path
 from sdm_deflect.cases import cli
 from sdm_deflect.cases.cli import commands
-from sdm_deflect.meshing import files
+from sdm_deflect.deform.base import files
 
 def work():
     print(1, flush=True)

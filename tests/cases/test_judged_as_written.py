@@ -15,8 +15,7 @@ from sdm_deflect.cases.run.mesh_files import Targets
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.cases.settings.job_settings import settings_of
 from sdm_deflect.cases.settings.jobs import jobs_of
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.deform.base.errors import InputError, MeshFileError
 from sdm_deflect.meshing.formats.openfoam import MESH, write_list
 from sdm_deflect.meshing.formats.registry import format_of, known_format
 from tests.deform.blocks import block_with_body

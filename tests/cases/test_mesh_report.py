@@ -20,7 +20,7 @@ from sdm_deflect.cases.report.slices import CutPlane, by_size, cut_cells, cut_wa
 from sdm_deflect.cases.report.turnable import TABLES, _corners, turnable
 from sdm_deflect.cases.run.output import RUN, check_installed
 from sdm_deflect.cases.settings.jobs import jobs_of
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.errors import InputError, MeshFileError
 from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.mesh.cells import Cells, Patch
 from sdm_deflect.deform.mesh.mesh import Mesh
@@ -30,7 +30,6 @@ from sdm_deflect.deform.surface.surface import name_of
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.plan import Plan
-from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.registry import format_of
 from tests.deform.blocks import block_with_body
 from tests.limits import limited

@@ -227,7 +227,7 @@ def test_a_mesh_is_deflected_to_an_angle_alone(mesh):
 
 def test_a_plan_of_a_file_has_no_mesh(held, tmp_path):
     held.save(tmp_path / "plan.npz")
-    with pytest.raises(InputError, match=r"has no mesh: take plan.on\(points\)"):
+    with pytest.raises(InputError, match=r"has no mesh: give the undeflected points .* or take plan.on\(points\)"):
         HeldPlan.load(tmp_path / "plan.npz").at(3)
 
 
@@ -247,24 +247,28 @@ def test_what_passed_is_around_zero_and_says_what_failed_beyond(held):
 
 def test_a_plan_that_cannot_be_written_leaves_the_old_file(held, tmp_path, monkeypatch):
     path = tmp_path / "plan.npz"
-    path.write_text("old")
+    held.save(path)
+    old = path.read_bytes()
 
-    def full(beside, **_):
-        beside.write_text("half")
+    def full(file, **_):
+        file.write(b"half")
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(np, "savez_compressed", full)
-    with pytest.raises(OSError, match="No space"):
+    with pytest.raises(InputError, match=r"plan.npz: cannot be written: No space"):
         held.save(path)
-    assert path.read_text() == "old"
+    assert path.read_bytes() == old
     assert list(tmp_path.iterdir()) == [path]
 
 
 def test_what_is_no_plan_is_one_sentence(held, tmp_path):
     path = tmp_path / "plan.npz"
     np.savez(path, kind=np.array("something"))
-    with pytest.raises(InputError, match="plan of sdm-deflect"):
+    with pytest.raises(InputError, match=r"plan\.npz: no plan: it holds something else"):
         HeldPlan.load(path)
+    with pytest.raises(InputError, match="is there, and this program did not write it"):
+        held.save(path)
+    path.unlink()
     held.save(path)
     path.write_bytes(path.read_bytes()[:-100])
     with pytest.raises(InputError, match="no archive of arrays"):

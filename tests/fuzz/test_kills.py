@@ -1,4 +1,4 @@
-"""Whole commands that signals end at random moments; `tests/meshing/test_files.py` ends a process at each rename.
+"""Whole commands that signals end at random moments; `tests/deform/test_files.py` ends a process at each rename.
 
 A command writes over an older result. However it ends, each target is the old or the new one, the line that it prints
 says which, its children end, and nothing else is left once `sdm doctor` was there.
@@ -22,7 +22,7 @@ import pytest
 
 from sdm_deflect.cases.cli import examination
 from sdm_deflect.deform.base.errors import REQUESTS
-from sdm_deflect.meshing.files import NAME, OLD
+from sdm_deflect.deform.base.files import NAME, OLD
 from sdm_deflect.meshing.formats.registry import FORMATS
 from tests.meshing.formats.wing import wing
 
@@ -45,7 +45,7 @@ COMMANDS = {
 ALONE = "from sdm_deflect.cases.cli import main; main()"
 WITHOUT = """
 from types import SimpleNamespace
-from sdm_deflect.meshing import files
+from sdm_deflect.deform.base import files
 files.ctypes = SimpleNamespace(CDLL=str)
 """
 EXCHANGES = {"exchange": "", "two renames": WITHOUT}

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.base.compiled import FOLDER_VARIABLE, default_folder
+from sdm_deflect.deform.base.errors import MeshFileError
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.cache import MeshCache, cache_key
-from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.mesh import skin, tets_of
 from tests.calls import files_of_at_most
 

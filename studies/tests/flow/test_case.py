@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 import sdm_deflect
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.errors import InputError, MeshFileError
 from sdm_deflect.geometry.datum import SURFACES, hinge_line
 from sdm_deflect.geometry.parameters import Fighter
-from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam_files import MESH, open_foam, parse
 from sdm_deflect.meshing.formats.registry import FORMATS
 from studies.flow.case import setup_of, write_flow

@@ -10,9 +10,9 @@ from sdm_deflect.cases.aircraft.case import SurfaceTurn
 from sdm_deflect.cases.aircraft.reference import ReferenceFace, parameters, reference
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.deform.base.compiled import FOLDER_VARIABLE
+from sdm_deflect.deform.base.errors import MeshFileError
 from sdm_deflect.geometry.quantity import CadError
 from sdm_deflect.meshing.cache import cache_key
-from sdm_deflect.meshing.formats.format import MeshFileError
 from tests.cases.sdm.deflected_cad import built
 
 

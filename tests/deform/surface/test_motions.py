@@ -108,7 +108,13 @@ def test_a_long_table_is_thinned_to_what_a_direct_solve_takes(monkeypatch):
 @pytest.mark.parametrize(
     ("content", "match"),
     [
-        ("x,y\n1,2\n", "no table of points"),
+        ("x,y\n1,2\n", "titles must be x,y,z,dx,dy,dz, in a plane mesh x,y,dx,dy; they are x,y"),
+        ("0,0,0,1,1,1\n" * 5, "the first line has numbers; add a line of titles above it, such as x,y,z,dx,dy,dz"),
+        ("X,y,z,dx,dy,dz,Points:0\n" + "0,0,0,1,1,1,1\n" * 5, "the titles X and Points:0 mean the same"),
+        ("x,y,z,dx,dy,dz\n" + "0,0,0,1,1,1,1\n" * 5, "6 titles stand above 7 columns"),
+        ("x,y,z,dx,dy,dz\n0,0,0,1,1,1\n#0,0,0,1,1,1\n" * 5, "no table of points"),
+        ('x,"y,z,dx,dy,dz\n' + "0,0,0,1,1,1\n" * 5, "the line of titles cannot be read"),
+        ("x" * 70_000 + ",y,z,dx,dy,dz\n" + "0,0,0,1,1,1\n" * 5, "the line of titles is too long"),
         ("x,y,z,dx,dy,dz\n0,0,0,1,1,1\n", "it needs at least 4"),
         ("x,y,z,dx,dy,dz\n0,0,zero,1,1,1\n", "no table of points"),
     ],
@@ -127,7 +133,7 @@ def test_a_point_of_two_displacements_is_named(suffix, tmp_path):
     if suffix == ".npz":
         np.savez(path, points=places, vectors=vectors)
     else:
-        np.savetxt(path, np.hstack([places, vectors]), delimiter=",", header="titles", fmt="%.17g")
+        np.savetxt(path, np.hstack([vectors, places[:, ::-1]]), delimiter=",", header="dx,dy,dz,z,y,x", fmt="%.17g")
     table = Table.read(path)
     with pytest.raises(InputError, match=re.escape(f"the point {places[1].tolist()} is given twice, with")):
         table.law(cloud(places))

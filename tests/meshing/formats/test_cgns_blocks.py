@@ -11,10 +11,10 @@ from vtkmodules.vtkIOCGNSReader import vtkCGNSReader
 
 import sdm_deflect
 from sdm_deflect.cases.run.inspection import file_figures, inspect
+from sdm_deflect.deform.base.errors import MeshFileError
 from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.cgns_nodes import AXES, create
 from sdm_deflect.meshing.formats.cgns_read import PLANE
-from sdm_deflect.meshing.formats.format import MeshFileError
 from tests.meshing.formats.alike import content, replace_data
 from tests.meshing.formats.blocks import (
     FLAP,

@@ -4,11 +4,10 @@ import h5py
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.errors import InputError, MeshFileError
 from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.cgns_boundary import UNNAMED
 from sdm_deflect.meshing.formats.cgns_nodes import create, describe
-from sdm_deflect.meshing.formats.format import MeshFileError
 from tests.meshing.formats.alike import replace_data, zone_of
 from tests.meshing.formats.examples import hybrid, polyhedral
 from tests.meshing.formats.test_every_format import refused

@@ -4,10 +4,9 @@ import h5py
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.errors import InputError, MeshFileError
 from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.cgns_nodes import AXES, create
-from sdm_deflect.meshing.formats.format import MeshFileError
 from tests.meshing.formats.alike import content, replace_data
 from tests.meshing.formats.blocks import Block, stored, two_blocks, write_blocks
 from tests.meshing.formats.examples import grid, hybrid

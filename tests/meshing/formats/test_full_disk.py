@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.deform.base.errors import MeshFileError
 from sdm_deflect.meshing.formats.known import writable
 from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.formats.vtu import write_vtu

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sdm_deflect.deform.base.errors import MeshFileError
 from sdm_deflect.meshing.formats import numbers as module
 from sdm_deflect.meshing.formats import numbers as words
 from sdm_deflect.meshing.formats import su2
-from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.numbers import ahead, many_numbers, numbers, plain_numbers
 from sdm_deflect.meshing.formats.su2 import Su2
 from tests.meshing.formats.alike import content

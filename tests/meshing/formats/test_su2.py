@@ -4,9 +4,9 @@ import meshio
 import numpy as np
 import pytest
 
+from sdm_deflect.deform.base.errors import MeshFileError
 from sdm_deflect.deform.mesh.cells import Cells, Patch, Polygons
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.su2 import Su2
 from tests.meshing.formats.alike import content
 from tests.meshing.formats.examples import hybrid, with_gmsh

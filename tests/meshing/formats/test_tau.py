@@ -11,11 +11,11 @@ from vtkmodules.vtkIONetCDF import vtkNetCDFReader
 
 from sdm_deflect.cases.run.inspection import file_figures, inspect
 from sdm_deflect.cases.run.mesh_files import Targets
+from sdm_deflect.deform.base.errors import MeshFileError
 from sdm_deflect.deform.mesh.cells import Patch
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats import tau
 from sdm_deflect.meshing.formats.cgns import Cgns
-from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of, read
 from sdm_deflect.meshing.formats.tau import Tau, mapped_names

@@ -10,9 +10,8 @@ import pytest
 
 from sdm_deflect.cases.report.folder import folder_of
 from sdm_deflect.cases.run.mesh_files import Targets
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.errors import InputError, MeshFileError
 from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.registry import read
 from sdm_deflect.meshing.formats.shapes import mirror_nodes
 from sdm_deflect.meshing.formats.ugrid import Ugrid

@@ -11,9 +11,8 @@ import pytest
 import pyvista as pv
 
 import sdm_deflect
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.errors import InputError, MeshFileError
 from sdm_deflect.deform.mesh.cells import Polyhedra
-from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.vtu import Vtu, write_vtu
 from tests.meshing.formats.examples import hybrid

@@ -10,7 +10,7 @@ import os
 import shutil
 import signal
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from fnmatch import fnmatchcase
@@ -18,11 +18,11 @@ from functools import reduce
 from operator import and_
 from pathlib import Path
 
-from sdm_deflect.deform.base.errors import REQUESTS
-from sdm_deflect.meshing.formats.format import MeshFileError, errors_for, write_errors
+from .errors import REQUESTS, MeshFileError, errors_for, write_errors
 
 NAME, END = ".sdm-deflect-", ".tmp"  # of hidden folders, with eight letters between
 LOCK, NOTE, OLD = ".lock", ".note", ".old"  # the locked file; which folder is NAME.old; how that name ends
+UNLOCKED = ".locking"  # the locked file before it is locked
 MESHES = ("points*", "constant/polyMesh/*", "processor*/constant/polyMesh/*")  # whose permissions count in a case
 placed: list[Path] = []  # what this process has put in its place
 _hidden: set[Path] = set()
@@ -58,7 +58,7 @@ def hidden_folder(beside: Path | None = None) -> Iterator[Path]:
         with without_signals():
             place = Path(tempfile.mkdtemp(END, NAME, home))
             _hidden.add(place)
-        with (place / f"{LOCK}ing").open("xb") as lock:
+        with (place / UNLOCKED).open("xb") as lock:
             with suppress(OSError, ModuleNotFoundError):  # where there are no locks, nobody removes the folder
                 import fcntl
 
@@ -89,13 +89,22 @@ def without_signals() -> Iterator[None]:
 
 
 @contextmanager
-def fresh(out: Path, source: Path | None = None) -> Iterator[Path]:
-    """Give a path that becomes `out`, or what it links to, in the end; MeshFileError if that cannot be written."""
-    if source is not None and out.exists() and out.samefile(source):
+def fresh(out: Path, *sources: Path | None, earlier: Callable[[Path], bool] | None = None) -> Iterator[Path]:
+    """Give a path that becomes `out`, or what it links to, in the end; MeshFileError if that cannot be written.
+
+    Parameters
+    ----------
+    out : The file to write.
+    sources : Files that are read: `out` must be none of them, and gets no more permissions than they have.
+    earlier : Tells whether a file is an earlier result, the only kind that may be replaced; None for any file.
+    """
+    if out.exists() and any(source is not None and source.exists() and out.samefile(source) for source in sources):
         raise MeshFileError(f"{out}: this is the mesh that is read; write to another file")
     if out.exists() and not out.is_file():
         raise MeshFileError(f"{out}: is there and no file; name another one")
-    with write_errors(out), permitted_as(source), replacing(out) as beside:
+    if earlier and out.exists() and out.stat().st_size and not earlier(out):
+        raise MeshFileError(f"{out}: is there, and this program did not write it; delete it, or name another file")
+    with write_errors(out), permitted_as(*sources), replacing(out) as beside:
         beside.touch()
         yield beside
 
@@ -145,6 +154,19 @@ def replacing_files(folder: Path, stale: Sequence[str]) -> Iterator[Path]:
         moves = {new: Path(os.path.realpath(home / new.name)) for new in sorted((place / "new").iterdir())}
         with write_errors(folder):
             _put(place, moves, stale)
+
+
+@contextmanager
+def replacing_together(folder: Path) -> Iterator[tuple[Path, dict[Path, Path]]]:
+    """Give a hidden folder in `folder`, and a table to fill: each new file in it, and the place that it takes.
+
+    At the end all take their places in the table's order; errors are those of `replacing`.
+    """
+    with hidden_folder(folder) as place, errors_for(place, folder):
+        moves: dict[Path, Path] = {}
+        yield place, moves
+        with write_errors(folder):
+            _put(place, moves, ())
 
 
 def _put(place: Path, moves: Mapping[Path, Path], stale: Sequence[str]) -> None:
