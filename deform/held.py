@@ -352,7 +352,7 @@ class OnMesh:
 
     @cached_property
     def whole_modes(self) -> Modes:
-        """Modes at all nodes of the mesh, of which the plan may hold a part."""
+        """Modes at all nodes of the mesh; the plan may hold a part of them."""
         whole, own = self.plan.mesh.whole, self.modes
         if whole is None or self.coordinates is None:
             return own
@@ -417,7 +417,7 @@ class OnMesh:
 
 
 def unit_hint(boxes: Iterable[FieldBox], points: FloatArray) -> str:
-    """Return the factor by which points (N, 3) would be places of a plan, as a sentence; empty if there is none."""
+    """Name the unit of length in which points (N, 3) would be places of a plan, as a sentence; empty if none fits."""
     for factor in UNITS:
         if any(match.any() for box in boxes for match in box.matches(points * factor)):
             return f"times {factor:.4g} they would be those of the plan: give them in its unit of length"

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike
 if TYPE_CHECKING:
     from sdm_deflect.deform.box.automatic import BoxRule
     from sdm_deflect.deform.box.hexahedron import Hexahedron
-    from sdm_deflect.deform.surface.motions import Motion
+    from sdm_deflect.deform.surface.motions import Motion, Table
     from sdm_deflect.deform.surface.surface import NodeSet
 
 
@@ -57,6 +57,8 @@ def source(kind: Any, spelled: bool) -> str:
         if is_dataclass(inner[0]):
             return "Mapping[str, Any] | Sequence[Any]" if spelled else "Sequence[Mapping[str, Any]]"
         return "str | Sequence[str]" if inner[0] is str else "ArrayLike"
+    if kind.__name__ == "Table":
+        return "Table | tuple[ArrayLike, ArrayLike]"
     return "str | PathLike[str]" if kind is str else kind.__name__
 
 

@@ -12,6 +12,7 @@ from rich.text import Text
 
 from sdm_deflect.cases.run.metrics import (
     Json,
+    amounts,
     face_rows,
     fit_text,
     kernel_figures,
@@ -92,7 +93,8 @@ def plan_table(plan: Plan) -> Group:
     for patch in plan.mesh.patches:
         count = len(np.intersect1d(patch.nodes, inside, assume_unique=True))
         table.add_row(plain(patch.name), plain(_part(plan, patch.name)), str(len(patch.nodes)), str(count))
-    return Group(*warning_texts(warnings_of(plan)), table, *_texts(_lines(plan)))
+    turns = [f"{name} by {text}" for name, text in amounts(plan, plan.largest)]
+    return Group(*warning_texts(warnings_of(plan)), table, *_texts([*turns, *_lines(plan)]))
 
 
 def result_table(done: "Outcome", whole: bool) -> Group:

@@ -82,7 +82,9 @@ def output_folder(target: Path, stale: Sequence[str] = RUN) -> Iterator[Path]:
 
 
 def _refuse_others(target: Path, stale: Sequence[str]) -> None:
-    """Raise OutputError for a folder with files that would be removed, if it is no earlier run."""
+    """Raise OutputError for a folder with files that a run would remove, if it is no earlier run."""
+    if not {*stale} & {*SETTINGS_FILES}:
+        return
     theirs = [path.name for pattern in stale for path in target.glob(pattern)] if target.is_dir() else []
     if theirs and not {*theirs} & {*SETTINGS_FILES}:
         raise OutputError(f"--out {target} holds {theirs[0]}, and is no earlier run: name another folder")

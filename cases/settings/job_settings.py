@@ -11,12 +11,22 @@ from sdm_deflect.deform.base.schema import ONLY_SET, Doc, Option, Range, Spellin
 from sdm_deflect.deform.options import LARGEST_ANGLE, JobOptions
 
 from .conversion import Nested, parse_assignments, parse_spelling, read_toml, structure
-from .spellings import device_of, pairs_of, points_of, range_of, selections_of, shapes_of, shift_of, strip_of
+from .spellings import (
+    device_of,
+    pairs_of,
+    points_of,
+    range_of,
+    selections_of,
+    shapes_of,
+    shift_of,
+    strip_of,
+    table_of_arrays,
+)  # fmt: skip
 
 if TYPE_CHECKING:
     from sdm_deflect.deform.box.automatic import BoxRule
     from sdm_deflect.deform.box.hexahedron import Hexahedron
-    from sdm_deflect.deform.surface.motions import Motion
+    from sdm_deflect.deform.surface.motions import Motion, Table
     from sdm_deflect.deform.surface.surface import NodeSet
 else:  # known by what they have: settings are read, and help is shown, before any code is compiled
 
@@ -24,6 +34,7 @@ else:  # known by what they have: settings are read, and help is shown, before a
         return runtime_checkable(type(name, (Protocol,), dict.fromkeys(parts)))
 
     Motion, NodeSet = _with("Motion", "unit", "axis", "law"), _with("NodeSet", "of")
+    Table = _with("Table", "points", "vectors")
     BoxRule, Hexahedron = _with("BoxRule", "settings", "choose"), _with("Hexahedron", "corners", "contains")
 
 
@@ -106,8 +117,9 @@ class SurfaceSettings:
     depth: Annotated[float, Range(0.0), ROOT, Doc(
         "What moves", "root: length of the part of the tail that is lengthened (default: half the root's chord).",
         )] = 0.0
-    table: Annotated[str | None, Spelling(file=""), IN_WORDS, Doc(
-        "What moves", "Displacements in place of a hinge: a .csv of x,y,z,dx,dy,dz, or an .npz.")] = None
+    table: Annotated[str | Table | None, Spelling(file="", read=table_of_arrays), IN_WORDS, Doc(
+        "What moves", "Displacements in place of a hinge: a .csv of x,y,z,dx,dy,dz, or an .npz.",
+        "In Python also points (P, 3) and displacements (P, 3).")] = None
     shift: Annotated[tuple[Corner, ...] | None, Option(metavar="x,y,z"), Spelling(read=shift_of), IN_WORDS, Doc(
         "What moves", "Distance by which the hinge moves while the surface turns by the angle.",
         "In a file or in Python also two, one for each hinge point.")] = None

@@ -24,6 +24,7 @@ from sdm_deflect.deform.mesh.cells import real
 from sdm_deflect.deform.mesh.images import PeriodicPatches
 from sdm_deflect.deform.options import JobOptions
 from sdm_deflect.deform.surface.blended import Blended, Rib
+from sdm_deflect.deform.surface.hinges import rise
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, SoughtHinge, Table
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, TrailingEdge
 from sdm_deflect.deform.surface.tail_root import Root
@@ -47,8 +48,6 @@ if TYPE_CHECKING:
 
 Point = tuple[float, float, float]
 SHARP = "sharp"
-LEVER = 0.2
-"""Least share of its speed with which a point aft of the hinge rises or falls; below, down and up mean nothing."""
 SAME = 1e-6
 """Distance over a length of one, below which two hinges are the same."""
 NUMBERS = {"box": "two opposite corners, box:x,y,z,x,y,z", "side": "a point and a normal, side:x,y,z,nx,ny,nz"}
@@ -143,23 +142,18 @@ def jobs_of(settings: JobSettings, *, by_range: bool = False) -> tuple[Job, ...]
 def _with_angle(surface: SurfaceSettings) -> SurfaceSettings:
     """Return a surface with the angle at which its trailing edge, aft along x, is down or up.
 
-    Raises InputError for a hinge along the vertical or the flow, which says nothing of down and up.
+    The hinge of a device has its points in the order of the growing span. Raises InputError for a hinge along the
+    vertical or the flow, which says nothing of down and up.
     """
     given = [surface.angle, surface.down, surface.up]
     if surface.down is None and surface.up is None:
         return surface
-    if sum(one is not None for one in given) > 1 or not surface.hinge:
+    if sum(one is not None for one in given) > 1 or not (surface.hinge or surface.device):
         raise InputError("down and up need a hinge, and take the place of the angle: give one of the three")
-    row, direction = "xyz".index(surface.vertical), _rotation(surface.hinge).axis.direction
-    rate = float(np.cross(direction, [1.0, 0.0, 0.0])[row])
-    if abs(rate) < LEVER:
-        other = "y" if surface.vertical == "z" else "z"
-        raise InputError(
-            f"down and up: the hinge lies along {surface.vertical}, or along the flow, x: set vertical = {other}, or "
-            "give the angle"
-        )
-    angle = np.sign(rate) * (surface.up if surface.down is None else -surface.down)
-    return replace(surface, angle=float(angle), down=None, up=None)
+    vertical = "xyz".index(surface.vertical)
+    direction = _rotation(surface.hinge).axis.direction if surface.hinge else np.eye(3)[3 - vertical]
+    angle = np.sign(rise(direction, vertical)) * (surface.up if surface.down is None else -surface.down)
+    return replace(surface, angle=float(angle))
 
 
 def _with_reflections(settings: JobSettings, sources: Sequence[int]) -> JobSettings:
@@ -277,7 +271,8 @@ def _moving(surface: SurfaceSettings, fixed: tuple[str, ...], by_range: bool) ->
     if amount is None and not (by_range and surface.range):
         raise InputError(f"the angle of {', '.join(surface.patches)} is missing: give it in degrees")
     panels = (motion.panels,) if isinstance(motion, Root) else ()
-    return Moving((*surface.patches, *panels), motion, amount or 0.0, surface.range)
+    aft = (surface.down, surface.up) != (None, None)
+    return Moving((*surface.patches, *panels), motion, amount or 0.0, surface.range, aft)
 
 
 def _motion(surface: SurfaceSettings, fixed: tuple[str, ...]) -> Motion:
@@ -290,7 +285,8 @@ def _motion(surface: SurfaceSettings, fixed: tuple[str, ...]) -> Motion:
         return _root(surface, hinge)
     base = _turn(surface, hinge)
     if surface.table:
-        base = Table.read(Path(surface.table), hinge.axis if hinge else None)
+        read = surface.table if isinstance(surface.table, Table) else Table.read(Path(surface.table))
+        base = replace(read, hinge=hinge.axis if hinge else None)
     base = _track(surface, hinge) or base
     if surface.motion == "rigid":
         return base
@@ -308,7 +304,8 @@ def _turn(surface: SurfaceSettings, hinge: Rotation | None) -> Motion:
             "no hinge"
         )
     wing, first, second, share = surface.device
-    return SoughtHinge((str(wing), float(first), float(second), float(share)))
+    vertical = "xyz".index(surface.vertical) if (surface.down, surface.up) != (None, None) else None
+    return SoughtHinge((str(wing), float(first), float(second), float(share)), vertical)
 
 
 def _root(surface: SurfaceSettings, hinge: Rotation | None) -> Root:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 if TYPE_CHECKING:
     from sdm_deflect.deform.box.automatic import BoxRule
     from sdm_deflect.deform.box.hexahedron import Hexahedron
-    from sdm_deflect.deform.surface.motions import Motion
+    from sdm_deflect.deform.surface.motions import Motion, Table
     from sdm_deflect.deform.surface.surface import NodeSet
 
 
@@ -30,7 +30,7 @@ class Options(TypedDict, total=False):
     on: str | Sequence[str]
     shape: Literal["skin", "cylinder"]
     depth: float
-    table: str | PathLike[str]
+    table: str | PathLike[str] | Table | tuple[ArrayLike, ArrayLike]
     shift: ArrayLike
     track: str | PathLike[str]
     slot: str

@@ -48,6 +48,23 @@ def device_of(value: Any) -> Any:
         raise InputError(f"{shortened(value)}: must be a patch, two shares of its span and one of its chord") from None
 
 
+def table_of_arrays(value: Any) -> Any:
+    """Return the table of two arrays: points and displacements (P, 3), in a plane mesh (P, 2). Else the value."""
+    if not isinstance(value, list | tuple):
+        return value
+    if len(value) != 2:
+        raise InputError(f"{shortened(value)}: must be a file, or points (P, 3) and displacements (P, 3)")
+    import numpy as np
+
+    from sdm_deflect.deform.mesh.cells import bounded
+    from sdm_deflect.deform.surface.motions import Table
+
+    points, vectors = (bounded(one, "table") for one in value)
+    plane = points.ndim == vectors.ndim == 2 and points.shape[1] == vectors.shape[1] == 2
+    points, vectors = (np.column_stack([one, np.zeros(len(one))]) if plane else one for one in (points, vectors))
+    return Table(points, vectors, plane=plane)
+
+
 def strip_of(value: Any) -> Any:
     """Return 0 for ``auto``, a number for other text; anything else as it is."""
     if not isinstance(value, str):

@@ -21,6 +21,10 @@ ROUNDING = 1e-9
 """Coordinates that are smaller, as shares of the largest, are shown as 0."""
 ONE_SKIN = 0.7
 """Length of the mean unit normal beside a line, above which there is one skin: a flap has two, which face apart."""
+LEVER = 0.2
+"""Least share of its speed with which a point aft of the hinge rises or falls; below, down and up mean nothing."""
+ENDS = 0.01
+"""Share of the span from an end of a wing at which its last section is taken: at the very end there is none."""
 COVERED, STRAIGHT = 0.5, 0.15
 """Least length of a hinge, in spans of the flap; largest distance of its edges from the line, in chords."""
 
@@ -79,13 +83,29 @@ def ends_text(hinge: ArrayLike) -> str:
     return " ".join(",".join(f"{x:.6g}" for x in end) for end in clean)
 
 
+def rise(direction: FloatArray, vertical: int) -> float:
+    """Return how a point aft of a hinge, along x, rises in a positive turn about its direction (3,).
+
+    Raises InputError if it hardly does: the hinge then says nothing of down and up.
+    """
+    rate = float(np.cross(direction, [1.0, 0.0, 0.0])[vertical])
+    if abs(rate) < LEVER:
+        other = "y" if vertical == 2 else "z"
+        raise InputError(
+            f"down and up: the hinge lies along {'xyz'[vertical]}, or along the flow, x: set vertical = {other}, or "
+            "give the angle"
+        )
+    return rate
+
+
 def device(
     mesh: Mesh, name: str, wall: str, stations: tuple[float, float], share: float
-) -> tuple[FloatArray, Selection]:
-    """Return the hinge (2, 3) of a device on a wing, and the selection that cuts it out, named `name`.
+) -> tuple[FloatArray, Selection, str]:
+    """Return the hinge (2, 3) of a device on a wing, the selection that cuts it out, named `name`, and a note.
 
     The flow is along x. The span is the longer one of the other axes, and stations are shares of it, from the end
-    nearer to 0. The hinge is at a share of the local chord, half-way between the skins; the device lies behind it.
+    nearer to 0; the note says which end that is. The hinge is at a share of the local chord, half-way between the
+    skins; its points are in the order of the growing span. The device lies behind it.
 
     Raises InputError if stations or share are not ascending between 0 and 1, or if there is no section at a station.
     """
@@ -97,15 +117,18 @@ def device(
     size = np.ptp(np.vstack([a, b]), axis=0)
     span, up = (1, 2) if size[1] >= size[2] else (2, 1)
     low, high = sorted((a[:, span].min(), a[:, span].max()), key=abs)
-    hinge = []
-    for station in stations:
+    taken = [ENDS if station == 0.0 else 1.0 - ENDS if station == 1.0 else station for station in stations]
+    cuts = []
+    for station in taken:
         at = low + station * (high - low)
         cut = np.flatnonzero((a[:, span] - at) * (b[:, span] - at) < 0.0)
         if len(cut) < 4:
             raise InputError(f"device: {patch} has no section at the station {station:g} of its span")
         along = (at - a[cut, span]) / (b[cut, span] - a[cut, span])
-        hinge.append(_middle(a[cut] + along[:, None] * (b[cut] - a[cut]), share, up))
-    first, second = hinge
+        cuts.append(_middle(a[cut] + along[:, None] * (b[cut] - a[cut]), share, up))
+    slope = (cuts[1] - cuts[0]) / (taken[1] - taken[0])
+    off = [(asked - at) * slope if asked != at else np.zeros(3) for asked, at in zip(stations, taken, strict=True)]
+    first, second = (cut + way for cut, way in zip(cuts, off, strict=True))
     across = np.zeros(3)
     across[span] = 1.0 if second[span] > first[span] else -1.0
     aft = np.cross(second - first, np.eye(3)[up])
@@ -113,7 +136,10 @@ def device(
     planes = ((first, across), (second, -across), (first, aft))
     before = tuple(Before(tuple(point.tolist()), tuple(normal.tolist())) for point, normal in planes)
     sides = (",".join(map(repr, (*one.point, *one.normal))) for one in before)
-    return np.array(hinge), Selection(name, patch, before, text=" ".join([patch, *(f"side:{side}" for side in sides)]))
+    behind = Selection(name, patch, before, text=" ".join([patch, *(f"side:{side}" for side in sides)]))
+    ends = " and ETA 1 at ".join(f"{'xyz'[span]} = {end:.4g}" for end in (low, high))
+    hinge = np.array(sorted((first, second), key=lambda point: float(point[span])))
+    return hinge, behind, f"{name}: ETA 0 of {patch} is at {ends}"
 
 
 def _middle(section: FloatArray, share: float, up: int) -> FloatArray:

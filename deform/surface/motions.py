@@ -11,6 +11,7 @@ from typing import ClassVar, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, farthest, first_coincident
 from sdm_deflect.deform.base.errors import InputError, shortened
@@ -30,6 +31,7 @@ VECTORS = {f"d{name}": (f"d{name}", f"displacement:{i}", f"displacement{name}") 
 """Titles of displacements: ours, and those of ParaView."""
 MOST_FUNCTIONS = 6  # most functions of one amount
 MOST = 3000  # most points of a table for a direct solve
+OWN = 1e-6  # of the surface's size: a node this near to a point of a table has the displacement of the point
 
 
 class Functions:
@@ -289,9 +291,11 @@ class SoughtHinge:
     Attributes
     ----------
     device : wing, two stations and a share of the chord, at which the hinge of a device is; None for a missing hinge.
+    vertical : component that is up, for an amount that was given as down or up; None for an angle.
     """
 
     device: tuple[str, float, float, float] | None = None
+    vertical: int | None = None
     unit: ClassVar[str] = "deg"
     axis: ClassVar[None] = None
 
@@ -389,12 +393,22 @@ class Table:
         return self.hinge
 
     def law(self, surface: Surface) -> "TableLaw":
-        """Interpolate the table at the nodes of a surface.
+        """Interpolate the table at the nodes of a surface; nodes at its points have their very displacements.
 
         Raises InputError for a point with two displacements, or a table without z for a mesh in space.
         """
         if self.plane and not surface.mesh.plane:
             raise InputError(f"table: it lacks z and dz, and {surface.mesh.name} is a mesh in space: {TITLES}")
+        points, vectors = self.distinct()
+        rows = farthest(points, MOST) if len(points) > MOST else np.arange(len(points))
+        out = fit(ThinPlateSpline(), points[rows], vectors[rows])(surface.points)
+        near = OWN * float(np.ptp(surface.points, axis=0).max())
+        distance, own = cKDTree(points).query(surface.points, distance_upper_bound=near)
+        out[np.isfinite(distance)] = vectors[own[np.isfinite(distance)]]
+        return TableLaw(out)
+
+    def distinct(self) -> tuple[FloatArray, FloatArray]:
+        """Return the points and vectors (P, 3) without repeated points; InputError for one with two displacements."""
         first = first_coincident(self.points)
         torn = np.flatnonzero((self.vectors != self.vectors[first]).any(axis=1))
         if len(torn):
@@ -403,8 +417,7 @@ class Table:
             )
             raise InputError(f"table: the point {at} is given twice, with the displacements {one} and {other}")
         rows = np.flatnonzero(first == np.arange(len(first)))
-        rows = rows[farthest(self.points[rows], MOST)] if len(rows) > MOST else rows
-        return TableLaw(fit(ThinPlateSpline(), self.points[rows], self.vectors[rows])(surface.points))
+        return self.points[rows], self.vectors[rows]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -438,12 +451,14 @@ class Moving:
     motion : the motion.
     amount : degrees, or the share of a table.
     range : amounts that the box and a plan must contain; None for 0 to the amount.
+    aft : whether the surface must lie aft of its hinge along x, because "down" is said of a trailing edge.
     """
 
     patches: tuple[str, ...]
     motion: Motion
     amount: float
     range: tuple[float, float] | None = None
+    aft: bool = False
 
     def __post_init__(self) -> None:
         if not self.patches:

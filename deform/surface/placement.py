@@ -1,4 +1,4 @@
-"""Where a hinge stands beside its surface: warnings of a wrong one."""
+"""Where a hinge or a table stands beside its surface: warnings of a wrong one."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -10,6 +10,7 @@ from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.axis import Axis
 
+from .motions import MOST, OWN, Table
 from .surface import Surface
 
 UNITS = (1000.0, 0.001, 25.4, 1.0 / 25.4, 0.3048, 1.0 / 0.3048, 39.37, 1.0 / 39.37)
@@ -18,6 +19,12 @@ HALF, QUARTER = 0.5, 0.25
 """Least share of the surface's span between the hinge points; share of its width from which a hinge is far."""
 HALF_TURN = 1.1 * np.pi
 """Largest angle without nodes as seen from a hinge between two skins: half a turn with some allowance."""
+AFT = 0.1
+"""Share of a surface's extent along the flow that must lie aft of its hinge, for it to have a trailing edge there."""
+MUCH, GOOD = 3.0, 0.3
+"""Ratio by which another unit of length makes a table and a surface coincide better, and how well they must then."""
+FLAT = 1e-9
+"""Extents below this share of the largest one are zero."""
 MEANT = "correct it, or say --force (force = true) if it is meant"
 
 
@@ -57,8 +64,7 @@ class Placement:
         if axis.length is not None and high > low:
             covered = max(min(high, axis.length) - max(low, 0.0), 0.0) / (high - low)
         width = float(np.linalg.norm(np.ptp(radial, axis=0)))
-        centred = points - points.mean(axis=0)
-        chord = float(np.sort(np.ptp(centred @ np.linalg.eigh(centred.T @ centred)[1], axis=0))[1])
+        chord = float(np.sort(_principal_extents(points))[1])
         known = [] if axis.length is None or high <= low else [0.0, axis.length]
         ends = np.array([axis.point + far * axis.direction for far in known]).reshape(-1, 3)
         apart = cKDTree(points).query(ends)[0] if len(ends) else np.empty(0)
@@ -108,6 +114,108 @@ class Placement:
                     f"hinge: its {name} point, ({place}), is {apart:.4g} from {self.surface}, whose chord is "
                     f"{self.chord:.4g}: is it right?"
                 )
+
+
+def check_aft(surface: Surface, axis: Axis) -> None:
+    """Raise InputError if a surface lies ahead of its hinge along x: "down" and "up" are said of trailing edges."""
+    station = axis.radial(surface.points)[:, 0]
+    if station.max() < AFT * np.ptp(station):
+        raise InputError(
+            f"down and up are of trailing edges, and {surface.label} lies ahead of its hinge along x: give --angle"
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TablePlacement:
+    """The points of a table beside its surface; lengths in the mesh's unit.
+
+    Attributes
+    ----------
+    surface : its patches, for messages.
+    nodes, points : (K, 3) nodes of the surface and (P, 3) distinct points of the table.
+    plane : whether the mesh is plane.
+    carried : number of points that carry the spline.
+    """
+
+    surface: str
+    nodes: FloatArray = field(repr=False)
+    points: FloatArray = field(repr=False)
+    plane: bool
+    carried: int
+
+    @classmethod
+    def of(cls, surface: Surface, table: Table) -> "TablePlacement":
+        """Take the nodes of a surface and the points of a table; InputError as for `Table.distinct`."""
+        points, _ = table.distinct()
+        return cls(surface.label, surface.points, points, surface.mesh.plane, min(len(points), MOST))
+
+    @property
+    def size(self) -> float:
+        """Largest extent of the surface."""
+        return float(np.ptp(self.nodes, axis=0).max())
+
+    def overlap(self, factor: float = 1.0) -> float:
+        """Return how well the boxes of surface and table coincide, in another unit: 0 for apart, 1 for equal.
+
+        It is the product of intersection over union along the axes; a table on a line or in a plane counts as equal
+        across it, if the surface is there.
+        """
+        low, high = _extent(self.nodes)
+        first, last = _extent(factor * self.points)
+        inner, outer = np.minimum(high, last) - np.maximum(low, first), np.maximum(high, last) - np.minimum(low, first)
+        flat = last - first <= FLAT * float((last - first).max())
+        shares = np.where(flat, inner >= -FLAT * self.size, np.maximum(inner, 0.0) / np.where(outer > 0.0, outer, 1.0))
+        return float(np.prod(shares))
+
+    def check(self, surface: Surface, force: bool) -> None:
+        """Raise InputError if table and surface are apart, or would coincide in another unit (unless `force`)."""
+        del surface
+        here, (there, factor) = self.overlap(), max((self.overlap(factor), factor) for factor in UNITS)
+        if force or (here and not (there >= GOOD and there > MUCH * here)):
+            return
+        if there >= GOOD:
+            raise InputError(
+                f"table: times {factor:.4g} its points would lie where {self.surface} does: give points and "
+                "displacements in the mesh's unit of length, or say --force (force = true) if it is meant"
+            )
+        apart = float(cKDTree(self.points).query(self.nodes)[0].min())
+        raise InputError(f"table: its points are {apart:.4g} from {self.surface}, {self.size:.4g} long; {MEANT}")
+
+    def warnings(self, blended: bool) -> Iterator[str]:
+        """Yield signs of a table that does not cover its surface, as sentences."""
+        del blended
+        first, last = _extent(self.points)
+        wide = last - first > FLAT * float((last - first).max())
+        nodes, points = self.nodes[:, wide], self.points[:, wide]
+        distance = cKDTree(points).query(nodes)[0]
+        spacing = float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
+        off = np.maximum(first[wide] - nodes, nodes - last[wide]).max(axis=1)
+        if beyond := np.count_nonzero(off > spacing):
+            yield (
+                f"table: {beyond / len(nodes):.0%} of the nodes of {self.surface} lie beyond its points, by up to "
+                f"{off.max():.4g}: their displacement is extrapolated"
+            )
+        near = QUARTER * float(np.sort(_principal_extents(self.nodes))[2 if self.plane else 1])
+        if coarse := np.count_nonzero((distance > near) & (off <= spacing)):
+            yield (
+                f"table: {coarse / len(nodes):.0%} of the nodes of {self.surface} are farther than {near:.4g} from its "
+                "points: is it too coarse?"
+            )
+        others = np.count_nonzero(distance > OWN * self.size)
+        if self.carried < len(self.points) and others:
+            yield (
+                f"table: {self.carried} of its {len(self.points)} points carry the spline; "
+                f"{others / len(nodes):.0%} of the nodes of {self.surface} are at none of its points"
+            )
+
+
+def _extent(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    return points.min(axis=0), points.max(axis=0)
+
+
+def _principal_extents(points: FloatArray) -> FloatArray:
+    centred = points - points.mean(axis=0)
+    return np.asarray(np.ptp(centred @ np.linalg.eigh(centred.T @ centred)[1], axis=0))
 
 
 def _surrounds(radial: FloatArray, axis: Axis) -> bool:

@@ -15,8 +15,8 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.sliding import Plane, SlidingPatch, fit_shape
 from sdm_deflect.deform.rbf.data_sites import XYZ
 from sdm_deflect.deform.surface.blended import Blended
-from sdm_deflect.deform.surface.motions import TRACK_UNIT, MotionLaw
-from sdm_deflect.deform.surface.placement import Placement
+from sdm_deflect.deform.surface.motions import TRACK_UNIT, MotionLaw, Table
+from sdm_deflect.deform.surface.placement import Placement, TablePlacement, check_aft
 from sdm_deflect.deform.surface.reached import Reached
 from sdm_deflect.deform.surface.surface import Surface
 
@@ -30,6 +30,7 @@ LEAST = 1e-8  # length of the moving surfaces, as a share of the largest coordin
 ON_SHAPE = 1e-6  # of the same: a moving node this near to a sliding shape is put on it
 ALIKE = 0.01  # of the largest displacement: images that differ by less move by their mean, and stay in their plane
 ACROSS = 0.1  # cosine between a hinge and the normal of a plane, below which the surface turns across the plane
+TOLERANCE = 0.01  # of the same: default of the largest error at a site
 COARSE = 0.1  # of the moving surface's median edge: a larger tolerance is probably a mistake
 
 
@@ -104,6 +105,16 @@ class PrescribedNodes:
         return tuple(name for surface in self.surfaces for name in surface.patches)
 
     @property
+    def edge(self) -> float:
+        """Median edge of the moving surfaces."""
+        return median_edge(self.mesh.points, self.mesh.faces_of(self.moving))
+
+    @property
+    def tolerance(self) -> float:
+        """Largest error at a data site, before prism layers ask for a smaller one."""
+        return self.job.fitting.tolerance or TOLERANCE * self.edge
+
+    @property
     def components(self) -> tuple[int, ...]:
         """Directions in which nodes move: two in a plane mesh, otherwise all."""
         return tuple(c for c in XYZ if c != self.mesh.across) if self.mesh.plane else XYZ
@@ -155,8 +166,7 @@ class PrescribedNodes:
         """Signs that a hinge or the tolerance is wrong, as sentences."""
         placements = _placements(self.job, self.surfaces)
         texts = [text for placement, _, blended in placements for text in placement.warnings(blended)]
-        patches = [name for surface in self.surfaces for name in surface.patches]
-        edge, tolerance = median_edge(self.mesh.points, self.mesh.faces_of(patches)), self.job.fitting.tolerance
+        edge, tolerance = self.edge, self.job.fitting.tolerance
         if (tolerance or 0.0) > COARSE * edge:
             texts.append(f"tolerance = {tolerance:g} is above {COARSE:g} of the surface's median edge, {edge:.3g}")
         for patch, rows in self._on_sliding() if any(map(self._ends_on, self.sliding)) else ():
@@ -213,15 +223,20 @@ class PrescribedNodes:
         return out
 
     def _check_fixed(self, displacement: FloatArray) -> None:
-        moves = np.linalg.norm(displacement, axis=1) > ZERO_LENGTH * self.size
+        """Raise InputError if a node shared with a fixed patch would move by more than the tolerance."""
+        length = np.linalg.norm(displacement, axis=1)
+        if not (length[self.shared_with_fixed] > ZERO_LENGTH * self.size).any():
+            return
+        moves = length > max(ZERO_LENGTH * self.size, self.tolerance)
         for name in self.fixed:
             shared = np.isin(self.nodes, self.mesh.patch(name).nodes, assume_unique=True)
             count = int(np.count_nonzero(shared & moves))
             if count:
+                tables = any(isinstance(moving.motion, Table) for moving in self.job.surfaces)
+                blend = "let the table fall to zero there" if tables else "use a blended motion"
                 raise InputError(
                     f"{self.mesh.name}: {count} nodes shared by the moving surface and {name}, which is fixed, "
-                    f"would move by up to {float(np.abs(displacement[shared]).max()):.4g}; use a blended motion, or "
-                    f"let {name} slide"
+                    f"would move by up to {float(length[shared].max()):.4g}; {blend}, or let {name} slide"
                 )
 
     def _alike(self, displacement: FloatArray) -> FloatArray:
@@ -374,11 +389,20 @@ def _walls(mesh: Mesh) -> tuple[Plane, ...]:
 def _check_hinges(job: Job, surfaces: Sequence[Surface]) -> None:
     for placement, surface, _ in _placements(job, surfaces):
         placement.check(surface, job.force)
-
-
-def _placements(job: Job, surfaces: Sequence[Surface]) -> Iterator[tuple[Placement, Surface, bool]]:
-    """Yield the placement of each hinge, its surface, and whether the motion is blended; a track's may be anywhere."""
     for moving, surface in zip(job.surfaces, surfaces, strict=True):
+        if moving.aft and moving.motion.axis:
+            check_aft(surface, moving.motion.axis)
+
+
+def _placements(job: Job, surfaces: Sequence[Surface]) -> Iterator[tuple[Placement | TablePlacement, Surface, bool]]:
+    """Yield the placement of each hinge and each table, its surface, and whether the motion is blended.
+
+    The hinge of a track may be anywhere.
+    """
+    for moving, surface in zip(job.surfaces, surfaces, strict=True):
+        if isinstance(moving.motion, Table):
+            yield TablePlacement.of(surface, moving.motion), surface, False
+            continue
         if moving.motion.axis is not None and moving.motion.unit != TRACK_UNIT:
             yield Placement.of(surface, moving.motion.axis), surface, isinstance(moving.motion, Blended)
 

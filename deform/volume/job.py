@@ -191,7 +191,7 @@ def prepare(mesh: Mesh, jobs: Sequence[Job]) -> tuple[Mesh, tuple[Job, ...]]:
 
     Raises InputError if a selection or a pair does not suit the mesh.
     """
-    jobs = _with_devices(mesh, jobs)
+    mesh, jobs = _with_devices(mesh, jobs)
     names = tuple(dict.fromkeys(name for job in jobs for name in (*job.names, *_in_planes(mesh, job))))
     if jobs[0].selections or any(MARK in name for name in names):
         from sdm_deflect.deform.mesh.selection import with_selections
@@ -207,25 +207,32 @@ def prepare(mesh: Mesh, jobs: Sequence[Job]) -> tuple[Mesh, tuple[Job, ...]]:
     return mesh if mesh.is_part else _of_one_hand(mesh), jobs
 
 
-def _with_devices(mesh: Mesh, jobs: Sequence[Job]) -> tuple[Job, ...]:
-    """Return the jobs with the hinges of their devices, and all with the selections that cut these from a wing."""
-    cuts, found = [*jobs[0].selections], []
+def _with_devices(mesh: Mesh, jobs: Sequence[Job]) -> tuple[Mesh, tuple[Job, ...]]:
+    """Return the jobs with the hinges of their devices, and all with the selections that cut these from a wing.
+
+    Notes of the mesh say which end of a wing is the first station.
+    """
+    cuts, found, notes = [*jobs[0].selections], [], []
     for job in jobs:
         surfaces = []
         for one in job.surfaces:
             motion = one.motion
             base = motion.base if isinstance(motion, Blended) else motion
             if isinstance(base, SoughtHinge) and base.device:
-                from sdm_deflect.deform.surface.hinges import device
+                from sdm_deflect.deform.surface.hinges import device, rise
 
                 wall, first, second, share = base.device
-                hinge, cut = device(mesh, one.patches[0], wall, (first, second), share)
+                hinge, cut, note = device(mesh, one.patches[0], wall, (first, second), share)
                 cuts.append(cut)
+                notes.append(note)
                 turn = Rotation.about(*hinge)
+                if base.vertical is not None:
+                    rise(turn.axis.direction, base.vertical)
                 one = replace(one, motion=replace(motion, base=turn) if isinstance(motion, Blended) else turn)
             surfaces.append(one)
         found.append(replace(job, surfaces=tuple(surfaces)))
-    return tuple(replace(job, selections=tuple(cuts)) for job in found)
+    mesh = replace(mesh, notes=(*mesh.notes, *notes)) if notes else mesh
+    return mesh, tuple(replace(job, selections=tuple(cuts)) for job in found)
 
 
 def _with_panels(mesh: Mesh, jobs: Sequence[Job]) -> Mesh:

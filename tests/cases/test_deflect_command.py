@@ -308,7 +308,7 @@ def test_rows_of_amounts_are_meshes_with_derivatives_of_their_own(sdm, paired_bo
         ("left\n1\n", "one column for each surface, titled left,right; its titles are left"),
         ("left,flap\n1,2\n", "titled left,right; its titles are left,flap"),
         ("left,right\n1,nan\n", "1 to 1000 rows of finite numbers"),
-        ("left,right\n1\n", "rows of 2 amounts, one for each surface"),
+        ("left,right\n1\n", "2 titles stand above 1 columns"),
         ("left,right\n", "no table of amounts"),
         ("left,right\n1,95\n", "angle = 95 deg of right is out of range"),
     ],

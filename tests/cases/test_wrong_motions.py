@@ -106,3 +106,19 @@ def test_down_and_up_turn_the_trailing_edge(pair, name, sign):
         nodes = pair.on("left")
         aft = nodes[np.argmax(pair.points[nodes, 0])]
         assert sign * result.displacement[aft, 2] > 0.01
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_a_surface_ahead_of_its_hinge_has_no_down(pair, way):
+    """Droop noses, and flaps in a flow along -x, went up by --down."""
+    mesh = pair.with_points(pair.points * [way, 1.0, 1.0])
+    nodes = mesh.points[mesh.on("left")]
+    front, rear = nodes[:, 0].min(), nodes[:, 0].max()
+    for word in ("down", "up"):
+        with pytest.raises(InputError, match="down and up are of trailing edges, and left lies ahead of its hinge"):
+            deflect(mesh, "left", [[rear, -1, 0], [rear, 1, 0]], None, margin=0.4, **{word: 5.0})
+    middle = 0.4 * front + 0.6 * rear  # an all-moving tail turns about 60 % of its chord
+    for station in (front, middle):
+        found = deflect(mesh, "left", [[station, -1, 0], [station, 1, 0]], None, margin=0.4, down=5.0)
+        aft = mesh.on("left")[np.argmax(nodes[:, 0])]
+        assert found.displacement[aft, 2] < -0.01

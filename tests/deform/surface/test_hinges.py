@@ -4,10 +4,14 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases.api import deflect
+from sdm_deflect.cases.settings.job_settings import settings_of
+from sdm_deflect.cases.settings.jobs import jobs_of
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.cells import Cells, Patch
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.surface.hinges import candidates, device, ends_text
+from sdm_deflect.deform.surface.surface import Surface
+from sdm_deflect.deform.volume.job import prepare
 from tests.deform.blocks import two_bodies
 from tests.deform.plates import plate
 
@@ -78,7 +82,8 @@ def test_a_flap_in_the_plane_turns_about_the_middle_of_its_ends():
 @pytest.mark.parametrize("across", [1, 2])
 def test_a_device_is_cut_behind_a_share_of_the_chord(across):
     mesh = winged(across, cut=False)
-    hinge, cut = device(mesh, "tab", "wing", (0.26, 0.74), 0.72)
+    hinge, cut, note = device(mesh, "tab", "wing", (0.26, 0.74), 0.72)
+    assert note == f"tab: ETA 0 of wing is at {'xyz'[3 - across]} = 0 and ETA 1 at {'xyz'[3 - across]} = 4"
     stations = np.array([1.04, 2.96])
     expected = np.column_stack([0.1 * stations + 0.72 * (1.0 - 0.1 * stations), [0.0, 0.0], stations])
     np.testing.assert_allclose(hinge[:, [0, across, 3 - across]], expected, atol=1e-12)
@@ -88,6 +93,43 @@ def test_a_device_is_cut_behind_a_share_of_the_chord(across):
     assert (np.abs(centres[:, 3 - across] - 2.0) < 0.96).all()
     assert (centres[:, 0] > 0.1 * centres[:, 3 - across] + 0.72 * (1.0 - 0.1 * centres[:, 3 - across])).all()
     assert ends_text(hinge).count(",") == 4
+
+
+@pytest.mark.parametrize("across", [1, 2])
+@pytest.mark.parametrize("stations", [(0.0, 0.74), (0.26, 1.0), (0.0, 1.0)])
+def test_stations_0_and_1_are_the_ends_of_the_wing(across, stations):
+    hinge, cut, _ = device(winged(across, cut=False), "tab", "wing", stations, 0.72)
+    at = 4.0 * np.array(stations)
+    expected = np.column_stack([0.1 * at + 0.72 * (1.0 - 0.1 * at), [0.0, 0.0], at])
+    np.testing.assert_allclose(hinge[:, [0, across, 3 - across]], expected, atol=1e-12)
+    _, (part,) = cut.parts(winged(across, cut=False))
+    along = part.centres[:, 3 - across]
+    assert along.min() == pytest.approx(at[0] + 0.125, abs=0.13)
+    assert along.max() == pytest.approx(at[1] - 0.125, abs=0.13)
+
+
+@pytest.mark.parametrize(("way", "vertical"), [([1, 1, 1], "z"), ([1, -1, 1], "z"), ([1, 1, -1], "z")])
+def test_a_device_has_one_sign_on_both_sides_and_goes_down(way, vertical):
+    """On a port wing the angle of a starboard one went up, and down was refused."""
+    mesh = winged(2, cut=False)
+    mesh = mesh.with_points(mesh.points * way)
+    low = {}
+    for given in ({"angle": 5.0}, {"down": 5.0}, {"up": -5.0}):
+        settings = settings_of("tab", None, None, {"device": "wing,0.26,0.74,0.72", "vertical": vertical, **given})
+        cut, (job,) = prepare(mesh, jobs_of(settings))
+        (moving,) = job.surfaces
+        assert moving.motion.axis.direction[1] > 0.9
+        surface = Surface.of(cut, moving.patches)
+        low[moving.amount] = moving.motion.law(surface).displacement(moving.amount)[:, 2].min()
+    assert [*low] == [5.0]
+    assert low[5.0] == pytest.approx(-np.sin(np.radians(5.0)) * 0.28 * 0.896, rel=0.1)
+
+
+def test_a_device_on_a_fin_has_no_down():
+    mesh = winged(1, cut=False)
+    settings = settings_of("tab", None, None, {"device": "wing,0.26,0.74,0.72", "down": 5.0})
+    with pytest.raises(InputError, match="the hinge lies along z, or along the flow, x: set vertical = y"):
+        prepare(mesh, jobs_of(settings))
 
 
 @pytest.mark.parametrize(

@@ -6,16 +6,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import sdm_deflect as sd
 from sdm_deflect.cases.run.metrics import farthest, travels, warnings_of
 from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.mesh.cells import Cells, Patch
 from sdm_deflect.deform.mesh.edges import median_edge
 from sdm_deflect.deform.rbf.fitting import Fitting
+from sdm_deflect.deform.surface import motions, placement
 from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.surface.placement import UNITS, Placement
 from sdm_deflect.deform.surface.surface import Surface
 from sdm_deflect.deform.volume.plan import Plan
 from tests.deform.blocks import block_with_body
 from tests.deform.jobs import job
+from tests.deform.plates import plate
 
 HINGE = np.array([[3.0, -0.5, 0.0], [3.0, 0.5, 0.0]])
 AFT, UP = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
@@ -117,3 +121,102 @@ def test_the_farthest_node_says_where_the_surface_goes(mesh):
     assert place[0] == pytest.approx(3.5)
     ((_, text),) = travels(plan)
     assert re.fullmatch(rf"{np.linalg.norm(move):.4g}, at \(3\.5, \S+, \S+\) towards -z, \(\S+, \+0\.00, -\S+\)", text)
+
+
+def wave(points):
+    return 0.05 * np.column_stack([np.sin(points[:, 1]), 0.0 * points[:, 0], np.cos(2.0 * points[:, 0])])
+
+
+@pytest.fixture(scope="module")
+def wing():
+    """A slab, 1 by 4 by 0.5, of which the table knows all or some points."""
+    mesh = block_with_body(8)
+    return mesh.with_points(mesh.points * [1.0, 4.0, 0.5] + 2.0 * AFT)
+
+
+def deflected(mesh, points, vectors=None, **settings):
+    points = np.asarray(points, dtype=float)
+    return sd.deflect(mesh, "body", None, 1.0, table=(points, wave(points) if vectors is None else vectors), **settings)
+
+
+def skin(mesh):
+    return mesh.points[mesh.on("body")]
+
+
+@pytest.mark.parametrize("factor", UNITS)
+def test_a_table_in_another_unit_is_refused_with_the_factor(wing, factor):
+    points = skin(wing)
+    with pytest.raises(InputError, match=rf"table: times {1.0 / factor:.4g} its points would lie where body does"):
+        deflected(wing, factor * points)
+    with pytest.warns(UserWarning, match=r"beyond its points|too coarse"):
+        deflected(wing, factor * points, 0.0 * points, force=True)
+
+
+@pytest.mark.parametrize("way", [30.0 * AFT, -9.0 * UP, np.array([0.0, 40.0, 0.0])])
+def test_a_table_elsewhere_is_refused_unless_it_is_meant(wing, way):
+    with pytest.raises(InputError, match=r"table: its points are \S+ from body, 4 long; correct it, or say --force"):
+        deflected(wing, skin(wing) + way)
+
+
+def test_a_table_of_its_own_nodes_is_exact_and_silent(wing):
+    nodes, points = wing.on("body"), skin(wing)
+    vectors = wave(points) + 1e-3 * np.random.default_rng(1).normal(size=points.shape)  # no smooth field
+    found = deflected(wing, points[::-1], vectors[::-1])
+    assert np.abs(found.displacement[nodes] - vectors).max() <= 4.0 * np.spacing(4.0)
+    rounded = deflected(wing, np.round(points, 6), vectors)
+    np.testing.assert_allclose(rounded.displacement[nodes], vectors, atol=1e-14)
+
+
+def test_a_table_on_a_line_or_of_a_larger_wing_is_silent(wing):
+    axis = np.column_stack([np.full(40, 2.0), np.linspace(-2.0, 2.0, 40), np.zeros(40)])
+    assert np.abs(deflected(wing, axis, np.outer(axis[:, 1] ** 2, UP) / 40).displacement).max() > 0.09
+    larger = np.stack(np.meshgrid(np.linspace(0, 5, 21), np.linspace(-8, 8, 41), [-0.25, 0.25]), -1).reshape(-1, 3)
+    deflected(wing, larger, wave(larger))
+
+
+def test_what_a_table_does_not_cover_is_told(wing, monkeypatch):
+    points = skin(wing)
+    with pytest.warns(UserWarning, match=r"table: \d+% of the nodes of body lie beyond its points, by up to 2: "):
+        deflected(wing, points[points[:, 1] <= 0.0])
+    few = np.array([[x, y, z] for x in (1.5, 2.5) for y in (-2.0, 2.0) for z in (-0.25, 0.25)])
+    with pytest.warns(UserWarning, match=r"nodes of body are farther than 0\.25 from its points: is it too coarse"):
+        deflected(wing, few)
+    monkeypatch.setattr(placement, "MOST", 50)
+    monkeypatch.setattr(motions, "MOST", 50)
+    dense = np.random.default_rng(2).uniform([1.5, -2.0, -0.25], [2.5, 2.0, 0.25], (4000, 3))
+    with pytest.warns(UserWarning, match=r"50 of its 4000 points carry the spline; 100% of the nodes of body"):
+        deflected(wing, dense)
+
+
+@pytest.mark.parametrize("points", [np.zeros((5, 2)), np.zeros((5, 4)), [[0.0, 1.0]], "x", np.full((5, 3), np.nan)])
+def test_arrays_that_are_no_table_are_one_sentence(wing, points):
+    with pytest.raises(InputError) as caught:
+        sd.deflect(wing, "body", None, 1.0, table=(points, np.zeros((5, 3))))
+    assert "table" in str(caught.value)
+    with pytest.raises(InputError, match=r"must be a file, or points \(P, 3\) and displacements \(P, 3\)"):
+        sd.deflect(wing, "body", None, 1.0, table=[points])
+
+
+def test_nodes_shared_with_a_fixed_patch_stay_if_they_hardly_move():
+    """A table of six digits was refused for 9e-8."""
+    mesh = plate(20, "triangle")
+    hole, parts = mesh.patch("hole"), {"flap": [], "foil": []}
+    for line in np.vstack([faces.nodes for faces in hole.faces]):
+        parts["flap" if mesh.points[line, 0].mean() > 0.2 else "foil"].append(line)
+    cut = tuple(Patch(name, (Cells("line", np.array(lines)),)) for name, lines in parts.items())
+    mesh = replace(mesh, patches=(*(one for one in mesh.patches if one.name != "hole"), *cut))
+    nodes = mesh.on("flap")
+    points, shared = mesh.points[nodes], np.isin(nodes, mesh.on("foil"))
+    assert shared.sum() == 2
+
+    def moved(slip):
+        vectors = np.where(shared[:, None], slip, [0.0, -0.01, 0.0])
+        return sd.deflect(mesh, "flap", None, 1.0, table=(points, vectors), fixed="foil", margin=0.4)
+
+    found = moved(9e-8)
+    assert not found.displacement[nodes[shared]].any()
+    assert found.displacement[nodes[~shared], 1] == pytest.approx(-0.01)
+    with pytest.raises(
+        InputError, match=r"would move by up to .*; let the table fall to zero there, or let foil slide"
+    ):
+        moved(0.005)
