@@ -253,12 +253,16 @@ class HeldPlan:
         return checks_of(self.deflection(amounts))
 
     def judged(self, progress: Progress = silent, count: int = MEASURED) -> "HeldPlan":
-        """Return the plan with its mesh checked at `count` amounts of each surface, the others where they stand."""
+        """Return the plan with its mesh checked at amounts of each surface, the others where they stand.
+
+        They are `count` even ones, and the rows of a track.
+        """
         measured = []
         for i, control in enumerate(self.controls):
             rows = []
-            for k, amount in enumerate(control.samples(count)):
-                progress(f"judging {control.name}", (i + k / count) / len(self.controls))
+            amounts = control.measured(count)
+            for k, amount in enumerate(amounts):
+                progress(f"judging {control.name}", (i + k / len(amounts)) / len(self.controls))
                 pose = [amount if i == j else other for j, other in enumerate(self.amounts)]
                 found = self.deflection(pose)
                 box = found.boxes[self._on_mesh.box_of(i)]
@@ -277,6 +281,18 @@ class HeldPlan:
         low, high = (max((x for x in bad if x < here), default=-inf), min((x for x in bad if x > here), default=inf))
         around = [amount for amount in good if low < amount < high]
         return min(around), max(around)
+
+    @property
+    def shortfalls(self) -> tuple[str, ...]:
+        """A sentence for each surface whose range did not pass as a whole: what did, and half of it as the next try."""
+        out = []
+        for i, one in enumerate(self.controls):
+            passed = self.passed(i) if self.measured and self.measured[i] else (one.low, one.high)
+            if passed != (one.low, one.high):
+                part = f"passed {passed[0]:g}:{passed[1]:g} of" if passed else "passed nowhere in"
+                half = f"{0.5 * one.low:g}:{0.5 * one.high:g}"
+                out.append(f"{one.name} {part} {one.low:g}:{one.high:g} {one.unit}; try range {half}")
+        return tuple(out)
 
     def faults(self, amounts: Amounts) -> tuple[str, ...]:
         """Return a sentence for each surface whose amount is outside of those that passed."""

@@ -60,7 +60,12 @@ def check_table(checks: Sequence[Check], title: str) -> Table:
 
 def outcome(checks: Sequence[Check], warned: Sequence[str] = ()) -> str:
     """Return the verdict, and how many warnings there are."""
-    return verdict(checks) + (f", {len(warned)} warning{'s' if len(warned) > 1 else ''}" if warned else "")
+    return verdict(checks) + counted(warned)
+
+
+def counted(warned: Sequence[str]) -> str:
+    """Return how many warnings there are, to follow a verdict."""
+    return f", {len(warned)} warning{'s' if len(warned) > 1 else ''}" if warned else ""
 
 
 def warning_texts(warned: Sequence[str], *before: str) -> list[Text]:
@@ -111,7 +116,7 @@ def result_table(done: "Outcome", whole: bool) -> Group:
         unfit = "" if done.passed else "; do not use the mesh as it is"
         texts.append(f"wrote {short_list(map(str, (*done.files, *done.reports)))}{unfit}")
     warned = warnings_of(done.plan)
-    last = outcome([check for summary in done.poses for check in summary.checks], warned)
+    last = done.verdict + counted(warned)
     last += "" if done.passed else _made_at(done.plan)
     return Group(*warning_texts(warned, last), *tables, *_texts([*texts, last]))
 

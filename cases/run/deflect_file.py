@@ -81,8 +81,24 @@ class Outcome:
 
     @property
     def passed(self) -> bool:
-        """True if every check of every pose holds."""
-        return all(summary.passed for summary in self.poses)
+        """True if every check of every pose holds; of a plan alone, if it does so over its whole range."""
+        return all(summary.passed for summary in self.poses) and bool(self.poses or not self.shortfalls)
+
+    @property
+    def shortfalls(self) -> tuple[str, ...]:
+        """What of a plan's ranges did not pass."""
+        return self.held.shortfalls if self.held else ()
+
+    @property
+    def verdict(self) -> str:
+        """The verdict on all meshes, and on the plan if it did not pass over its whole range."""
+        of_meshes = verdict([check for summary in self.poses for check in summary.checks])
+        if not self.shortfalls:
+            return of_meshes
+        of_plan = f"plan: {'; '.join(self.shortfalls)}"
+        if not self.poses:
+            return f"FAILED: {of_plan}"
+        return f"{'the mesh passed' if self.passed else of_meshes}; {of_plan}"
 
 
 def read_needed(wanted: Targets, jobs: Sequence[Job], progress: Progress, runner: Runner = HERE) -> Mesh:
@@ -276,6 +292,6 @@ def figures(done: Outcome, watch: Stopwatch) -> Json:
         "reports": [str(path) for path in done.reports],
         "lost": list(done.lost),
         "passed": done.passed,
-        "verdict": verdict([check for summary in done.poses for check in summary.checks]),
+        "verdict": done.verdict,
         "timings": watch.seconds,
     }

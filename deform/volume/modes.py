@@ -18,6 +18,7 @@ from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError, nearest, short_list, shortened
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import LARGEST, bounded
+from sdm_deflect.deform.mesh.sliding import Plane
 from sdm_deflect.deform.surface.motions import Fixed, Functions
 
 from .deflection import BoxDeflection, deflect_box, deflect_in_steps
@@ -25,6 +26,8 @@ from .job import Amounts
 from .plan import BoxPlan
 from .step import take
 
+MOST_ROWS = 60
+"""Largest number of rows of a track at which a plan is measured: one takes about as long as a deflection's checks."""
 SAMPLES, MOST_GROWTH = 101, 5.0
 """Amounts at which the growth of errors between separate readings is sampled, and the largest that is allowed for."""
 Wanted = float | Mapping[str, float] | Sequence[float]
@@ -65,6 +68,12 @@ class Control:
         amounts = np.linspace(self.low, self.high, count)
         amounts[np.argmin(np.abs(amounts))] = 0.0
         return tuple(amounts.tolist())
+
+    def measured(self, count: int) -> tuple[float, ...]:
+        """Return the amounts at which a plan is measured: `count` samples, and the rows of a track, evenly thinned."""
+        rows = [stop for stop in self.functions.stops if self.low <= stop <= self.high]
+        chosen = np.linspace(0, len(rows) - 1, min(len(rows), MOST_ROWS)).round().astype(int).tolist()
+        return tuple(sorted({*self.samples(count), *(rows[i] for i in chosen)}))
 
     def check(self, amount: float) -> None:
         """Raise InputError for an amount outside the range."""
@@ -107,10 +116,12 @@ class Readings(NamedTuple):
             if error <= MISSED:
                 return found
             if control.functions.finer is None:
+                curved = any(not isinstance(one.surface, Plane) for one in box.boundary.sliding)
                 raise InputError(
                     f"{box.mesh.name}: no plan for {control.name} from {control.low:g} to {control.high:g}: sums of "
-                    f"{control.functions.count} fields miss deflections by {error:.2g} of the tolerance, as on a "
-                    "curved slide; make a plan of one amount"
+                    f"{control.functions.count} fields miss deflections by {error:.2g} of the tolerance, and "
+                    f"{MISSED:g} is allowed{', as on a curved slide' * curved}; give a smaller range, such as "
+                    f"{0.5 * control.low:g}:{0.5 * control.high:g}, or make a plan of one amount"
                 )
             control = replace(control, functions=control.functions.finer)
 
@@ -209,11 +220,17 @@ def _on_shared_centers(
     """
     if len(end.steps) > 1:
         return [end if pose == end.amounts else deflect_in_steps(box, pose, len(end.steps), progress) for pose in poses]
-    step = end.steps[0]
-    for pose in poses:
-        step = deflect_in_steps(box, pose, 1, progress, step).steps[0]
-    found = [deflect_in_steps(box, pose, 1, progress, step, held=True) for pose in poses]
-    grown = len(step.fits.interpolant.centers) > len(end.steps[0].fits.interpolant.centers)
+    step, grown = end.steps[0], False
+    while True:
+        before = len(step.fits.interpolant.centers)
+        for pose in poses:
+            step = deflect_in_steps(box, pose, 1, progress, step).steps[0]
+        found = [deflect_in_steps(box, pose, 1, progress, step, held=True) for pose in poses]
+        added = len(step.fits.interpolant.centers) > before
+        grown |= added
+        # centres that one pose adds may raise the error of another above the tolerance
+        if not added or max(one.site_error for one in found) <= box.sites.tolerance / box.margin:
+            break
     return found if grown else [end if pose == end.amounts else one for pose, one in zip(poses, found, strict=True)]
 
 

@@ -120,7 +120,9 @@ def test_amounts_that_did_not_pass_end_with_1(folder, sdm, tmp_path):
     words = [*TURN[:-3], "--range", "-80:10", "--plan", held, "--no-mesh", "--steps", "1", "--repair", "off"]
     code, said, _ = sdm("deflect", folder / "wing.su2", *words, "--out", tmp_path / "x.su2", "--json")
     (surface,) = json.loads(said)["plan"]["surfaces"]
-    assert (code, surface["range"], len(surface["measured"])) == (0, [-80.0, 10.0], 9)
+    assert (code, surface["range"], len(surface["measured"])) == (1, [-80.0, 10.0], 9)
+    assert json.loads(said)["verdict"].startswith("FAILED: plan: flap passed -")
+    assert json.loads(said)["verdict"].endswith(" of -80:10 deg; try range -40:5")
     assert surface["passed"][0] > -80.0
     assert not (tmp_path / "x.su2").exists()
     for angle, wanted in ((surface["passed"][0], 0), (-79.0, 1), (12.0, 2)):

@@ -7,6 +7,7 @@ import pytest
 
 from sdm_deflect import HeldPlan, InputError, Table, deflect, plan
 from sdm_deflect.deform.surface.motions import Turn
+from sdm_deflect.deform.volume import modes
 from tests.deform.blocks import two_bodies
 from tests.deform.plates import plate
 from tests.deform.volume.test_triangulated import SIDES, warped_block
@@ -184,7 +185,7 @@ def test_a_plan_of_one_amount_is_the_deflection_to_the_bit(mesh, tmp_path):
 def test_a_triangulated_slide_has_a_plan_of_one_amount_alone():
     mesh, hinge = warped_block(), [[0, 0, 0], [0, 1, 0]]
     given = {"slide": dict.fromkeys(SIDES, "surface"), "box": [[-3.0] * 3, [3.0] * 3], "force": True}
-    with pytest.raises(InputError, match=r"sums of 6 fields miss deflections by .* of the tolerance, as on a curved"):
+    with pytest.raises(InputError, match=r"sums of 6 fields .* tolerance, and 0\.1 is allowed, as on a curved sl"):
         plan(mesh, "body", hinge, range=(-20, 20), **given)
     one = plan(mesh, "body", hinge, 20, **given)
     assert one.on(mesh.points).at((20.0,)).tobytes() == deflect(mesh, "body", hinge, 20, **given).points.tobytes()
@@ -243,6 +244,49 @@ def test_what_passed_is_around_zero_and_says_what_failed_beyond(held):
     assert fault == f"hole = 45 deg: outside -20:{high:g}, which passed; failed: inverted_cells"
     assert one.faults((10.0,)) == ()
     assert ", passed -20:" in repr(one)
+
+
+def test_a_range_too_narrow_for_its_functions_is_one_sentence(mesh):
+    for low, high in ((0.0, 1e-300), (-1e-160, 1e-160), (0.0, 5e-324)):
+        with pytest.raises(InputError, match=r"range = .* of hole is too narrow for a plan|must hold 0"):
+            plan(mesh, "hole", PIVOT, range=(low, high), **HOLE)
+    assert np.isfinite(plan(mesh, "hole", PIVOT, range=(0, 1e-9), **HOLE).at(1e-9)).all()
+
+
+def test_a_wide_range_asks_for_a_smaller_one_and_names_no_slide(mesh, monkeypatch):
+    monkeypatch.setattr(modes, "MISSED", -1.0)
+    with pytest.raises(InputError, match=r"and -1 is allowed; give a smaller range, such as -40:42\.5, or make"):
+        plan(mesh, "hole", PIVOT, range=(-80, 85), **HOLE)
+
+
+def test_a_plan_is_measured_at_the_rows_of_its_track(tmp_path):
+    """A row between two measured amounts, at which a cell is inverted, was said to pass."""
+    spike = [[0, 0], [0.43, 1], [0.44, 85], [0.45, 1], [1, 2]]
+    (tmp_path / "spike.csv").write_text("parameter,angle,dx,dy\n" + "".join(f"{s},{a},0,0\n" for s, a in spike))
+    one = plan(
+        plate(40, "triangle"), "hole", PIVOT, range=(0, 1), track=str(tmp_path / "spike.csv"), min_quality=0.5, **HOLE
+    )
+    assert {0.43, 0.44, 0.45} < {row.amount for row in one.measured[0]}
+    (bad,) = (row for row in one.measured[0] if row.amount == 0.44)
+    assert bad.failed
+    assert one.passed(0) == (0.45, 1.0)  # around where it stands
+    assert one.faults((0.44,))
+    assert one.shortfalls == ("hole passed 0.45:1 of 0:1 of the track; try range 0:0.5",)
+    rows = tuple((k / 500, 0.01 * k, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0) for k in range(501))
+    many = replace(one.controls[0], functions=replace(one.controls[0].functions, rows=rows))
+    assert len(many.measured(9)) <= 69
+
+
+def test_a_plan_meets_its_tolerance_at_its_own_ends(block_on_cylinder):
+    """Centres that one reading added raised the error of another above the tolerance."""
+    given = {"motion": "root", "on": "round", "shape": "cylinder", "fixed": "rest", "force": True}
+    hinge = [[0.7, 0.72, 0.0], [1.05, 1.08, 0.0]]
+    for ends in ((-6, 6), (-9, 4), (-12, 12), (-15, 3), (-4, 16)):
+        one = plan(block_on_cylinder, "body", hinge, range=ends, **given)
+        assert one.controls[0].functions.count > 2
+        for row in (one.measured[0][0], one.measured[0][-1]):
+            assert row.site_error <= tolerance(one)
+            assert "site_error" not in row.failed
 
 
 def test_a_plan_that_cannot_be_written_leaves_the_old_file(held, tmp_path, monkeypatch):
