@@ -1,6 +1,6 @@
 """Checks that can fail: what must hold of a deflected mesh."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
 from typing import Any, Literal
@@ -15,7 +15,7 @@ from sdm_deflect.deform.mesh import polyhedra
 from sdm_deflect.deform.mesh.cells import Polyhedra
 from sdm_deflect.deform.mesh.crossing import Crossings
 from sdm_deflect.deform.mesh.edges import edges_of, polygons_of
-from sdm_deflect.deform.mesh.faces import faces_of
+from sdm_deflect.deform.mesh.faces import faces_of, on_boundary
 from sdm_deflect.deform.mesh.images import plane_of
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.precision import EVERY_BIT
@@ -25,6 +25,7 @@ from sdm_deflect.deform.mesh.touched import Layers, first_layer
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.surface import OnPatches
 from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection
+from sdm_deflect.deform.volume.excerpt import boundary_in_file
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 
 ROUNDED = 0.01  # of an edge's length: largest change by rounding
@@ -163,6 +164,7 @@ def _checks(deflection: Deflection, unit: str) -> Iterator[Check]:
     if len(slid):
         yield _slid_on_surfaces(deflection, slid, unit)
     yield left_behind(deflection, unit)
+    yield from _parted(deflection)
     for box in filter(attrgetter("steps"), deflection.boxes):
         yield from with_surface([site_error(box, unit)], box.plan, plan)
     if mesh.cells:
@@ -180,6 +182,30 @@ def _checks(deflection: Deflection, unit: str) -> Iterator[Check]:
     yield from _first_layer(deflection)
 
 
+def _parted(deflection: Deflection) -> Iterator[Check]:
+    """Check that boundary nodes at one place are still together, if there are any.
+
+    Pairs of a moving and a fixed node, which part as the job says, are aside.
+    """
+    points, parted, over, where = deflection.points, 0, 0, ""
+    for box in deflection.plan.boxes:
+        moving = np.isin(box.twins, box.boundary.both(box.sites.moving))
+        fixed = np.isin(box.twins, box.boundary.both(box.sites.fixed))
+        pairs = box.twins[~(moving | fixed).all(axis=1) | (moving.all(axis=1) | fixed.all(axis=1))]
+        gaps = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
+        far = gaps > SAME_PLACE * float(np.ptp(box.region.hexahedron.corners, axis=0).max())
+        over += len(pairs)
+        parted += int(np.count_nonzero(far))
+        if far.any():
+            row = int(np.argmax(gaps))
+            names = short_list(p.name for p in deflection.plan.mesh.patches if np.isin(pairs[row], p.nodes).any())
+            where = f"; the farthest, on {names}, is now {gaps[row]:.4g} apart"
+    if over:
+        yield Check(
+            "nodes_parted", parted, 0, "pairs", f"of {over} pairs of boundary nodes at one place{where}", over=over
+        )
+
+
 def left_behind(deflection: Deflection, unit: str = "") -> Check:
     """Check that no other zone or patch has a copy of the moving surface that stays behind."""
     mesh, moved = deflection.plan.mesh, np.linalg.norm(deflection.points - deflection.plan.undeflected_points, axis=1)
@@ -189,13 +215,15 @@ def left_behind(deflection: Deflection, unit: str = "") -> Check:
         near = SAME_PLACE * float(np.ptp(box.region.hexahedron.corners, axis=0).max())
         goes = box.movable[moved[box.movable] > near]
         over += len(goes)
-        for holder, places in _staying(box, moved == 0.0, near):
+        for holder, places, on_skin in _staying(box, moved == 0.0, near):
             stay += len(places)
             low, high = places.min(axis=0, initial=np.inf) - near, places.max(axis=0, initial=-np.inf) + near
             some = goes[np.all((mesh.points[goes] >= low) & (mesh.points[goes] <= high), axis=1)]
             if len(some):
                 gaps, rows = cKDTree(places).query(mesh.points[some], distance_upper_bound=near)
                 hit = np.isfinite(gaps)
+                if hit.any():
+                    hit[hit] = np.isin(rows[hit], on_skin(distinct(rows[hit])))
                 behind[holder] = behind.get(holder, 0) + len(distinct(rows[hit]))
                 largest = max(largest, float(moved[some[hit]].max(initial=0.0)))
     where = f"{over} nodes that moved, beside {stay} in the box that stay, without patches in fixed and held"
@@ -208,8 +236,14 @@ def left_behind(deflection: Deflection, unit: str = "") -> Check:
     return Check("left_behind", float(count), 0.0, "nodes", where, over=over)
 
 
-def _staying(box: BoxPlan, still: BoolArray, near: float) -> Iterator[tuple[str, FloatArray]]:
-    """Yield the patches and zones of the file, with their nodes (K, 3) in the box that are `still` (N,)."""
+def _staying(
+    box: BoxPlan, still: BoolArray, near: float
+) -> Iterator[tuple[str, FloatArray, Callable[[IntArray], IntArray]]]:
+    """Yield the patches and zones of the file, with their nodes (K, 3) in the box that are `still` (N,).
+
+    Also what returns those of some rows (R,) of these nodes that lie on the boundary: a node inside the flow of another
+    zone, such as an overset one, is nobody's copy.
+    """
     mesh, job, region = box.mesh, box.job, box.region
     held = [surface.motion.held for surface in job.surfaces if isinstance(surface.motion, Blended)]
     names = [name for nodes in held if isinstance(nodes, OnPatches) for name in mesh.expand(nodes.names, "held")]
@@ -220,17 +254,27 @@ def _staying(box: BoxPlan, still: BoolArray, near: float) -> Iterator[tuple[str,
     for patch in mesh.patches:
         own = np.intersect1d(patch.nodes, rows, assume_unique=True)
         rows = np.setdiff1d(rows, own, assume_unique=True)
-        yield f"patch {patch.name}", mesh.points[own]
+        yield f"patch {patch.name}", mesh.points[own], np.asarray
     for zone in mesh.zones:
         own = rows[(rows >= zone.start) & (rows < zone.stop)]
-        yield f"zone {zone.name!r}", mesh.points[own]
+
+        def on_skin(some: IntArray, own: IntArray = own) -> IntArray:
+            skin = on_boundary(mesh.cells, len(mesh.points), own[some])
+            return some[np.isin(own[some], skin)]
+
+        yield f"zone {zone.name!r}", mesh.points[own], on_skin
     if (whole := mesh.whole) and len(region.zones) < len(mesh.zones):
         pieces, known = whole.pieces, whole.nodes
         for start in range(0, pieces.points, threads.LIMITS.points):
             stop = min(start + threads.LIMITS.points, pieces.points)
             rest = np.setdiff1d(np.arange(start, stop), known, assume_unique=True)
             places = pieces.coordinates(start, stop)[rest - start]
-            yield "zones that do not deform", places[region.hexahedron.contains(places, near)]
+            rest = rest[inside := region.hexahedron.contains(places, near)]
+
+            def in_file(some: IntArray, rest: IntArray = rest) -> IntArray:
+                return some[np.isin(rest[some], boundary_in_file(pieces, rest[some]))]
+
+            yield "zones that do not deform", places[inside], in_file
 
 
 def _sliding(deflection: Deflection, unit: str) -> Iterator[Check]:

@@ -1,16 +1,17 @@
 """Faces by their nodes: which of them bound touched cells, and whether patches have them."""
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.base.arrays import IntArray, count_distinct, distinct, union
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray, count_distinct, distinct, union
 
-from .cells import Cells, Patch, Polygons, Polyhedra, Volume
-from .edges import rows_of
-from .touched import TouchedCells
+from .cells import Cells, Patch, Polygons, Polyhedra, Volume, take_faces
+from .edges import polygons_of, rows_of
+from .touched import TouchedCells, touching
 
 FACES: dict[str, tuple[tuple[int, ...], ...]] = {
     "triangle": ((0, 1), (1, 2), (2, 0)),
@@ -24,6 +25,8 @@ FACES: dict[str, tuple[tuple[int, ...], ...]] = {
 lines, with the cell on their left."""
 FACE_SHAPES = {2: "line", 3: "triangle", 4: "quad"}
 """Shape of a face by its number of corners."""
+SAMPLE = 3
+"""Faces of a patch that are tried before all of them."""
 ROWS = 1 << 18
 """Cells in one block, so that temporaries stay small."""
 Keys = NDArray[np.uint64]
@@ -91,6 +94,77 @@ def patch_keys(patch: Patch, keys: Keys) -> Keys:
     return _join([face_keys(faces, keys) for faces in patch.faces])
 
 
+def corners_in_order(patches: Sequence[Patch], points: FloatArray) -> tuple[tuple[Patch, ...], list[str]]:
+    """Put the corners of quadrilaterals whose opposite edges cross in the order around the face.
+
+    Returns the patches, and a note for each that changed. A crossed quadrilateral has its corners in the order 0 2 1 3
+    or 0 1 3 2: two of them are exchanged.
+    """
+    out, notes = [], []
+    for patch in patches:
+        blocks, count = [], 0
+        for faces in patch.faces:
+            bad = _crossed(points, faces.nodes) if isinstance(faces, Cells) and faces.shape == "quad" else ()
+            if len(rows := np.flatnonzero(bad)):
+                nodes, count = faces.nodes.copy(), count + len(rows)
+                nodes[rows] = nodes[rows][:, [0, 2, 1, 3]]
+                still = rows[_crossed(points, nodes[rows])]
+                nodes[still] = faces.nodes[still][:, [0, 1, 3, 2]]
+                faces = replace(faces, nodes=nodes)
+            blocks.append(faces)
+        out.append(replace(patch, faces=tuple(blocks)) if count else patch)
+        if count:
+            notes.append(f"{patch.name}: {count} of {len(patch)} faces have their corners out of order; read in order")
+    return tuple(out), notes
+
+
+def _crossed(points: FloatArray, nodes: IntArray) -> Marks:
+    """Return which quadrilaterals (F, 4) cross themselves: both diagonals divide them into triangles of two senses."""
+    a, b, c, d = np.moveaxis(points[nodes], 1, 0)
+    one = np.einsum("fi,fi->f", np.cross(b - a, c - a), np.cross(c - a, d - a))
+    other = np.einsum("fi,fi->f", np.cross(c - b, d - b), np.cross(d - b, a - b))
+    return np.asarray((one < 0.0) & (other < 0.0))
+
+
+def inner_patches(patches: Iterable[Patch], cells: Callable[[], Iterable[Volume]], points: int) -> set[str]:
+    """Return the names of the patches whose faces all lie between two cells.
+
+    Parameters
+    ----------
+    patches : Those that are tried.
+    cells : Gives all cells of a mesh with that many points, in parts; polyhedra have no such patches.
+    """
+    some = {patch.name: patch for patch in patches if len(patch) and not len(patch.loose)}
+    for most in (SAMPLE, inf):  # a few faces of each patch first: most patches are no inner ones
+        chosen = {name: _some_faces(patch, most) for name, patch in some.items()}
+        marked = np.zeros(points, dtype=np.bool_)
+        for faces in chosen.values():
+            marked[faces.nodes] = True
+        keys = node_keys(points) if some else np.empty(0, np.uint64)
+        found = [own for block in (cells() if some else ()) for own in cell_face_keys((block,), keys, marked)]
+        known, count = count_distinct(_join(found))
+        between = known[count > 1]
+        some = {name: some[name] for name, faces in chosen.items() if _among(face_keys(faces, keys), between).all()}
+    return {*some}
+
+
+def _some_faces(patch: Patch, most: float) -> Polygons:
+    """Return at most so many faces of a patch, evenly chosen."""
+    faces = polygons_of(patch.faces)
+    count = int(min(most, len(faces)))
+    return take_faces(faces, np.linspace(0, len(faces) - 1, count).round().astype(np.intp))
+
+
+def on_boundary(cells: Sequence[Volume], points: int, nodes: IntArray) -> IntArray:
+    """Return those of the nodes (K,) of a mesh with that many points that lie on faces of one cell alone."""
+    marked, keys = np.zeros(points, dtype=np.bool_), node_keys(points)
+    marked[nodes] = True
+    parts = [(block, touching(block, marked)) for block in cells]
+    known, count = count_distinct(_join([_keys_of(block, rows, marked, keys) for block, rows in parts]))
+    outer = known[count == 1]
+    return np.intersect1d(nodes, union(*(_nodes_in(block, rows, keys, outer) for block, rows in parts)))
+
+
 def cell_face_keys(cells: Iterable[Volume], keys: Keys, marked: Marks) -> Iterator[Keys]:
     """Yield the keys of the faces of cells that have at least as many marked nodes (N,) as a face."""
     among = marked.astype(np.uint8)
@@ -148,11 +222,13 @@ def faces_of(block: Cells, rows: IntArray) -> Iterator[Cells]:
 
 def _nodes_of(touched: TouchedCells, keys: Keys, wanted: Keys) -> IntArray:
     """Return the nodes (K,) of touched cells' faces with one of the wanted keys."""
-    found = [np.empty(0, dtype=np.intp)]
-    for block, rows in zip(touched.mesh.cells, touched.rows, strict=True):
-        if isinstance(block, Polyhedra):
-            own = np.isin(face_keys(block.faces, keys), wanted)
-            found.append(block.faces.nodes[np.repeat(own, np.diff(block.faces.offsets))])
-        else:
-            found += [faces.nodes[np.isin(face_keys(faces, keys), wanted)].ravel() for faces in faces_of(block, rows)]
-    return union(*found)
+    parts = zip(touched.mesh.cells, touched.rows, strict=True)
+    return union(*(_nodes_in(block, rows, keys, wanted) for block, rows in parts))
+
+
+def _nodes_in(block: Volume, rows: IntArray, keys: Keys, wanted: Keys) -> IntArray:
+    """Return the nodes (K,) of those faces of cells (R,) of a block that have one of the wanted keys."""
+    if isinstance(block, Polyhedra):
+        own = np.isin(face_keys(block.faces, keys), wanted)
+        return block.faces.nodes[np.repeat(own, np.diff(block.faces.offsets))]
+    return union(*(faces.nodes[np.isin(face_keys(faces, keys), wanted)] for faces in faces_of(block, rows)))

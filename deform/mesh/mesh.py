@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 
@@ -20,6 +20,8 @@ MARK = "#"
 """Separates the name of a patch from the number of its component."""
 REGION = "~"
 """Separates the name of a selection from the number of its region, and that of a panel from its tail's."""
+FOLLOWS = "{}: faces between cells, which follow the mesh"
+"""Note on patches inside the flow."""
 ABSENT = "patch {} is absent: "
 """Beginning of a note on a patch of the file that cannot be read."""
 
@@ -49,6 +51,7 @@ class Mesh:
     periodic : Pairs of patches whose nodes are images of each other.
     files : Files that it was read from, with their states then (`check_unchanged`).
     across : In a plane mesh the coordinate that all points share: 0, 1 or 2.
+    inner : Patches whose faces lie between cells, such as wake lines; their nodes follow the mesh.
 
     Raises InputError for coordinates not finite or beyond `LARGEST`, indices out of range, and repeated names.
     """
@@ -64,10 +67,14 @@ class Mesh:
     periodic: tuple[Periodic, ...] = ()
     files: States = field(default_factory=dict, repr=False)
     across: int = 2
+    inner: tuple[Patch, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", real(self.points, "points"))
-        parts = (("cells", (Cells, Polyhedra)), ("patches", (Patch,)), ("zones", (Zone,)), ("periodic", (Periodic,)))
+        parts = (
+            ("cells", (Cells, Polyhedra)), ("patches", (Patch,)), ("inner", (Patch,)), ("zones", (Zone,)),
+            ("periodic", (Periodic,)),
+        )  # fmt: skip
         for name, kinds in parts:
             object.__setattr__(self, name, several(getattr(self, name), kinds, name))
         if self.points.ndim != 2 or self.points.shape[1] != 3:
@@ -76,7 +83,7 @@ class Mesh:
             bad = ~(np.abs(self.points) < LARGEST).all(axis=1)
             what = f"beyond {LARGEST:g}" if np.isfinite(self.points).all() else "not finite"
             raise InputError(f"{int(bad.sum())} points are {what}, the first is point {int(np.argmax(bad))}")
-        names = [patch.name for patch in self.patches]
+        names = [patch.name for patch in (*self.patches, *self.inner)]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise InputError(f"patch names must be distinct; given twice: {short_list(twice)}")
@@ -121,8 +128,9 @@ class Mesh:
         for block in self.cells:
             nodes = block.faces.nodes if isinstance(block, Polyhedra) else block.nodes
             indices.append((nodes, "polyhedra" if isinstance(block, Polyhedra) else block.shape))
-        indices += [(faces.nodes, f"patch {patch.name}") for patch in self.patches for faces in patch.faces]
-        indices += [(patch.loose, f"patch {patch.name}") for patch in self.patches]
+        patches = (*self.patches, *self.inner)
+        indices += [(faces.nodes, f"patch {patch.name}") for patch in patches for faces in patch.faces]
+        indices += [(patch.loose, f"patch {patch.name}") for patch in patches]
         indices += [(pair.nodes, f"periodic pair {pair.name}") for pair in self.periodic]
         return indices
 
@@ -191,6 +199,19 @@ class Mesh:
             if note.startswith(begin) and found and (meant(text, name) or text == name.rpartition("/")[2]):
                 return note
         return ""
+
+    def without(self, names: Collection[str]) -> Mesh:
+        """Return the mesh with some of its patches as `inner` ones, which follow the mesh; a note says so."""
+        if not names:
+            return self
+        inner = tuple(patch for patch in self.patches if patch.name in names)
+        rest = tuple(patch for patch in self.patches if patch.name not in names)
+        notes = (*self.notes, FOLLOWS.format(short_list(names)))
+        return replace(self, patches=rest, inner=(*self.inner, *inner), notes=notes)
+
+    def with_inner(self) -> Mesh:
+        """Return the mesh with its inner patches among the others, for a file."""
+        return replace(self, patches=(*self.patches, *self.inner), inner=()) if self.inner else self
 
     def with_points(self, points: FloatArray) -> Mesh:
         """Return the mesh with other points (N, 3)."""

@@ -3,7 +3,7 @@
 Nodes keep their order, so all that follows from an excerpt has the same bits as from the whole mesh.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
@@ -15,8 +15,17 @@ from sdm_deflect.deform.base.errors import InputError, short_list
 from sdm_deflect.deform.base.threads import Progress, Runner, silent
 from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.cells import CORNERS, LARGEST, Cells, Faces, Patch, Polyhedra, Volume
-from sdm_deflect.deform.mesh.faces import Keys, cell_face_keys, face_keys, node_keys, patch_keys
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.faces import (
+    Keys,
+    cell_face_keys,
+    corners_in_order,
+    face_keys,
+    inner_patches,
+    node_keys,
+    on_boundary,
+    patch_keys,
+)  # fmt: skip
+from sdm_deflect.deform.mesh.mesh import FOLLOWS, Mesh
 from sdm_deflect.deform.mesh.pieces import MeshInPieces, Pieces, Whole, gather_points
 from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra, join_polyhedra
 from sdm_deflect.deform.mesh.quality import inverted_of, other_hand, other_handed
@@ -24,7 +33,7 @@ from sdm_deflect.deform.mesh.standard import POLYHEDRON
 from sdm_deflect.deform.mesh.touched import touching
 
 from .boundary import PrescribedNodes
-from .job import Amounts, Job, pose_of, poses_of, prepare
+from .job import Amounts, Job, pose_of, poses_of, prepare, unnamed
 from .region import confining_box
 
 if TYPE_CHECKING:
@@ -223,7 +232,7 @@ def _common(nodes: IntArray, known: IntArray) -> tuple[IntArray, IntArray]:
 
 
 def _faces_seen(task: ScanTask, view: Window, cells: Volume) -> IntArray:
-    """Return the patch faces (F,) of the cells."""
+    """Return the patch faces (F,) of the cells, once for each cell."""
     if isinstance(cells, Polyhedra):
         keys = face_keys(cells.faces.rows(len(cells.neighbour), len(cells.faces)), view.keys)
     else:
@@ -231,7 +240,7 @@ def _faces_seen(task: ScanTask, view: Window, cells: Volume) -> IntArray:
     if not len(task.faces):
         return np.empty(0, dtype=np.intp)
     place = np.minimum(np.searchsorted(task.faces, keys), len(task.faces) - 1)
-    return distinct(place[task.faces[place] == keys])
+    return np.asarray(place[task.faces[place] == keys])
 
 
 def excerpt(
@@ -239,16 +248,23 @@ def excerpt(
 ) -> Mesh:
     """Read the part of a mesh that jobs need at some poses of all surfaces.
 
-    All points and cells are read once and judged piece by piece.
+    All points and cells are read once and judged piece by piece; again, if a patch turns out to lie between cells.
 
     Raises InputError if a job does not suit the mesh, or the mesh is damaged.
     """
-    pieces = mesh.pieces
-    border = _border(mesh)
-    task = _task(mesh, border, *prepare(border, jobs), poses)
+    pieces, (mesh, border) = mesh.pieces, _in_order(mesh)
+    try:
+        task = _task(mesh, border, *prepare(border, jobs), poses)
+    except InputError:  # perhaps because of a patch between cells
+        inner = inner_patches(border.patches, lambda: _cells_of_border(pieces, border), len(border.points) + 1)
+        if rest := unnamed(inner, border, jobs):
+            return excerpt(_without(mesh, rest), jobs, poses, runner, progress)
+        raise
     task = _in_memory(task) if runner.shares_memory else task
     inside, places = _nodes_inside(task, runner, progress)
-    scanned, task = _cells(mesh, task, runner, progress)
+    scanned, task, between = _cells(mesh, task, runner, progress)
+    if rest := unnamed(_inner(task, border, between), border, jobs):
+        return excerpt(_without(mesh, rest), jobs, poses, runner, progress)
     known = union(task.boundary, inside)
     cells = [piece.cells for block in scanned for piece in block]
     beyond = np.setdiff1d(union(*(part.nodes for part in cells)), known, assume_unique=True)
@@ -260,6 +276,67 @@ def excerpt(
     bad = tuple(sum(piece.inverted - piece.mirrored for piece in block) for block in scanned)
     whole = Whole(pieces, nodes, tuple(rows for _, rows in blocks), task.sign, bad)
     return _renumber(mesh, points, tuple(cells for cells, _ in blocks), whole)
+
+
+def _in_order(mesh: MeshInPieces) -> tuple[MeshInPieces, Mesh]:
+    """Return a mesh with the corners of its patches' faces in order, and its boundary."""
+    border = _border(mesh)
+    patches, notes = corners_in_order(border.patches, border.points)
+    if not notes:
+        return mesh, border
+    numbers, own = border.numbers(np.arange(len(border.points))), []
+    for patch, old in zip(patches, mesh.patches, strict=True):
+        faces = tuple(replace(block, nodes=numbers[block.nodes]) for block in patch.faces)
+        own.append(replace(patch, faces=faces, loose=old.loose))
+    return replace(mesh, patches=tuple(own), notes=(*mesh.notes, *notes)), replace(border, patches=patches)
+
+
+def _without(mesh: MeshInPieces, names: Sequence[str]) -> MeshInPieces:
+    """Return a mesh without some patches, which follow it; a note says so (`Mesh.without`)."""
+    return replace(
+        mesh,
+        patches=tuple(patch for patch in mesh.patches if patch.name not in names),
+        notes=(*mesh.notes, FOLLOWS.format(short_list(names))),
+    )
+
+
+def _cells_of_border(pieces: Pieces, border: Mesh) -> Iterator[Cells]:
+    """Yield all cells with the numbers of their nodes in the border, one beyond the last for others.
+
+    Polyhedra are left out: no patch lies between them.
+    """
+    for block, (shape, count) in enumerate(pieces.blocks):
+        for start in range(0, count, threads.LIMITS.cells) if shape != POLYHEDRON else ():
+            cells = pieces.cells_of(block, start, min(start + threads.LIMITS.cells, count))
+            known = border.numbers(np.arange(len(border.points)))
+            place = np.minimum(np.searchsorted(known, cells.nodes), len(known) - 1)
+            assert isinstance(cells, Cells)
+            yield Cells(cells.shape, np.where(known[place] == cells.nodes, place, len(known)))
+
+
+def boundary_in_file(pieces: Pieces, nodes: IntArray) -> IntArray:
+    """Return those of the sorted nodes (K,) that lie on faces of one cell alone; all cells are read.
+
+    Nodes of polyhedra all count as such: a file with these has one zone.
+    """
+    if any(shape == POLYHEDRON for shape, _ in pieces.blocks):
+        return nodes
+    near: list[Cells] = []
+    for block, (shape, count) in enumerate(pieces.blocks):
+        for start in range(0, count, threads.LIMITS.cells):
+            own = pieces.cells_of(block, start, min(start + threads.LIMITS.cells, count)).nodes
+            near.append(Cells(shape, own[np.isin(own, nodes).any(axis=1)]))
+    known = union(*(cells.nodes for cells in near))
+    cells = tuple(Cells(one.shape, np.searchsorted(known, one.nodes)) for one in near)
+    skin = on_boundary(cells, len(known), np.searchsorted(known, np.intersect1d(known, nodes, assume_unique=True)))
+    return known[skin]
+
+
+def _inner(task: ScanTask, border: Mesh, between: BoolArray) -> set[str]:
+    """Return the patches whose faces were all seen in two cells; `between` (F,) says so of the task's faces."""
+    known, keys = task.faces[between], node_keys(len(border.points))
+    some = [patch for patch in border.patches if len(patch) and not len(patch.loose)] if len(known) else []
+    return {patch.name for patch in some if np.isin(patch_keys(patch, keys), known).all()}
 
 
 def _border(mesh: MeshInPieces) -> Mesh:
@@ -333,15 +410,15 @@ def _nodes_inside(task: ScanTask, runner: Runner, progress: Progress) -> tuple[I
 
 def _cells(
     mesh: MeshInPieces, task: ScanTask, runner: Runner, progress: Progress
-) -> tuple[list[list[CellsFound]], ScanTask]:
+) -> tuple[list[list[CellsFound]], ScanTask, BoolArray]:
     """Judge all cells; return the touched ones of each block, and the task with the blocks' orientation.
 
-    InputError if a patch face belongs to no cell.
+    Also which of the patches' faces (F,) lie between two cells. InputError if a patch face belongs to no cell.
     """
     pieces = task.pieces
     if not sum(count for _, count in pieces.blocks):
         raise InputError(f"{mesh.name}: there are no volume cells")
-    blocks, seen = [], np.zeros(len(task.faces), dtype=np.bool_)
+    blocks, seen = [], np.zeros(len(task.faces), dtype=np.intp)
     for block, (_, count) in enumerate(pieces.blocks):
         scanned = _judged_cells(task, block, runner, progress)
         if 2 * sum(piece.inverted for piece in scanned) > count:
@@ -350,11 +427,11 @@ def _cells(
             if sum(piece.inverted for piece in mirrored) < sum(piece.inverted for piece in scanned):
                 scanned, task = mirrored, other
         for piece in scanned:
-            seen[piece.faces] = True
+            np.add.at(seen, piece.faces, 1)
         blocks.append(scanned + _around(task, block, scanned, runner))
     if not seen.all():
-        _refuse_loose(mesh, task, task.faces[~seen])
-    return blocks, task
+        _refuse_loose(mesh, task, task.faces[seen == 0])
+    return blocks, task, seen > 1
 
 
 def _around(task: ScanTask, block: int, scanned: list[CellsFound], runner: Runner) -> list[CellsFound]:

@@ -1,15 +1,18 @@
 """A job: what to deflect in a mesh, and how, as one frozen value."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from itertools import islice
 from operator import is_
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from sdm_deflect.deform.base.arrays import FloatArray, distinct
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.box.automatic import Automatic, BoxRule
+from sdm_deflect.deform.mesh.faces import inner_patches
 from sdm_deflect.deform.mesh.images import PeriodicPatches, pair_patches, plane_of
 from sdm_deflect.deform.mesh.mesh import MARK, Mesh, meant
 from sdm_deflect.deform.mesh.quality import one_hand
@@ -204,7 +207,7 @@ def prepare(mesh: Mesh, jobs: Sequence[Job]) -> tuple[Mesh, tuple[Job, ...]]:
         from sdm_deflect.deform.mesh.thin import with_sides
 
         mesh = with_sides(mesh, planes)
-    return mesh if mesh.is_part else _of_one_hand(mesh), jobs
+    return mesh if mesh.is_part else _of_one_hand(_without_inner(mesh, jobs)), jobs
 
 
 def _with_devices(mesh: Mesh, jobs: Sequence[Job]) -> tuple[Mesh, tuple[Job, ...]]:
@@ -238,6 +241,29 @@ def _with_devices(mesh: Mesh, jobs: Sequence[Job]) -> tuple[Mesh, tuple[Job, ...
 def _with_panels(mesh: Mesh, jobs: Sequence[Job]) -> Mesh:
     roots = (one.motion for job in jobs for one in job.surfaces if isinstance(one.motion, Root))
     return reduce(lambda cut, root: root.cut(cut), roots, mesh)
+
+
+def _without_inner(mesh: Mesh, jobs: Sequence[Job]) -> Mesh:
+    """Return the mesh without the patches between cells, whose nodes follow it; those that a job names stay patches."""
+    found = inner_patches(mesh.patches, lambda: mesh.cells, len(mesh.points))
+    return mesh.without(unnamed(found, mesh, jobs))
+
+
+def unnamed(found: Collection[str], mesh: Mesh, jobs: Sequence[Job]) -> list[str]:
+    """Return those of the patches `found` between cells that no job names, in the order of the mesh's patches.
+
+    Raises InputError for one with a role that has nodes of a moving surface.
+    """
+    named = {name for job in jobs for name in job.names}
+    moving = {name for job in jobs for one in job.surfaces for name in one.patches}
+    surfaces = mesh.on(*(name for name in mesh.names if any(meant(text, name) or text == name for text in moving)))
+    for name in (name for name in mesh.names if name in named - moving and name in found):
+        if len(np.intersect1d(mesh.patch(name).nodes, surfaces, assume_unique=True)):
+            raise InputError(
+                f"{mesh.name}: {name} lies between cells and has nodes of the moving surface: give it no role, and it "
+                "follows the mesh"
+            )
+    return [name for name in mesh.names if name in found and name not in named]
 
 
 def _of_one_hand(mesh: Mesh) -> Mesh:

@@ -144,11 +144,21 @@ class BoxPlan:
         """Boundary faces near moving nodes that are on no patch, and patch faces that are no boundary."""
         return BoundaryGaps.of(self.touched, self.movable, self.patches)
 
+    @cached_property
+    def twins(self) -> IntArray:
+        """Pairs (P, 2) of boundary nodes that may move, both at one place; nodes of periodic patches are left out."""
+        mesh, paired = self.mesh, [pair.nodes for pair in self.mesh.periodic]
+        nodes = np.setdiff1d(np.intersect1d(mesh.on(*mesh.names), self.movable, True), union(*paired))
+        order = nodes[np.lexsort(mesh.points[nodes].T)]
+        same = (mesh.points[order[1:]] == mesh.points[order[:-1]]).all(axis=1)
+        return np.column_stack([order[:-1][same], order[1:][same]])
+
     def freedom(self, points: FloatArray) -> FreeNodes:
         """Return the nodes that a repair may move, with the mesh at `points` (N, 3), and their shapes.
 
-        Nodes of boundary faces on no patch stay, because other zones may join there; so do nodes of moving patches
-        outside the box. Layers keep their heights, and images move alike.
+        Boundary nodes at one place stay, so that they stay together. Nodes of boundary faces on no patch stay, because
+        other zones may join there; so do nodes of moving patches outside the box. Layers keep their heights, and images
+        move alike.
         """
         mesh, job = self.mesh, self.job
         shapes: dict[str, SlidingSurface | str] = {}
@@ -162,6 +172,7 @@ class BoxPlan:
         inside[self.inside] = True
         inside[moving] = self.region.hexahedron.contains(self.touched.places[moving], ON_FACE * size)
         inside[np.setdiff1d(fixed, mesh.on(*shapes), assume_unique=True)] = inside[self.unheld.nodes] = False
+        inside[self.twins] = False
         free = inside.copy()
         others = {*mesh.names}.difference(self.boundary.pairs, self.boundary.sides)
         free[mesh.on(*others)] = False

@@ -11,6 +11,7 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError, MeshFileError
 from sdm_deflect.deform.mesh.cells import CORNERS, PLANE, VOLUMES, Cells, Patch, whole
+from sdm_deflect.deform.mesh.faces import corners_in_order
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import quality_of
 
@@ -51,9 +52,11 @@ def accept(mesh: Any) -> Accepted:
 
 
 def _check(mesh: Mesh) -> Mesh:
+    """Return the mesh with the corners of its patches' faces in order; InputError for a mesh without a patch."""
     if not mesh.patches:
         raise InputError(f"{mesh.name} has no named patch, so no surface to move")
-    return mesh
+    patches, notes = corners_in_order(mesh.patches, mesh.points)
+    return replace(mesh, patches=patches, notes=(*mesh.notes, *notes)) if notes else mesh
 
 
 def _of_arrays(points: Any, patches: Mapping[str, Any]) -> Mesh:

@@ -11,6 +11,7 @@ from sdm_deflect.deform.base.errors import MeshFileError
 from sdm_deflect.deform.base.files import hidden_folder
 from sdm_deflect.deform.base.states import states_of
 from sdm_deflect.deform.base.threads import Progress, silent
+from sdm_deflect.deform.mesh.faces import corners_in_order
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.pieces import MeshInPieces
 
@@ -58,7 +59,9 @@ def read(path: str | Path, progress: Progress = silent) -> Mesh:
     given = Path(path)
     files = states_of(files_of(given))
     mesh = format_of(given).read(given, progress)
-    return replace(mesh, name=given.resolve().name, source=str(given.resolve()), files=files)
+    patches, notes = corners_in_order(mesh.patches, mesh.points)
+    own, notes = given.resolve(), [*mesh.notes, *notes]
+    return replace(mesh, name=own.name, source=str(own), files=files, patches=patches, notes=tuple(notes))
 
 
 @contextmanager
