@@ -177,7 +177,7 @@ def verdict_figures(checks: Sequence[Check]) -> Json:
 
 def warnings_of(plan: Plan) -> tuple[str, ...]:
     """Return sentences on what is probably wrong, though every check may hold."""
-    notes = [note for note in plan.mesh.notes if isinstance(note, Warned)]
+    notes = [note for note in (*plan.mesh.notes, *plan.reflections) if isinstance(note, Warned)]
     short = [
         f"{name} turns by {reached.mean:.0%} of its angle on average; with a narrower --strip it turns by more"
         for name, reached in _reaches(plan, plan.largest)
@@ -188,13 +188,11 @@ def warnings_of(plan: Plan) -> tuple[str, ...]:
 
 def notes_of(plan: Plan) -> tuple[str, ...]:
     """Return sentences on what a user may not expect of a mesh."""
-    notes = [note for note in plan.mesh.notes if not isinstance(note, Warned)]
+    notes = [note for note in (*plan.mesh.notes, *plan.reflections) if not isinstance(note, Warned)]
     if coincident := sum(box.sites.coincident for box in plan.boxes):
         notes.append(f"{coincident} moving nodes coincide with others; they move as one")
     if min(plan.touched.orientation, default=1.0) < 0.0:
         notes.append("the file counts the nodes of cells left-handed; judged accordingly")
-    alone = [box.surface for box in plan.boxes if box.job.image_of >= 0 and not box.mirror]
-    notes += [f"{name} is fitted by itself: the mesh is not its own mirror image to the bit" for name in alone]
     inverted = sum(plan.touched.inverted)
     if inverted:
         notes.append(f"{inverted} cells were inverted in the file already")

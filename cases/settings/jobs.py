@@ -420,4 +420,4 @@ def _at(corners: tuple[Corner, ...]) -> BoxRule:
     try:
         return (Outline if len(corners[:1][0]) == 2 else Given).at(np.array(corners))
     except (IndexError, ValueError) as error:
-        raise InputError(f"the box: {error}") from None
+        raise InputError(f"the box: {str(error).removeprefix('the box: ')}") from None

@@ -133,8 +133,9 @@ class Hexahedron:
 
 def box(low: FloatArray, high: FloatArray) -> Hexahedron:
     """Return the axis-aligned hexahedron between two corners (3,)."""
+    low, high = bounded(low, "corners"), bounded(high, "corners")
     bits = np.array([[i & 1, i >> 1 & 1, i >> 2 & 1] for i in range(8)], dtype=np.float64)
-    return Hexahedron(np.asarray(low + bits * (np.asarray(high) - low)))
+    return Hexahedron(np.asarray(low + bits * (high - low)))
 
 
 def _triangle_planes(corners: FloatArray) -> FloatArray:

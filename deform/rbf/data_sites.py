@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IndexArray, first_coincident
+from sdm_deflect.deform.base.errors import InputError
 
 from .interpolant import check_finite
 
@@ -13,7 +14,7 @@ XYZ = (0, 1, 2)
 DIRECTIONS = ("x", "y", "z")
 
 
-class CoincidentSitesError(ValueError):
+class CoincidentSitesError(InputError):
     """Two data sites coincide."""
 
 
@@ -43,8 +44,8 @@ class DataSites:
         twice = np.flatnonzero(first != np.arange(len(first)))
         if len(twice):
             raise CoincidentSitesError(
-                f"{len(twice)} data sites coincide with another, for example rows {first[twice[0]]} and "
-                f"{twice[0]} at {self.points[twice[0]]}: leave one of each pair, or merge them with `join`"
+                f"{len(twice)} data sites coincide with another, for example rows {first[twice[0]]} and {twice[0]} at "
+                f"({', '.join(f'{x:.6g}' for x in self.points[twice[0]])}): two nodes there may move differently"
             )
 
     def __len__(self) -> int:

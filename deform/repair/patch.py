@@ -410,7 +410,7 @@ def improve(patch: RepairPatch, level: float, rest: float) -> tuple[FloatArray, 
     way, steps = np.zeros((len(patch.unknown), 3)), 0
     least, below = patch.least(way), patch.below(way, level)
     first = inverted = patch.inverted
-    eps, vain = max(WIDEST, -2.0 * float(patch.energy.determinants.min())), 0
+    eps, vain = max(WIDEST, -2.0 * float(patch.energy.determinants.min(initial=0.0))), 0
     while inverted > rest * first and vain < PATIENCE and eps > LEAST_EPS:
         way, count = patch.search(way, eps, POWERS[0])
         least, steps = patch.least(way), steps + count

@@ -107,6 +107,11 @@ class Root(Hinged):
         root, body = surface.nodes[tail & panel], (*panels, *mesh.expand(self.on, "on"))
         skin = [part.faces.nodes for part in self._around(mesh, body, root, 2.0 * CHORDS, SKIN)]
         sites = mesh.points[distinct(np.concatenate(skin))]
+        if not len(sites):
+            raise InputError(
+                f"{mesh.name}: motion = root: of {', '.join(self.on)} no skin around the root of {self.tail} looks its "
+                "way: the tail must stand on the body"
+            )
         depth = self.depth or CHORDS * float(np.ptp(mesh.points[root], axis=0).max())
         if self.shape == "cylinder":
             room = box(surface.points.min(axis=0) - depth, surface.points.max(axis=0) + depth)

@@ -16,7 +16,6 @@ from sdm_deflect.deform.mesh.edges import are_lines, edges_of, polygons_of
 from sdm_deflect.deform.mesh.precision import Precision
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.mesh.touched import Least, TouchedCells
-from sdm_deflect.deform.rbf.data_sites import CoincidentSitesError
 from sdm_deflect.deform.rbf.interpolant import SolveError
 from sdm_deflect.deform.repair.patch import RepairResult
 from sdm_deflect.deform.repair.repair import repair_cells
@@ -358,7 +357,7 @@ def _possible(plan: BoxPlan, amounts: Amounts, count: int, progress: Progress) -
     """Deflect in several steps; None if one of them cannot be solved."""
     try:
         return deflect_in_steps(plan, amounts, count, progress)
-    except (InputError, CoincidentSitesError, SolveError):
+    except (InputError, SolveError):
         return None
 
 

@@ -1,5 +1,6 @@
 """Mirrored surfaces: the mesh in one box as the reflection, in the plane y = 0, of the mesh in another."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -9,12 +10,16 @@ from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.box.automatic import Given
 from sdm_deflect.deform.box.hexahedron import Hexahedron
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.edges import polygons_of
+from sdm_deflect.deform.mesh.mesh import Mesh, Warned
+from sdm_deflect.deform.mesh.sliding import Triangulated
 
 from .job import Job
 
 FLIP = np.array([1.0, -1.0, 1.0])
 """Reflects a point, or a displacement, in the plane y = 0."""
+ALIKE = 1e-3
+"""Share of a surface's size within which two meshes of one shape differ: by rounding, and by how faces cut curves."""
 SWAPPED = [2, 3, 0, 1, 6, 7, 4, 5]
 """Corners of a reflected hexahedron in the order of `Hexahedron`."""
 
@@ -43,6 +48,19 @@ class Mirror:
         out = start.copy()
         out[self.nodes] = values[self.images] * FLIP
         return out
+
+
+def reflection_note(mesh: Mesh, patches: Sequence[str], others: Sequence[str]) -> str:
+    """Say how far patches are from the reflection of others, as a warning if that is more than rounding and meshing."""
+    faces, name = mesh.faces_of(others), ", ".join(patches)
+    places = mesh.points[mesh.on(*patches)] * FLIP
+    if not faces:
+        return f"{name} is fitted by itself: the mesh is not its own mirror image to the bit"
+    far = float(Triangulated.of(mesh.points, polygons_of(faces)).distance(places).max())
+    text = f"its nodes are up to {far:.2g} from the reflection of {', '.join(others)}"
+    if far > ALIKE * float(np.ptp(places, axis=0).max()):
+        return Warned(f"{name}: {text}: is it the right patch?")
+    return f"{name} is fitted by itself: {text}"
 
 
 def with_box_of(job: Job, box: Hexahedron) -> Job:

@@ -273,14 +273,25 @@ class Plan:
         return self.boxes[0].job
 
     @property
+    def reflections(self) -> tuple[str, ...]:
+        """A note on each reflected surface that is no reflection to the bit; a warning if it is another shape."""
+        alone = [box for box in self.boxes if box.job.image_of >= 0 and not box.mirror]
+        if not alone:
+            return ()
+        from .mirror import reflection_note
+
+        return tuple(reflection_note(self.mesh, box.patches, self.boxes[box.job.image_of].patches) for box in alone)
+
+    @property
     def pose(self) -> Amounts:
         """Amount of each surface, as the jobs have it."""
         return pose_of([box.job for box in self.boxes])
 
     @property
     def largest(self) -> Amounts:
-        """The pose with the largest amount."""
-        return max(self.poses, key=lambda pose: max(map(abs, pose)))
+        """The pose with the largest amount; if nothing moves in any, the farther ends of the ranges."""
+        most = max(self.poses, key=lambda pose: max(map(abs, pose)))
+        return most if any(most) else tuple(max(moving.ends, key=abs) for moving, _ in self.moving)
 
     @property
     def unit(self) -> str:

@@ -299,7 +299,11 @@ def _zero_sites(
     sites = [fixed_sites(faces, boundary.components)] if len(faces) else []
     known = np.vstack([known, faces])
     for section in boundary.job.sections:
-        polygon = region.hexahedron.section(section.point, np.eye(3)[section.component])
+        try:
+            polygon = region.hexahedron.section(section.point, np.eye(3)[section.component])
+        except ValueError:
+            plane = f"{'xyz'[section.component]} = {section.point[section.component]:g}"
+            raise InputError(f"section of {section.patch}: its plane, {plane}, does not cut the box") from None
         on_block = zero_sites(polygon_sites(polygon, spacing), known, spacing)
         if len(on_block):
             sites.append(fixed_sites(on_block, (section.component,) if section.slides else (0, 1, 2)))
