@@ -10,6 +10,7 @@ from rich.console import Console, Group
 from rich.table import Table
 from rich.text import Text
 
+from sdm_deflect.cases.run.inspection import NAMES
 from sdm_deflect.cases.run.metrics import (
     Json,
     amounts,
@@ -20,6 +21,8 @@ from sdm_deflect.cases.run.metrics import (
     motions,
     notes_of,
     repair_text,
+    short_turns,
+    surface_figures,
     travels,
     warnings_of,
 )
@@ -113,12 +116,21 @@ def result_table(done: "Outcome", whole: bool) -> Group:
         mean = f", {sum(further) / len(further):.2f} s for each further one" if further else ""
         texts.append(f"deflected in {done.poses[0].seconds:.2f} s{mean}")
     if done.files:
-        unfit = "" if done.passed else "; do not use the mesh as it is"
+        unfit = _unfit(done)
         texts.append(f"wrote {short_list(map(str, (*done.files, *done.reports)))}{unfit}")
-    warned = warnings_of(done.plan)
-    last = done.verdict + counted(warned)
+    turns = short_turns(done.plan)
+    warned = [text for text in warnings_of(done.plan) if text not in turns]
+    last = "; ".join([done.verdict + counted(warned), *turns])
     last += "" if done.passed else _made_at(done.plan)
     return Group(*warning_texts(warned, last), *tables, *_texts([*texts, last]))
+
+
+def _unfit(done: "Outcome") -> str:
+    """Say which of the meshes must not be used."""
+    bad = [str(file) for file, summary in zip(done.files, done.poses, strict=False) if not summary.passed]
+    if len(done.poses) == 1 and bad:
+        return "; do not use the mesh as it is"
+    return f"; do not use {short_list(bad)} as {'they are' if bad[1:] else 'it is'}" if bad else ""
 
 
 def _made_at(plan: Plan) -> str:
@@ -135,17 +147,22 @@ def _of_one_pose(done: "Outcome", summary: "PoseSummary", whole: bool) -> tuple[
     title, repair = f"{_title(done)}, {_amounts(summary)} {_unit(done)}", repair_text(summary.figures)
     texts = [repair] if repair else []
     if not whole:
-        failed = [check for check in summary.checks if not check.passed]
+        failed = failed_checks(summary)
         return [check_table(failed, title)] * bool(failed), [*_quality_lines(done.plan.before, summary.quality), *texts]
     fits = [f"{name} {fit_text(figures)}" for name, figures in summary.figures.get("deflections", {}).items()]
     tables = [check_table(summary.checks, title), quality_table(done.plan.before, summary.quality)]
     return [*tables, *face_table(summary.figures)], [*texts, *(fits or [fit_text(summary.figures)])]
 
 
+def failed_checks(summary: "PoseSummary") -> list[Check]:
+    """Return the checks of a pose that failed."""
+    return [check for check in summary.checks if not check.passed]
+
+
 def _of_many_poses(done: "Outcome", ordered: Sequence["PoseSummary"]) -> tuple[list[Table], list[str]]:
     """Return a table with a row for each pose, the checks of those that failed, and lines on repairs."""
     named = [(f"{_amounts(summary)} {_unit(done)}", summary) for summary in ordered]
-    failed = [check_table(summary.checks, name) for name, summary in named if not summary.passed]
+    failed = [check_table(failed_checks(summary), name) for name, summary in named if not summary.passed]
     repairs = [f"{name}: {text}" for name, summary in named if (text := repair_text(summary.figures))]
     return [sweep_table(ordered, _title(done)), *failed] if ordered else [], repairs
 
@@ -168,7 +185,7 @@ def quality_table(before: Sequence[Quality], after: Sequence[Quality]) -> Table:
     table = _table("cells with a node in the box: before, after", ("type", "measure"), headings)
     for old, new in zip(before, after, strict=True):
         pairs = [f"{a:.3f}, {b:.3f}" for a, b in ((old.min, new.min), (old.p01, new.p01), (old.mean, new.mean))]
-        table.add_row(old.shape, old.measure, str(old.cells), *pairs, f"{old.inverted}, {new.inverted}")
+        table.add_row(NAMES[old.shape], old.measure, str(old.cells), *pairs, f"{old.inverted}, {new.inverted}")
     return table
 
 
@@ -178,7 +195,7 @@ def _quality_lines(before: Sequence[Quality], after: Sequence[Quality]) -> Itera
     for old, new in zip(before, after, strict=True):
         pairs = (("least", old.min, new.min), ("1 %", old.p01, new.p01), ("mean", old.mean, new.mean))
         figures = ", ".join(f"{name} {a:.3f} to {b:.3f}" for name, a, b in pairs)
-        yield f"  {new.cells} {new.shape}: {figures}{f', {new.inverted} inverted' if new.inverted else ''}"
+        yield f"  {new.cells} {NAMES[new.shape]}: {figures}{f', {new.inverted} inverted' if new.inverted else ''}"
 
 
 def face_table(figures: Json) -> list[Table]:
@@ -240,8 +257,16 @@ def _lines(plan: Plan, whole: bool = True) -> list[str]:
     return [
         *(f"{name} moves by up to {travel}" for name, travel in travels(plan)),
         *(f"{name}: {text}" for name, text in motions(plan)),
+        *_slot_rows(plan),
         *((*boxes, *(f"note: {note}" for note in notes_of(plan))) if whole else ()),
     ]
+
+
+def _slot_rows(plan: Plan) -> list[str]:
+    """Return the settings of slots as rows of a track, for a sweep over them."""
+    found = ((name, one.get("track")) for name, one in surface_figures(plan, plan.largest).items())
+    rows = ((name, ",".join(f"{value:.9g}" for value in row)) for name, row in found if row)
+    return [f"{name}: as a row of --track (parameter,angle,dx,dy): {row}" for name, row in rows]
 
 
 def _box_lines(plan: BoxPlan) -> list[str]:

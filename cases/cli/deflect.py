@@ -169,7 +169,9 @@ def limit(place: str, out: Path | None, as_json: bool, quiet: bool, verbose: boo
 
         with output_folder(out or folder, ()) as scratch:
             with watch.stage("limits") as progress:
-                limits = search.limits(repair, progress)
+                limits = search.limits(
+                    repair, progress, (lambda line: None) if quiet else partial(click.echo, err=True)
+                )
             table = write_limits(limits, search, scratch)
     options.print_either(as_json, {**figures, "limits": [asdict(one) for one in limits]}, table)
 

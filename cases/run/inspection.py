@@ -33,6 +33,8 @@ NAMES = {
     "pyramid": "pyramids",
     POLYHEDRON: "polyhedra",
 }
+SAME_LINE = 0.01
+"""Share of a patch's size within which two hinges are one line."""
 SHOWN = 20
 """Names of zones that are listed."""
 
@@ -145,8 +147,26 @@ def file_figures(path: Path, select: Mapping[str, str] = NOTHING, slot: tuple[st
 
 
 def _hinges(mesh: Mesh) -> dict[str, list[Json]]:
-    found = {name: [ends.tolist() for ends in candidates(mesh, [name])] for name in mesh.names}
-    return {name: ends for name, ends in found.items() if ends}
+    """Return the hinges of patches; of two patches that meet at a line, only the smaller one turns about it."""
+    found = {name: list(candidates(mesh, [name])) for name in mesh.names}
+    size = {
+        name: float(np.linalg.norm(np.ptp(mesh.points[mesh.on(name)], axis=0))) for name, own in found.items() if own
+    }
+
+    def turns(name: str, ends: FloatArray) -> bool:
+        others = (one for other in size if size[other] < size[name] for one in found[other])
+        return not any(_on_line(ends.mean(axis=0), one) <= SAME_LINE * size[name] for one in others)
+
+    kept = {name: [ends.tolist() for ends in own if turns(name, ends)] for name, own in found.items()}
+    return {name: own for name, own in kept.items() if own}
+
+
+def _on_line(point: FloatArray, ends: FloatArray) -> float:
+    """Return the distance of a point (3,) from a line through two points (2, 3), which may be one."""
+    way = ends[1] - ends[0]
+    along = way / (np.linalg.norm(way) or 1.0)
+    arm = point - ends[0]
+    return float(np.linalg.norm(arm - (arm @ along) * along))
 
 
 def _slot(mesh: Mesh, names: tuple[str, ...]) -> Json | None:

@@ -1,6 +1,6 @@
 """The largest deflection of each sign at which every check holds, and what ends it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import ceil
 from pathlib import Path
@@ -59,6 +59,10 @@ class Trial:
     failed: tuple[str, ...] = ()
 
 
+Told = Callable[[RepairMode, Trial], None]
+"""Is called with each trial, as soon as it is made."""
+
+
 @dataclass(frozen=True, slots=True)
 class Limit:
     """The largest acceptable amount of one sign, from zero outwards.
@@ -103,13 +107,39 @@ class Search:
     resolution: float
     threshold: float = 0.0
 
-    def limits(self, repair: RepairMode, progress: Progress) -> tuple[Limit, ...]:
-        """Find the limits of both signs, without repair and, unless it is off, with it; InputError if nothing moves."""
+    def limits(
+        self, repair: RepairMode, progress: Progress, tried: Callable[[str], None] = lambda text: None
+    ) -> tuple[Limit, ...]:
+        """Find the limits of both signs, without repair and, unless it is off, with it; InputError if nothing moves.
+
+        `tried` is called with a line on each trial, as soon as it is made; if it is stopped, with what is known.
+        """
         still = self.trial(0.0, "off")
         if still.reason:
             raise InputError(still.reason)
         modes: tuple[RepairMode, ...] = ("off",) if repair == "off" else ("off", repair)
-        return tuple(self._limit(mode, sign, still, progress) for mode in modes for sign in (-1.0, 1.0))
+        made: list[tuple[RepairMode, Trial]] = []
+
+        def told(mode: RepairMode, trial: Trial) -> None:
+            made.append((mode, trial))
+            said = trial.fault or f"all checks hold, least quality {trial.quality_min:.3f}"
+            tried(f"repair {mode}, {trial.angle:+.4g} {self.unit}: {said}")
+
+        try:
+            return tuple(self._limit(mode, sign, still, progress, told) for mode in modes for sign in (-1.0, 1.0))
+        except BaseException:
+            for line in self._known(made):
+                tried(line)
+            raise
+
+    def _known(self, made: Sequence[tuple[RepairMode, Trial]]) -> Iterator[str]:
+        """Yield what trials say of each mode of repair and each sign: what holds, and the first amount that fails."""
+        for mode, sign in dict.fromkeys((mode, np.sign(trial.angle)) for mode, trial in made):
+            own = [trial for of, trial in made if of == mode and np.sign(trial.angle) == sign]
+            bad = min((abs(trial.angle) for trial in own if trial.fault), default=np.inf)
+            good = max((abs(trial.angle) for trial in own if abs(trial.angle) < bad), default=0.0)
+            fails = f", and not at {sign * bad:+.4g}" if bad < np.inf else ""
+            yield f"known when stopped: repair {mode}: all checks hold up to {sign * good:+.4g} {self.unit}{fails}"
 
     def trial(self, angle: float, repair: RepairMode) -> Trial:
         """Deflect by an amount, and judge the mesh; without one the trial says why."""
@@ -129,7 +159,14 @@ class Search:
             faults.append(f"least quality {least:.3f} {where}")
         return Trial(angle, least, steps, where, "", "; ".join(faults), tuple(check.name for check in failed))
 
-    def _limit(self, repair: RepairMode, sign: float, still: Trial, progress: Progress) -> Limit:
+    def _limit(
+        self,
+        repair: RepairMode,
+        sign: float,
+        still: Trial,
+        progress: Progress,
+        told: Callable[[RepairMode, Trial], None],
+    ) -> Limit:
         """Go on in steps until cells invert or there is no mesh; then bisect between good amounts and bad ones.
 
         `still` is the trial of amount 0: there no cell is repaired.
@@ -139,7 +176,8 @@ class Search:
         def at(size: float) -> Trial:
             if size not in trials:
                 progress(f"repair {repair}: {sign * size:+.4g} {self.unit}", float("nan"))
-                trials[size] = self.trial(sign * size, repair)
+                found = trials[size] = self.trial(sign * size, repair)
+                told(repair, found)
             return trials[size]
 
         def last(holds: Callable[[Trial], bool]) -> float:

@@ -13,8 +13,11 @@ from sdm_deflect.deform.mesh.mesh import Warned
 from sdm_deflect.deform.mesh.quality import SEVERE, SKEW, Quality
 from sdm_deflect.deform.rbf.data_sites import DIRECTIONS
 from sdm_deflect.deform.rbf.fitting import KERNELS, ORDERS
+from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import TRACK_UNIT, MotionLaw, Moving
 from sdm_deflect.deform.surface.reached import Reached
+from sdm_deflect.deform.surface.slots import SlotSetting
+from sdm_deflect.deform.surface.tracks import TrackLaw
 from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection
 from sdm_deflect.deform.volume.job import Amounts
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
@@ -178,12 +181,21 @@ def verdict_figures(checks: Sequence[Check]) -> Json:
 def warnings_of(plan: Plan) -> tuple[str, ...]:
     """Return sentences on what is probably wrong, though every check may hold."""
     notes = [note for note in (*plan.mesh.notes, *plan.reflections) if isinstance(note, Warned)]
-    short = [
-        f"{name} turns by {reached.mean:.0%} of its angle on average; with a narrower --strip it turns by more"
+    texts = (text for box in plan.boxes for text in box.boundary.warnings)
+    return tuple(dict.fromkeys([*notes, *texts, *short_turns(plan)]))
+
+
+def short_turns(plan: Plan) -> tuple[str, ...]:
+    """Return a sentence for each surface that turns by less than its angle on average; --strip, if that is why."""
+    strips = {
+        surface.label: not plan.mesh.plane and isinstance(moving.motion, Blended) and not moving.motion.rib.turn
+        for moving, surface in plan.moving
+    }
+    return tuple(
+        f"{name} turns by {reached.mean:.0%} of its angle on average{' (--strip)' if strips[name] else ''}"
         for name, reached in _reaches(plan, plan.largest)
         if reached and reached.mean < REACHED
-    ]
-    return tuple(dict.fromkeys([*notes, *(text for box in plan.boxes for text in box.boundary.warnings), *short]))
+    )
 
 
 def notes_of(plan: Plan) -> tuple[str, ...]:
@@ -233,8 +245,15 @@ def surface_figures(plan: Plan, pose: Amounts) -> Json:
         for (moving, _), law, amount, (surface, reached) in rows:
             hinge = _hinge(moving, law, amount)
             share = {"full": reached.full, "mean": reached.mean} if reached else {"full": None, "mean": None}
-            out[surface.label] = {"amount": amount, "unit": moving.motion.unit, **share, "hinge": hinge}
+            row = {"track": track_row(law, amount)} if isinstance(moving.motion, SlotSetting) else {}
+            out[surface.label] = {"amount": amount, "unit": moving.motion.unit, **share, "hinge": hinge, **row}
     return out
+
+
+def track_row(law: MotionLaw, amount: float) -> list[float]:
+    """Return the row of a track for the setting of a slot: parameter, angle and the shift dx, dy."""
+    assert isinstance(law, TrackLaw)
+    return [float(value) for value in amount * law.track.rows[-1, :4]]
 
 
 def amounts(plan: Plan, pose: Amounts) -> Iterator[tuple[str, str]]:

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from math import isnan
 from pathlib import Path
+from threading import Event, Thread
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
@@ -19,15 +20,21 @@ if TYPE_CHECKING:
 
 
 PATIENCE = 2.0
-"""Seconds after which a notebook shows progress."""
+"""Seconds after which a stage shows progress in a notebook, a file or a pipe."""
+PAUSE = 30.0
+"""Seconds between further lines in a file or a pipe."""
 
 
 def lines(console: "Console", every: bool = True) -> Stage:
-    """Show stages as lines on a console, with the seconds since each began: one for each, or for every report of it."""
+    """Show stages as lines on a console, with the seconds since each began.
+
+    There is one for every report, or one at the beginning of a stage that takes long, then one every `PAUSE` seconds,
+    and one at its end.
+    """
 
     @contextmanager
     def stage(name: str) -> Iterator[Progress]:
-        start, last = perf_counter(), ""
+        start, last, over = perf_counter(), "", Event()
 
         def line(text: str) -> None:
             said = f"{name:<12} {perf_counter() - start:8.2f} s  {text}".rstrip()
@@ -39,9 +46,21 @@ def lines(console: "Console", every: bool = True) -> Stage:
             if every:
                 line(text)
 
+        def wait() -> None:
+            """Print a line after two seconds, and then every `PAUSE`."""
+            pause = PATIENCE
+            while not over.wait(pause):
+                line(last or "begins")
+                pause = PAUSE
+
         if every:
             line("begins")
-        yield report
+        else:
+            Thread(target=wait, daemon=True).start()
+        try:
+            yield report
+        finally:
+            over.set()
         line("ends" if every else last)
 
     return stage

@@ -187,7 +187,8 @@ class Mesh:
                 raise InputError(f"{self.name}: {what} {text!r} cannot be taken: {note}")
             if not some:
                 hint = nearest(text, self.names, "the patches are")
-                raise InputError(f"{self.name}: {what} {text!r} is no patch; {hint}")
+                cut = "; --select makes a part of a patch a patch, --device a part of a wing" * (what == "the surface")
+                raise InputError(f"{self.name}: {what} {text!r} is no patch; {hint}{cut}")
             names += [name for name in some if name not in names]
         return tuple(names)
 

@@ -77,8 +77,9 @@ def _smooth_border(mesh: Mesh, own: Polygons, rest: Polygons) -> tuple[IntArray,
 
 
 def ends_text(hinge: ArrayLike) -> str:
-    """Return the two points of a hinge as the command line takes them."""
+    """Return the two points of a hinge as the command line takes them; of a plane mesh, where they are one, x and y."""
     ends = np.asarray(hinge, dtype=np.float64)
+    ends = ends[:1, :2] if np.array_equal(*ends) else ends
     clean = np.where(np.abs(ends) > ROUNDING * np.abs(ends).max(), ends, 0.0)
     return " ".join(",".join(f"{x:.6g}" for x in end) for end in clean)
 

@@ -21,8 +21,8 @@ HALF_TURN = 1.1 * np.pi
 """Largest angle without nodes as seen from a hinge between two skins: half a turn with some allowance."""
 AFT = 0.1
 """Share of a surface's extent along the flow that must lie aft of its hinge, for it to have a trailing edge there."""
-MUCH, GOOD = 3.0, 0.3
-"""Ratio by which another unit of length makes a table and a surface coincide better, and how well they must then."""
+BETTER = ((20.0, 0.3), (3.0, 0.9))
+"""Ratios by which another unit of length makes a table and a surface coincide better, and how well they must then."""
 FLAT = 1e-9
 """Extents below this share of the largest one are zero."""
 MEANT = "correct it, or say --force (force = true) if it is meant"
@@ -103,7 +103,7 @@ class Placement:
         """Yield signs of a wrong hinge, as sentences."""
         if self.distance > QUARTER * self.width:
             yield f"hinge: {self.passes}: is it the right one?"
-        if self.covered < HALF:
+        if blended and self.covered < HALF:
             yield f"hinge: its two points cover {self.covered:.0%} of the span of {self.surface}: is it the right one?"
         if blended and self.ahead > QUARTER * self.width:
             yield f"hinge: {self.surface}, {self.width:.4g} wide, reaches {self.ahead:.4g} ahead of it: is it right?"
@@ -171,9 +171,10 @@ class TablePlacement:
         """Raise InputError if table and surface are apart, or would coincide in another unit (unless `force`)."""
         del surface
         here, (there, factor) = self.overlap(), max((self.overlap(factor), factor) for factor in UNITS)
-        if force or (here and not (there >= GOOD and there > MUCH * here)):
+        fits = any(there >= good and there > much * here for much, good in BETTER)
+        if force or (here and not fits):
             return
-        if there >= GOOD:
+        if fits:
             raise InputError(
                 f"table: times {factor:.4g} its points would lie where {self.surface} does: give points and "
                 "displacements in the mesh's unit of length, or say --force (force = true) if it is meant"

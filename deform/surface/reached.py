@@ -34,12 +34,16 @@ class Reached:
     off : largest distance of a node from its place after a rigid turn, over the local chord from hinge to trailing
         edge; without strips beside closed ribs and without a tail's root.
     place : undeflected coordinates of that node, in the mesh's unit.
+    near : the same distance of the nodes that are left out, in strips and at the root; 0 without any.
+    but : what is left out, in words.
     """
 
     full: float
     mean: float
     off: float
     place: tuple[float, float, float]
+    near: float = 0.0
+    but: str = ""
 
     @classmethod
     def of(cls, points: FloatArray, moved: FloatArray, axis: Axis, amount: float, law: MotionLaw) -> "Reached":
@@ -59,10 +63,11 @@ class Reached:
         shares, chords = (np.bincount(rows, values[edge]) / count for values in (share, reach))
         angle = np.interp(np.linspace(0.0, at[-1], STATIONS), at, shares)
         chord = np.interp((station - low) / span * finest, at, chords)
-        off = np.where(_turning(law), np.linalg.norm(moved - turn, axis=1) / chord, 0.0)
-        worst = int(np.argmax(off))
+        every, turning = np.linalg.norm(moved - turn, axis=1) / chord, _turning(law)
+        off, near = np.where(turning, every, 0.0), float(every[~turning].max(initial=0.0))
+        worst, but = int(np.argmax(off)), "the strips" if isinstance(law, BlendedLaw) else "the root"
         x, y, z = points[worst].tolist()
-        return cls(float((angle >= FULL).mean()), float(angle.mean()), float(off[worst]), (x, y, z))
+        return cls(float((angle >= FULL).mean()), float(angle.mean()), float(off[worst]), (x, y, z), near, but)
 
     @property
     def text(self) -> str:
@@ -71,8 +76,10 @@ class Reached:
         share = f"{self.full:.0%} of the span turns by the full angle; the mean over the span is {self.mean:.0%} of it"
         if self.full in (0.0, 1.0):  # a plane mesh has no span
             share = "turns by the full angle" if self.full else f"turns by {self.mean:.0%} of the angle on average"
-        off = f"; nodes are up to {self.off:.2g} chords from a rigid turn, at ({place})"
-        return share + (off if self.off >= NO_DISTANCE else "")
+        off = f"nodes are up to {self.off:.2g} chords from a rigid turn, at ({place})"
+        if self.near > self.off:
+            off = f"beyond {self.but} {off}, and there up to {self.near:.2g}"
+        return share + (f"; {off}" if max(self.off, self.near) >= NO_DISTANCE else "")
 
 
 def _turning(law: MotionLaw) -> BoolArray:

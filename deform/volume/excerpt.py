@@ -3,7 +3,7 @@
 Nodes keep their order, so all that follows from an excerpt has the same bits as from the whole mesh.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
@@ -20,7 +20,6 @@ from sdm_deflect.deform.mesh.faces import (
     cell_face_keys,
     corners_in_order,
     face_keys,
-    inner_patches,
     node_keys,
     on_boundary,
     patch_keys,
@@ -253,13 +252,7 @@ def excerpt(
     Raises InputError if a job does not suit the mesh, or the mesh is damaged.
     """
     pieces, (mesh, border) = mesh.pieces, _in_order(mesh)
-    try:
-        task = _task(mesh, border, *prepare(border, jobs), poses)
-    except InputError:  # perhaps because of a patch between cells
-        inner = inner_patches(border.patches, lambda: _cells_of_border(pieces, border), len(border.points) + 1)
-        if rest := unnamed(inner, border, jobs):
-            return excerpt(_without(mesh, rest), jobs, poses, runner, progress)
-        raise
+    task = _task(mesh, border, *prepare(border, jobs), poses)
     task = _in_memory(task) if runner.shares_memory else task
     inside, places = _nodes_inside(task, runner, progress)
     scanned, task, between = _cells(mesh, task, runner, progress)
@@ -298,20 +291,6 @@ def _without(mesh: MeshInPieces, names: Sequence[str]) -> MeshInPieces:
         patches=tuple(patch for patch in mesh.patches if patch.name not in names),
         notes=(*mesh.notes, FOLLOWS.format(short_list(names))),
     )
-
-
-def _cells_of_border(pieces: Pieces, border: Mesh) -> Iterator[Cells]:
-    """Yield all cells with the numbers of their nodes in the border, one beyond the last for others.
-
-    Polyhedra are left out: no patch lies between them.
-    """
-    for block, (shape, count) in enumerate(pieces.blocks):
-        for start in range(0, count, threads.LIMITS.cells) if shape != POLYHEDRON else ():
-            cells = pieces.cells_of(block, start, min(start + threads.LIMITS.cells, count))
-            known = border.numbers(np.arange(len(border.points)))
-            place = np.minimum(np.searchsorted(known, cells.nodes), len(known) - 1)
-            assert isinstance(cells, Cells)
-            yield Cells(cells.shape, np.where(known[place] == cells.nodes, place, len(known)))
 
 
 def boundary_in_file(pieces: Pieces, nodes: IntArray) -> IntArray:

@@ -21,7 +21,9 @@ from .layout import Format
 
 ADVICE = {
     ".cas": FLUENT,
-    ".med": "convert it with Gmsh: gmsh FILE -save -format msh41 -o mesh.msh",
+    **dict.fromkeys((".med", ".unv", ".mesh"), "convert it with Gmsh: gmsh FILE -save -format msh41 -o mesh.msh"),
+    ".meshb": "convert it with Gmsh, 4.12 or later: gmsh FILE -save -format msh41 -o mesh.msh",
+    ".neu": "convert it with OpenFOAM, in a case: gambitToFoam FILE",
     ".vtk": "read it by PyVista, name the patches of its faces, and give the grid to sdm_deflect.deflect(grid, ...)",
     ".h5": "export it from the mesher as CGNS or SU2",
     ".stl": "it holds a surface or a geometry; a mesh with volume cells is needed",
