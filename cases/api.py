@@ -244,7 +244,7 @@ class Result:
         ``displacement`` (N, 3) is on the nodes; ``quality`` (nan on faces) and ``patch`` are on cells, then faces. The
         field array ``patch_names`` names the patches, its first item ``volume`` the cells.
         """
-        mesh = self.plan.mesh.with_points(self.points)
+        mesh = self.plan.mesh.with_points(self.points).for_file()
         return adapters.to_pyvista(mesh, self.displacement, self.plan.touched.orientation)
 
     def to_meshio(self) -> Any:
@@ -253,7 +253,7 @@ class Result:
         Raises InputError for polyhedra that are no tetrahedra, pyramids, wedges or hexahedra: meshio has no form for
         them.
         """
-        return adapters.to_meshio(self.plan.mesh.with_points(self.points), self.displacement)
+        return adapters.to_meshio(self.plan.mesh.with_points(self.points).for_file(), self.displacement)
 
     @property
     def title(self) -> str:

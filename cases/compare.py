@@ -14,6 +14,7 @@ from sdm_deflect.cases.run.metrics import Json
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.base.unpacking import damaged
+from sdm_deflect.deform.checks import tally
 from sdm_deflect.deform.mesh.mesh import Mesh
 
 from .finished import read_run
@@ -206,8 +207,7 @@ def _mesh(blocks: Sequence[Json]) -> Iterator[Row]:
 
 def _verdict(runs: Sequence[ComparedRun]) -> Iterator[Row]:
     checks = [run.data.checks for run in runs]
-    counted = [[check for check in own if check.verdict != "information"] for own in checks]
-    yield Row("checks passed", tuple(f"{sum(c.passed for c in own)} of {len(own)}" for own in counted))
+    yield Row("checks passed", tuple(map(tally, checks)))
     yield Row("failed", tuple(", ".join(c.name for c in own if not c.passed) or "none" for own in checks))
 
 

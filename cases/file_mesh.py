@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from sdm_deflect.cases.run.inspection import NAMES, extent, reach
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, MeshFileError, shortened
+from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.cells import Patch
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import Quality, by_shape, find_orientation
@@ -86,6 +87,16 @@ def moved_points(plan: "HeldPlan", amounts: Wanted, mesh: Mesh) -> FloatArray:
 
 def save_mesh(mesh: Mesh, points: FloatArray, path: str | PathLike[str]) -> Path:
     """Write a mesh with new points (N, 3) and return its path; see `Result.save`. It must read back as it is."""
+    place, lost = written(mesh, points, path)
+    for text in lost:
+        warnings.warn(f"{path}: {text}", stacklevel=3)
+    return place
+
+
+def written(
+    mesh: Mesh, points: FloatArray, path: str | PathLike[str], progress: Progress = silent
+) -> tuple[Path, tuple[str, ...]]:
+    """Write a mesh with new points (N, 3); return its path, and what the format cannot hold; errors of `save_mesh`."""
     from sdm_deflect.cases.run.mesh_files import Targets, check_written, write_mesh
     from sdm_deflect.cases.run.output import OutputError, output_files
     from sdm_deflect.deform.base.files import permitted_as
@@ -98,14 +109,12 @@ def save_mesh(mesh: Mesh, points: FloatArray, path: str | PathLike[str]) -> Path
         try:
             with permitted_as(mesh.source), output_files(wanted.out.parent) as scratch:
                 beside = scratch / wanted.out.name
-                lost = write_mesh(source and wanted.source, mesh, points, beside)
+                lost = write_mesh(source and wanted.source, mesh, points, beside, progress)
                 check_written(mesh, points, beside, wanted.out)
                 wanted.keep_tables(scratch)
         except OutputError as error:
             raise InputError(str(error)) from None
-    for text in lost:
-        warnings.warn(f"{out}: {text}", stacklevel=3)
-    return wanted.out
+    return wanted.out, lost
 
 
 def path_of(path: Any) -> Path:

@@ -114,6 +114,12 @@ def verdict(checks: Sequence[Check]) -> str:
     return "passed, with poor cells" if any(check.poor for check in checks) else "all validations passed"
 
 
+def tally(checks: Sequence[Check]) -> str:
+    """Return how many of the checks that judge the mesh are passed: ``17 of 18``."""
+    judged = [check for check in checks if check.is_judged]
+    return f"{sum(check.passed for check in judged)} of {len(judged)}"
+
+
 def worst(distances: FloatArray, points: FloatArray) -> str:
     """Describe the largest of distances (N,) at points (N, 3), with rms and count."""
     if not distances.any():

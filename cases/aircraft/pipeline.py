@@ -16,6 +16,7 @@ from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.compiled import default_folder
 from sdm_deflect.deform.base.errors import MeshFileError
 from sdm_deflect.deform.base.threads import Progress
+from sdm_deflect.deform.checks import tally
 from sdm_deflect.deform.loop import run as carried_out
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import Quality
@@ -65,7 +66,7 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, rep
         with watch.stage("validation") as progress:
             progress("waiting for the deflected CAD", nan)
             checks = validate(case, deflection, mesh_checks, deflected_cad(), background)
-            progress(f"{sum(check.passed for check in checks)} of {len(checks)} checks passed", 1.0)
+            progress(f"{tally(checks)} checks passed", 1.0)
     run = Run(case, mesh, origin, moved, deflection, whole, checks, watch, background, stiff)
     planned = written_plan(folder, around)
     if report:

@@ -13,7 +13,7 @@ from typing import NoReturn, TextIO
 import click
 
 from . import options
-from .deflect import apply, deflect, example, gradient, limit, quality
+from .deflect import apply, convert, deflect, example, gradient, limit, quality
 from .run import compare, export, geometry, list_cases, report, run, validate, view
 
 OBJECTS = 100_000
@@ -97,7 +97,7 @@ def completion(shell: str) -> None:
 
 
 SUBJECTS = {
-    "Your mesh": (example, quality, deflect, limit, apply, gradient, view),
+    "Your mesh": (example, quality, deflect, limit, apply, gradient, view, convert),
     "The SDM, an aircraft": (list_cases, run, geometry, validate),
     "Results": (report, compare, export),
     "This machine": (doctor, cache, completion),

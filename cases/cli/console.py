@@ -30,6 +30,7 @@ from sdm_deflect.deform.base.arrays import union
 from sdm_deflect.deform.base.errors import printable, short_list
 from sdm_deflect.deform.checks import Check, Verdict, verdict
 from sdm_deflect.deform.mesh.quality import Quality
+from sdm_deflect.deform.surface.tail_root import Root
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 
 if TYPE_CHECKING:
@@ -122,7 +123,16 @@ def result_table(done: "Outcome", whole: bool) -> Group:
     warned = [text for text in warnings_of(done.plan) if text not in turns]
     last = "; ".join([done.verdict + counted(warned), *turns])
     last += "" if done.passed else _made_at(done.plan)
-    return Group(*warning_texts(warned, last), *tables, *_texts([*texts, last]))
+    return Group(*warning_texts(warned, last), *tables, *_texts([*texts, *_advice(done), last]))
+
+
+def _advice(done: "Outcome") -> list[str]:
+    """Return what helps where a tail's mesh failed."""
+    roots = [moving.motion for moving, _ in done.plan.moving if isinstance(moving.motion, Root)]
+    if done.passed or not roots:
+        return []
+    wider = 2.0 * max(root.width for root in roots)
+    return [f"advice: give the root more room on its body: --panel {wider:g}, a finer body there, or a smaller angle"]
 
 
 def _unfit(done: "Outcome") -> str:

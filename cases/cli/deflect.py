@@ -306,6 +306,33 @@ def quality(mesh: Path, select: tuple[str, ...], slot: tuple[str, ...] | None, a
         click.echo(inspect(mesh, selections_of(select), slot or ()))
 
 
+@click.command()
+@click.argument("mesh", type=options.FILE)
+@click.argument("out", type=options.FILE)
+@options.json_option
+@options.progress_options
+def convert(mesh: Path, out: Path, as_json: bool, quiet: bool, verbose: bool) -> None:
+    """Write a mesh in another format.
+
+    OUT is a new file, or a new folder for OpenFOAM; its suffix is the format. Nodes, cells and patches stay, and their
+    names as far as the format can hold them: sdm convert wing.msh wing.cgns
+    """
+    from sdm_deflect.cases.api import read
+    from sdm_deflect.cases.file_mesh import written
+
+    if out.exists():
+        raise InputError(f"{out} exists already; delete it, or choose another name")
+    with options.watch(quiet or (as_json and not verbose), verbose) as watch:
+        with watch.stage("read") as progress:
+            found = read(mesh, progress)
+        with watch.stage("write") as progress:
+            target, lost = written(found, found.points, out, progress)
+    sizes = {"points": len(found.points), "cells": sum(found.cell_counts), "patches": list(found.names)}
+    lines = [*(f"note: {text}" for text in found.notes), *(f"not held by this format: {text}" for text in lost)]
+    last = f"wrote {target}: {sizes['points']} points, {sizes['cells']} cells, patches {', '.join(found.names)}"
+    options.print_either(as_json, {"file": target, **sizes, "notes": found.notes, "lost": lost}, *lines, last)
+
+
 def _search_of_case(case: str, watch: "Stopwatch", given: dict[str, Any]) -> Found:
     """Return how the limits of a case are found, its mesh made."""
     from sdm_deflect.cases.aircraft.registry import resolve

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sdm_deflect.cases.run.metrics import Json
+from sdm_deflect.cases.run.metrics import Json, width_setting
 from sdm_deflect.cases.run.output import text_of
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
@@ -117,6 +117,7 @@ class MovedSurface:
     patches : names of its patches.
     nodes : (K,) its nodes.
     axis : its hinge, None without one.
+    width : setting of the width that is blended beside it: ``"strip"`` or ``"panel"``; empty without one.
     """
 
     name: str
@@ -125,6 +126,7 @@ class MovedSurface:
     patches: tuple[str, ...]
     nodes: IntArray = field(repr=False)
     axis: Axis | None = None
+    width: str = ""
 
     @property
     def amount_text(self) -> str:
@@ -161,7 +163,15 @@ class Box:
     def of(cls, plan: BoxPlan, amounts: Amounts, name: str, fits: FitRows) -> "Box":
         """Return the box of a plan with its surfaces at some amounts."""
         surfaces = [
-            MovedSurface(name_of(own.plain_names), amount, one.motion.unit, own.patches, own.nodes, one.motion.axis)
+            MovedSurface(
+                name=name_of(own.plain_names),
+                amount=amount,
+                unit=one.motion.unit,
+                patches=own.patches,
+                nodes=own.nodes,
+                axis=one.motion.axis,
+                width=width_setting(one.motion, plan.mesh.plane),
+            )
             for (one, own), amount in zip(plan.moving, amounts, strict=True)
         ]
         return cls(

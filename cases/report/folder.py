@@ -255,7 +255,8 @@ def _surface(number: int, moving: Moving, surface: Surface, amount: float, folde
     motion, table = moving.motion, folder / f"table_{number}.npz"
     out: dict[str, Any] = {"patches": list(surface.patches)} | ({"range": list(moving.range)} if moving.range else {})
     if isinstance(motion, Root):
-        own = {"motion": "root", "on": list(motion.on), "shape": motion.shape, "depth": motion.depth, "angle": amount}
+        own = {"motion": "root", "on": list(motion.on), "shape": motion.shape, "angle": amount}
+        own |= {"depth": motion.depth, "panel": motion.width}
         return out | own | {"patches": [motion.tail], "hinge": _ends(motion.hinge, surface.points)}
     if not isinstance(motion, Blended):
         return out | _base(motion, surface, amount, table)

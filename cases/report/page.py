@@ -1,7 +1,7 @@
 """The page of a run: one self-contained file that asks no network for anything."""
 
 from base64 import b64encode
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from functools import partial
 from gzip import decompress
 from hashlib import sha256
@@ -17,7 +17,7 @@ from sdm_deflect.cases.run.metrics import Json, face_rows, kernel_text
 from sdm_deflect.cases.run.output import surroundings, versions
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.unpacking import damaged
-from sdm_deflect.deform.checks import Check, verdict
+from sdm_deflect.deform.checks import verdict
 from sdm_deflect.deform.mesh.quality import Quality
 
 from .data import ReportData, measure_in_words
@@ -65,19 +65,24 @@ OF_PATCHES = {
     "plane": "nodes on the sides of a case one cell thick from their partners' images and their side, the same",
 }
 """What a check measures that ends with the name of a patch, or of a pair."""
+WIDER = "a wider one"
+LARGER_BOX = ("a smaller angle", "a larger --margin")
 REMEDIES = {
-    "inverted_cells": "Try a smaller angle, a larger --margin, or a wider --strip.",
-    "surfaces_crossed": "Try a smaller angle, or move the hinge away from the other surface.",
-    "quality_min": "Try a smaller angle, a larger --margin, or --repair always.",
+    "inverted_cells": (*LARGER_BOX, WIDER),
+    "surfaces_crossed": ("a smaller angle", "a hinge farther from the other surface"),
+    "quality_min": (*LARGER_BOX, "--repair always"),
+    "first_layer": (WIDER, "a smaller angle"),
+    "non_orthogonality_max": LARGER_BOX,
+    "skewness_max": LARGER_BOX,
+}
+"""What to try where a check of the deflected mesh fails; `WIDER` stands for the widths of its surfaces."""
+OTHER_REMEDIES = {
     "left_behind": "Name the other patch or zone, too.",
     "nodes_parted": "Name both patches in fixed, or pair them by --periodic.",
     "site_error": "Raise max_centers, or the tolerance.",
-    "first_layer": "Try a wider --strip, or a smaller angle.",
-    "non_orthogonality_max": "Try a smaller angle or a larger --margin.",
-    "skewness_max": "Try a smaller angle or a larger --margin.",
     "rounding": "Write a format of double precision.",
 }
-"""What helps where a check fails."""
+"""What helps where a check of the settings, the patches or the file fails."""
 STATES = {
     "before": "undeflected",
     "interpolated": "deflected, before the repair",
@@ -193,10 +198,16 @@ def pixels(exhibit: Exhibit) -> tuple[int, int]:
         return image.size
 
 
-def remedies(checks: Sequence[Check]) -> tuple[str, ...]:
-    """Return what helps where checks fail, each advice once."""
-    advice = (REMEDIES.get(check.name.partition(":")[0]) for check in checks if not check.passed)
-    return tuple(dict.fromkeys(text for text in advice if text))
+def remedies(data: ReportData) -> tuple[str, ...]:
+    """Return what helps where checks fail, each advice once; a mesh that nothing moves is not helped by settings."""
+    failed = [check.name.partition(":")[0] for check in data.checks if not check.passed]
+    moved = any(one.amount for one in data.surfaces)
+    widths = [f"a wider --{name}" for name in dict.fromkeys(one.width for one in data.surfaces if one.width)]
+    advice = [OTHER_REMEDIES[name] for name in failed if name in OTHER_REMEDIES]
+    for name in failed if moved else ():
+        options = [text for one in REMEDIES.get(name, ()) for text in (widths if one == WIDER else [one])]
+        advice += [f"Try {', '.join(options[:-1])}{' or ' if options[1:] else ''}{options[-1]}."] if options else []
+    return tuple(dict.fromkeys(advice))
 
 
 def meaning(check: str) -> str:

@@ -265,7 +265,7 @@ def write_mesh(
         form.rewrite(source, points, out, progress)
         check_unchanged(mesh.files)
         return ()
-    return tuple(map(printable, form.write_moved(mesh.with_inner(), points, out, progress)))
+    return tuple(map(printable, form.write_moved(mesh.for_file(), points, out, progress)))
 
 
 def write_sensitivity(

@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -14,9 +14,10 @@ from sdm_deflect.deform.mesh.quality import SEVERE, SKEW, Quality
 from sdm_deflect.deform.rbf.data_sites import DIRECTIONS
 from sdm_deflect.deform.rbf.fitting import KERNELS, ORDERS
 from sdm_deflect.deform.surface.blended import Blended
-from sdm_deflect.deform.surface.motions import TRACK_UNIT, MotionLaw, Moving
+from sdm_deflect.deform.surface.motions import TRACK_UNIT, Motion, MotionLaw, Moving
 from sdm_deflect.deform.surface.reached import Reached
 from sdm_deflect.deform.surface.slots import SlotSetting
+from sdm_deflect.deform.surface.tail_root import Root
 from sdm_deflect.deform.surface.tracks import TrackLaw
 from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection
 from sdm_deflect.deform.volume.job import Amounts
@@ -185,17 +186,27 @@ def warnings_of(plan: Plan) -> tuple[str, ...]:
     return tuple(dict.fromkeys([*notes, *texts, *short_turns(plan)]))
 
 
+def _figures(reached: Reached) -> Json:
+    return {name: value for name, value in asdict(reached).items() if name != "but"}
+
+
 def short_turns(plan: Plan) -> tuple[str, ...]:
     """Return a sentence for each surface that turns by less than its angle on average; --strip, if that is why."""
-    strips = {
-        surface.label: not plan.mesh.plane and isinstance(moving.motion, Blended) and not moving.motion.rib.turn
-        for moving, surface in plan.moving
-    }
-    return tuple(
-        f"{name} turns by {reached.mean:.0%} of its angle on average{' (--strip)' if strips[name] else ''}"
-        for name, reached in _reaches(plan, plan.largest)
-        if reached and reached.mean < REACHED
-    )
+    found = []
+    motion = {surface.label: moving.motion for moving, surface in plan.moving}
+    for name, reached in _reaches(plan, plan.largest):
+        if reached and reached.mean < REACHED:
+            turns, its = ("turn", "their") if "," in name else ("turns", "its")
+            why = " (--strip)" * (width_setting(motion[name], plan.mesh.plane) == "strip")
+            found.append(f"{name} {turns} by {reached.mean:.0%} of {its} angle on average{why}")
+    return tuple(found)
+
+
+def width_setting(motion: Motion, plane: bool) -> Literal["", "panel", "strip"]:
+    """Return the setting of the width that is blended beside a surface; empty without one, or if it is chosen."""
+    if isinstance(motion, Root):
+        return "panel"
+    return "strip" if isinstance(motion, Blended) and not motion.rib.turn and not plane else ""
 
 
 def notes_of(plan: Plan) -> tuple[str, ...]:
@@ -220,7 +231,7 @@ def farthest(plan: Plan) -> Iterator[tuple[str, FloatArray, FloatArray]]:
 
 def motion_figures(plan: Plan, pose: Amounts) -> Json:
     """Return how much of its angle each surface reaches (`Reached`); null for a motion without an angle."""
-    return {name: asdict(reached) if reached else None for name, reached in _reaches(plan, pose)}
+    return {name: reached and _figures(reached) for name, reached in _reaches(plan, pose)}
 
 
 def _hinge(moving: Moving, law: MotionLaw, amount: float) -> list[list[float]] | None:

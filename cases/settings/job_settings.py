@@ -117,6 +117,9 @@ class SurfaceSettings:
     depth: Annotated[float, Range(0.0), ROOT, Doc(
         "What moves", "root: length of the part of the tail that is lengthened (default: half the root's chord).",
         )] = 0.0
+    panel: Annotated[float, Range(0.0, above=True), ROOT, Doc(
+        "What moves", "root: width of the panel of the body that follows the root, in chords of the root.",
+        "A tail that needs more room on its body takes a wider one.")] = 0.5
     table: Annotated[str | Table | None, Spelling(file="", read=table_of_arrays), IN_WORDS, Doc(
         "What moves", "Displacements in place of a hinge: a .csv of x,y,z,dx,dy,dz, or an .npz.",
         "In Python also points (P, 3) and displacements (P, 3).")] = None

@@ -30,6 +30,7 @@ class Options(TypedDict, total=False):
     on: str | Sequence[str]
     shape: Literal["skin", "cylinder"]
     depth: float
+    panel: float
     table: str | PathLike[str] | Table | tuple[ArrayLike, ArrayLike]
     shift: ArrayLike
     track: str | PathLike[str]

@@ -173,6 +173,7 @@ class Patch:
     loose : (K,) node indices that belong to it besides those of its faces.
     constraint : Constraint of its nodes in the file; empty for none.
     labels : By name, one number (F,) for each face, such as the face of the CAD that it lies on.
+    part_of : Name of the patch that it was cut from for the motion, and that it belongs to in files.
 
     Raises InputError if the name is not text, or if faces, nodes or constraint are of another kind.
     """
@@ -182,6 +183,7 @@ class Patch:
     loose: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.intp), repr=False)
     constraint: Constraint = ""
     labels: Mapping[str, IntArray] = field(default_factory=dict, repr=False)
+    part_of: str = ""
 
     def __post_init__(self) -> None:
         if self.constraint not in get_args(Constraint):

@@ -20,6 +20,7 @@ MARK = "#"
 """Separates the name of a patch from the number of its component."""
 REGION = "~"
 """Separates the name of a selection from the number of its region, and that of a panel from its tail's."""
+CUT = "; the setting select makes a patch of a part of one, and device a flap of a part of a wing"
 FOLLOWS = "{}: faces between cells, which follow the mesh"
 """Note on patches inside the flow."""
 ABSENT = "patch {} is absent: "
@@ -187,7 +188,7 @@ class Mesh:
                 raise InputError(f"{self.name}: {what} {text!r} cannot be taken: {note}")
             if not some:
                 hint = nearest(text, self.names, "the patches are")
-                cut = "; --select makes a part of a patch a patch, --device a part of a wing" * (what == "the surface")
+                cut = CUT * (what == "the surface")
                 raise InputError(f"{self.name}: {what} {text!r} is no patch; {hint}{cut}")
             names += [name for name in some if name not in names]
         return tuple(names)
@@ -210,9 +211,18 @@ class Mesh:
         notes = (*self.notes, FOLLOWS.format(short_list(names)))
         return replace(self, patches=rest, inner=(*self.inner, *inner), notes=notes)
 
-    def with_inner(self) -> Mesh:
-        """Return the mesh with its inner patches among the others, for a file."""
-        return replace(self, patches=(*self.patches, *self.inner), inner=()) if self.inner else self
+    def for_file(self) -> Mesh:
+        """Return the mesh with the patches of its file: inner ones among the others, and parts in their patches."""
+        parts = [patch for patch in self.patches if patch.part_of]
+        if not parts and not self.inner:
+            return self
+        whole = []
+        for patch in (one for one in self.patches if not one.part_of):
+            own = [one for one in (patch, *parts) if one.part_of in ("", patch.name)]
+            faces = tuple(faces for one in own for faces in one.faces)
+            loose = union(*(one.loose for one in own))
+            whole.append(replace(patch, faces=faces, loose=loose, labels={}) if own[1:] else patch)
+        return replace(self, patches=(*whole, *self.inner), inner=())
 
     def with_points(self, points: FloatArray) -> Mesh:
         """Return the mesh with other points (N, 3)."""

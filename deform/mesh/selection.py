@@ -334,7 +334,7 @@ def _divide(patch: Patch, parts: Sequence[Part]) -> Iterator[Patch]:
     if not parts:
         yield patch
     elif rest.any() or len(patch.loose):
-        yield replace(patch, faces=tuple(_some(patch.faces, np.flatnonzero(rest))))
+        yield replace(patch, faces=tuple(_some(patch.faces, np.flatnonzero(rest))), labels={})
     for part in parts:
         yield Patch(part.name, tuple(_some(patch.faces, part.rows)), constraint=patch.constraint)
 

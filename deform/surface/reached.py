@@ -83,8 +83,9 @@ class Reached:
 
 
 def _turning(law: MotionLaw) -> BoolArray:
-    """Return which nodes (K,) a rigid turn should move: not those in strips, panels and extended roots."""
-    return law.beyond_root if isinstance(law, RootLaw | SkinLaw) else law.exact
+    """Return which nodes (K,) a rigid turn should move: those beyond strips, panels and extended roots, or all."""
+    turning = law.beyond_root if isinstance(law, RootLaw | SkinLaw) else law.exact
+    return turning if turning.any() else law.exact
 
 
 def _edge(law: MotionLaw, station: FloatArray, reach: FloatArray) -> BoolArray:

@@ -45,7 +45,7 @@ SCALE = 15.0  # degrees at which these powers are 1
 class Root(Hinged):
     """Rotation of a tail whose root slides on the skin of a body.
 
-    The panel, all faces of the skin within half a chord of the root, becomes a patch of its own and follows the root.
+    The panel, all faces of the skin near the root, becomes a patch of its own and follows the root.
 
     Attributes
     ----------
@@ -54,6 +54,7 @@ class Root(Hinged):
     on : names or wildcards of the body's patches.
     shape : ``"skin"`` for a body of any shape, ``"cylinder"`` for a circular one as in appendix A.
     depth : length of the part of the tail that is lengthened; 0 for half a chord of the root.
+    width : distance from the root up to which the panel reaches, in chords of the root.
     """
 
     hinge: Axis
@@ -61,6 +62,7 @@ class Root(Hinged):
     on: tuple[str, ...]
     shape: str = "skin"
     depth: float = 0.0
+    width: float = CHORDS
 
     @property
     def panels(self) -> str:
@@ -78,10 +80,12 @@ class Root(Hinged):
         root = np.intersect1d(mesh.on(*mesh.expand([self.tail], "the surface")), mesh.on(*names))
         if not len(root):
             raise InputError(f"{mesh.name}: {self.tail} shares no node with {', '.join(names)}, on which it turns")
-        panels = dict(zip(names, self._around(mesh, names, root, CHORDS, PANEL), strict=True))
+        panels = dict(zip(names, self._around(mesh, names, root, self.width, PANEL), strict=True))
         if whole := [name for name, panel in panels.items() if len(panel) == len(mesh.patch(name))]:
             raise InputError(f"{mesh.name}: all of {whole[0]} is near {self.tail}: join it with the patches around it")
-        return with_parts(mesh, {name: [panel] for name, panel in panels.items() if len(panel)})
+        cut = with_parts(mesh, {name: [panel] for name, panel in panels.items() if len(panel)})
+        of = {panel.name: name for name, panel in panels.items()}
+        return replace(cut, patches=tuple(replace(one, part_of=of.get(one.name, one.part_of)) for one in cut.patches))
 
     def _around(
         self, mesh: Mesh, names: Sequence[str], root: IntArray, chords: float, cosine: float
@@ -105,7 +109,7 @@ class Root(Hinged):
         mesh, panels = surface.mesh, tuple(name for name in surface.patches if name.endswith(self.panels[1:]))
         tail, panel, border = _parts(surface, panels)
         root, body = surface.nodes[tail & panel], (*panels, *mesh.expand(self.on, "on"))
-        skin = [part.faces.nodes for part in self._around(mesh, body, root, 2.0 * CHORDS, SKIN)]
+        skin = [part.faces.nodes for part in self._around(mesh, body, root, 2.0 * self.width, SKIN)]
         sites = mesh.points[distinct(np.concatenate(skin))]
         if not len(sites):
             raise InputError(

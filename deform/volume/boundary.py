@@ -19,6 +19,7 @@ from sdm_deflect.deform.surface.motions import TRACK_UNIT, MotionLaw, Table
 from sdm_deflect.deform.surface.placement import Placement, TablePlacement, check_aft
 from sdm_deflect.deform.surface.reached import Reached
 from sdm_deflect.deform.surface.surface import Surface
+from sdm_deflect.deform.surface.tail_root import Root
 
 from .job import Amounts, Job
 
@@ -87,6 +88,7 @@ class PrescribedNodes:
         others = {*moves, *slides, *pairs, *sides}.difference(job.fixed)
         fixed = _without(mesh.expand(job.fixed, "fixed"), others)
         slides |= _symmetry(mesh, (*others, *fixed))
+        fixed = (*fixed, *_beside_roots(mesh, job, (*others, *fixed, *slides)))
         _check_parts(mesh, moves, fixed, slides)
         _check_sections(mesh, job)
         _check_hinges(job, surfaces)
@@ -367,6 +369,20 @@ def _symmetry(mesh: Mesh, named: tuple[str, ...]) -> dict[str, str]:
     """Return the symmetry planes that the job does not name: their nodes slide."""
     unnamed = [patch for patch in mesh.patches if patch.constraint == "symmetry" and patch.name not in named]
     return {patch.name: "plane" for patch in unnamed if plane_of(mesh, patch.nodes)}
+
+
+def _beside_roots(mesh: Mesh, job: Job, named: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the patches without a role beside a body on which a tail turns: they stay, unless they are plane."""
+    roots = [moving.motion for moving in job.surfaces if isinstance(moving.motion, Root)]
+    nodes = mesh.on(*(name for root in roots for name in mesh.expand(root.on, "on")))
+    known = {*named, *_covered_patches(mesh, named)} if roots else set()
+    return tuple(
+        patch.name
+        for patch in (mesh.patches if roots else ())
+        if patch.name not in known
+        and len(np.intersect1d(patch.nodes, nodes, assume_unique=True))
+        and not plane_of(mesh, patch.nodes)
+    )
 
 
 def _covered_patches(mesh: Mesh, named: tuple[str, ...]) -> tuple[str, ...]:

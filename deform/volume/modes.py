@@ -116,12 +116,12 @@ class Readings(NamedTuple):
             if error <= MISSED:
                 return found
             if control.functions.finer is None:
+                smaller = f"{0.5 * control.low:g}:{0.5 * control.high:g}"
                 curved = any(not isinstance(one.surface, Plane) for one in box.boundary.sliding)
                 raise InputError(
                     f"{box.mesh.name}: no plan for {control.name} from {control.low:g} to {control.high:g}: sums of "
                     f"{control.functions.count} fields miss deflections by {error:.2g} of the tolerance, and "
-                    f"{MISSED:g} is allowed{', as on a curved slide' * curved}; give a smaller range, such as "
-                    f"{0.5 * control.low:g}:{0.5 * control.high:g}, or make a plan of one amount"
+                    f"{MISSED:g} is allowed{', as on a curved slide' * curved}; try {smaller}, or plan one amount"
                 )
             control = replace(control, functions=control.functions.finer)
 

@@ -73,7 +73,8 @@ def test_twelve_lines_say_what_counts_and_verbose_says_all(files, sdm, tmp_path,
     assert len(lines) <= 12
     for text in (" moves by up to ", "quality of the cells ", f"wrote {tmp_path}"):
         assert any(text in line for line in lines), text
-    assert lines[-1] == whole[-1] == "all validations passed, 1 warning"
+    turned = "flap_upper, flap_lower, flap_base turn by 75% of their angle on average (--strip)"
+    assert lines[-1] == whole[-1] == f"all validations passed; {turned}"
     for text in ("outside_moved", "box along the hinge", "data sites:", "kernel:"):
         assert not any(text in line for line in lines), text
         assert any(text in line for line in whole), text
@@ -106,14 +107,16 @@ def test_a_dry_run_says_what_would_be_done_and_writes_nothing(files, sdm, tmp_pa
     assert [path.name for path in tmp_path.iterdir()] == ["wing.su2"]
 
 
-def test_a_warning_comes_first_and_is_counted_by_the_verdict(files, sdm, tmp_path):
+def test_a_warning_comes_first_and_is_counted_by_the_verdict(files, sdm, tmp_path, monkeypatch):
     """The hinge is on the other half of the wing: every check holds, and the flap turns the other way."""
+    monkeypatch.setenv("COLUMNS", "160")
     words = ["deflect", files["su2"], *FLAP, "--hinge", "0.7,-0.3,0", "0.7,-0.7,0", "--angle", "8", "--quiet"]
     warning = "hinge: its two points cover 0% of the span of flap_"
     code, table, _ = sdm(*words, "--out", tmp_path / "w.su2", "--report")
     lines = [line for line in table.splitlines() if line]
     assert code == 0
-    assert lines[0] == lines[-1] == "all validations passed, 4 warnings"
+    assert lines[0] == lines[-1]
+    assert lines[0].startswith("all validations passed, 3 warnings; flap_upper, flap_lower, flap_base turn by ")
     assert lines[1].startswith(f"warning: {warning}")
     assert sdm(*words, "--dry-run")[1].splitlines()[0].startswith(f"warning: {warning}")
     figures = json.loads(sdm(*words, "--dry-run", "--json")[1])

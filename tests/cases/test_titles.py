@@ -26,6 +26,9 @@ RNG = np.random.default_rng(8)
 HINGE = Axis.through(np.array([0.0, -1.0, 0.0]), np.array([0.0, 1.0, 0.0]))
 
 
+SIDE = np.linspace(-1.0, 1.0, 21)
+
+
 def write(path, titles, columns):
     """A table whose columns are given by name."""
     rows = np.column_stack([columns[name] for name in titles.values()])
@@ -98,7 +101,7 @@ def test_a_track_in_any_order_of_titles(tmp_path):
 def test_a_table_without_z_is_for_plane_meshes(tmp_path):
     block = block_with_body(8)
     (tmp_path / "track.csv").write_text("dx,dy,angle,parameter\n0,0,0,0\n0.01,0,3,1\n")
-    (tmp_path / "table.csv").write_text("dx,dy,x,y\n" + "".join(f"0.01,0,{x},{y}\n" for x in (-1, 1) for y in (-1, 1)))
+    (tmp_path / "table.csv").write_text("dx,dy,x,y\n" + "".join(f"0.01,0,{x},{y}\n" for x in SIDE for y in SIDE))
     given = {"hinge": [[0, -0.6, 0], [0, 0.6, 0]], "track": str(tmp_path / "track.csv"), "amount": 1}
     with pytest.raises(InputError, match="track: it lacks dz, and mesh is a mesh in space: parameter,angle,dx,dy,dz"):
         deflect(block, [{"patches": "body"} | given])

@@ -255,7 +255,7 @@ def test_a_range_too_narrow_for_its_functions_is_one_sentence(mesh):
 
 def test_a_wide_range_asks_for_a_smaller_one_and_names_no_slide(mesh, monkeypatch):
     monkeypatch.setattr(modes, "MISSED", -1.0)
-    with pytest.raises(InputError, match=r"and -1 is allowed; give a smaller range, such as -40:42\.5, or make"):
+    with pytest.raises(InputError, match=r"and -1 is allowed; try -40:42\.5, or plan one"):
         plan(mesh, "hole", PIVOT, range=(-80, 85), **HOLE)
 
 

@@ -122,7 +122,7 @@ def test_an_interruption_takes_effect_at_once_and_leaves_no_child(worker: str, t
 def test_the_child_dies_with_a_parent_that_is_killed(worker: str, tmp_path: Path) -> None:
     note = tmp_path / "pid"
     script = (
-        "import numpy as np; from meshing import child; "
+        "import numpy as np; from sdm_deflect.meshing import child; "
         f"child.call({worker!r}, {{'sleep': np.array(60.0), 'note': np.array({str(note)!r})}}, 60.0)"
     )
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(path or str(Path.cwd()) for path in sys.path)}

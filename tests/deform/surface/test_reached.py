@@ -78,7 +78,7 @@ def test_figures_of_a_job_have_it_for_each_surface(inboard_wing):
     found = deflection_figures(deflect(plan, (10.0,)))["motion"]
     (name,) = found
     assert 0.0 < found[name]["full"] <= found[name]["mean"] < 1.0
-    assert found[name].keys() == {"full", "mean", "off", "place"}
+    assert found[name].keys() == {"full", "mean", "off", "place", "near"}
     ((named, text),) = motions(plan)
     assert named == name
     assert text.startswith(f"{found[name]['full']:.0%} of the span turns by the full angle; the mean ")
