@@ -309,7 +309,7 @@ def _turn(surface: SurfaceSettings, hinge: Rotation | None) -> Motion:
 
 
 def _root(surface: SurfaceSettings, hinge: Rotation | None) -> Root:
-    if not surface.on or not hinge or len(surface.patches) > 1 or surface.patches[0] in surface.on:
+    if not surface.on or not hinge or len(surface.patches) != 1 or surface.patches[0] in surface.on:
         raise InputError("motion = root: give one patch of the tail, the hinge, and in `on` other patches, of the body")
     return Root(hinge.axis, surface.patches[0], surface.on, surface.shape, surface.depth, surface.panel)
 

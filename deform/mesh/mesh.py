@@ -188,7 +188,7 @@ class Mesh:
                 raise InputError(f"{self.name}: {what} {text!r} cannot be taken: {note}")
             if not some:
                 hint = nearest(text, self.names, "the patches are")
-                cut = CUT * (what == "the surface")
+                cut = CUT * (what == "the surface" and not hint.startswith("did you mean"))
                 raise InputError(f"{self.name}: {what} {text!r} is no patch; {hint}{cut}")
             names += [name for name in some if name not in names]
         return tuple(names)

@@ -123,7 +123,7 @@ class Root(Hinged):
             return RootOnCylinder(self.hinge, cylinder, apex, panels, room, depth).law(surface)
         sites = sites[farthest(sites, MOST_SITES)] if len(sites) > MOST_SITES else sites
         stations = (sites - self.hinge.point) @ self.hinge.direction
-        height = fit(ThinPlateSpline(), sites - np.outer(stations, self.hinge.direction), stations[:, None])
+        height = _spline(sites - np.outer(stations, self.hinge.direction), stations[:, None])
         return SkinLaw(self.hinge, depth, surface.points, tail, panel, panel & ~tail & border, height)
 
     def _apex(self, surface: Surface, panels: Sequence[str]) -> FloatArray:
@@ -140,6 +140,17 @@ class Root(Hinged):
         if strength[-1] < PARALLEL * strength[0]:
             return np.asarray(middle + directions[-1] * np.ptp(surface.points, axis=0).max() / PARALLEL)
         return np.asarray(middle + np.linalg.lstsq(normals[side], heights[side])[0])
+
+
+def _spline(feet: FloatArray, values: FloatArray) -> Interpolant:
+    """Return the thin plate spline through values (K, k) at points (K, 3) of the plane across the hinge."""
+    try:
+        return fit(ThinPlateSpline(), feet, values)
+    except ValueError:
+        raise InputError(
+            "motion = root: the skin near the root is no height over the plane across the hinge: give a smaller panel, "
+            "or fewer patches in `on`"
+        ) from None
 
 
 def _parts(surface: Surface, panels: Sequence[str]) -> tuple[BoolArray, BoolArray, BoolArray]:
@@ -189,7 +200,7 @@ class SkinLaw(Smooth):
         root, follow = self.tail & self.panel, self.panel & ~self.tail & ~self.stays
         moved = DataSites(self._flat(self.points[root]), turn[root])
         sites = join([moved, fixed_sites(self._flat(self.points[self.stays]))])
-        flat = fit(ThinPlateSpline(), sites.points, sites.values)(self._flat(self.points[follow]))
+        flat = _spline(sites.points, sites.values)(self._flat(self.points[follow]))
         out[follow] = flat + self._onto(self.points[follow], flat)
         return out
 

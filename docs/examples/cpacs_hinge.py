@@ -1,7 +1,11 @@
-"""The hinge of a trailing edge device of a wing in CPACS 3, as TiGL has it: ``cpacs_hinge.py aircraft.xml UID``."""
+"""The hinge of a trailing edge device of a wing in CPACS 3, as TiGL has it: ``cpacs_hinge.py aircraft.xml UID``.
+
+Without UID it lists those of the devices.
+"""
 
 import sys
-from xml.etree.ElementTree import Element, parse
+from argparse import ArgumentParser
+from xml.etree.ElementTree import Element, ParseError, parse
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -36,10 +40,13 @@ def skins(root: Element, wing: Element, uid: str, xsi: float) -> np.ndarray:
 
 
 def hinge(path: str, uid: str) -> np.ndarray:
-    """Return inner and outer hinge point (2, 3) of a device."""
+    """Return inner and outer hinge point (2, 3) of a device; KeyError with the devices' UIDs for another one."""
     root, points = parse(path).getroot(), []
     places = ((w, s, d) for w in root.iter("wing") for s in w.iter("componentSegment") for d in s.iter())
-    wing, segment, device = next(place for place in places if place[2].get("uID") == uid)
+    known = {place[2].get("uID", ""): place for place in places if place[2].find("path/innerHingePoint") is not None}
+    if uid not in known:
+        raise KeyError(f"{path}: {uid or 'a UID'} is no device with a hinge; there are: {', '.join(sorted(known))}")
+    wing, segment, device = known[uid]
     ends = {one.findtext("fromElementUID"): one.findtext("toElementUID") for one in wing.iter("segment")}
     elements = [segment.findtext("fromElementUID")]
     while elements[-1] != segment.findtext("toElementUID"):
@@ -57,4 +64,12 @@ def hinge(path: str, uid: str) -> np.ndarray:
 
 
 if __name__ == "__main__":
-    print("--hinge", *(",".join(f"{value:.9g}" for value in point) for point in hinge(*sys.argv[1:])))
+    arguments = ArgumentParser(description=__doc__.splitlines()[0])
+    arguments.add_argument("file")
+    arguments.add_argument("uid", nargs="?", default="")
+    given = arguments.parse_args()
+    try:
+        ends = hinge(given.file, given.uid)
+    except (OSError, ParseError, KeyError) as error:
+        sys.exit(str(error.args[-1]))
+    print("--hinge", *(",".join(f"{value:.9g}" for value in point) for point in ends))

@@ -1,5 +1,9 @@
 """The hinge line of a device in CPACS: wings whose hinge points are known without it."""
 
+import subprocess
+import sys
+
+import cpacs_hinge
 import numpy as np
 import pytest
 from cpacs_hinge import hinge
@@ -45,3 +49,20 @@ def test_transformations_scale_turn_and_shift_in_this_order(tmp_path):
          np.sin(a) * np.cos(c) + np.cos(a) * np.sin(b) * np.sin(c), np.cos(a) * np.cos(b)],
     ]  # fmt: skip
     assert found == pytest.approx(plain @ np.array(rows).T)
+
+
+def test_the_devices_are_listed(tmp_path):
+    path = written(tmp_path)
+    for uid in ("", "flaps", "wing"):
+        with pytest.raises(KeyError, match="is no device with a hinge; there are: flap'"):
+            hinge(path, uid)
+    (tmp_path / "other.xml").write_text("not xml")
+    for words, said in (
+        [[path], "there are: flap"],
+        [["none.xml"], "No such file"],
+        [[tmp_path / "other.xml"], "syntax"],
+    ):
+        done = subprocess.run(
+            [sys.executable, cpacs_hinge.__file__, *words], capture_output=True, text=True, check=False
+        )
+        assert (done.returncode, said in done.stderr, "Traceback" in done.stderr) == (1, True, False), done.stderr

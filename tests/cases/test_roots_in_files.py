@@ -101,3 +101,17 @@ def test_a_plane_patch_beside_the_body_is_no_part_of_it():
     mesh = replace(mesh, patches=(*(one for one in mesh.patches if one.name != "rest"), *cut))
     (one,) = turned(mesh).plan.boxes
     assert "end" not in one.boundary.fixed
+
+
+def test_a_body_whose_skins_lie_above_each_other_is_refused(hybrid_wing):
+    """A flap that turns about its span, on the wing: both skins are along the hinge."""
+    fixed = ["flap_lower", "flap_base"]
+    for panel in (0.2, 1.0, 5.0):
+        given = {"motion": "root", "on": ["wing_upper", "wing_lower"], "panel": panel, "fixed": fixed, "force": True}
+        with pytest.raises(sd.InputError, match=r"no height over the plane across the hinge: give a smaller panel"):
+            sd.deflect(hybrid_wing.mesh, "flap_upper", hybrid_wing.hinge, 3.0, slide={"symmetry": "plane"}, **given)
+
+
+def test_a_root_without_a_patch_is_one_sentence():
+    with pytest.raises(sd.InputError, match=r"motion = root: give one patch of the tail|no patch"):
+        sd.deflect(annulus_with_fin(), (), HINGE, 3.0, motion="root", on="round")
