@@ -135,8 +135,8 @@ class Blended:
         strip = _strip(self.rib, points, ribs, hinge)
         if strip.all():
             raise InputError(
-                f"{surface.label}: all of it lies beside a rib that stays: lower the strip's width, or move the hinge "
-                "to the surface's front edge"
+                f"{surface.label}: all of it lies beside a rib that stays: lower the strip's width, or move the "
+                "hinge to the surface's front edge; a surface that is cut out must end along the hinge"
             )
         kernel = Multiquadric(self.epsilon or LINEAR / float(np.ptp(points, axis=0).max()))
         return BlendedLaw(self.base.law(surface), points, held, driven, front, strip, kernel)
