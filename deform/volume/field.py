@@ -269,8 +269,8 @@ def _step(stored: Mapping[str, Any], tag: str) -> FieldStep:
     for name, shape in (("values", (count, 3)), ("turns", (count, 3, 3)), ("part", (count,)), ("boundary", (count, 3))):
         if one[name].shape != shape:
             raise ValueError(f"{name} {one[name].shape} of step {tag} must be {shape}")
-    if one["part"].min(initial=0.0) < 0.0:
-        raise ValueError("a part is below 0")
+    if one["part"].min(initial=0.0) < 0.0 or one["part"].max(initial=-1.0) >= count:
+        raise ValueError(f"parts of step {tag} must be numbers from 0 to below {count}")
     interpolant = Interpolant(stored_kernel(stored, tag), one["centers"], one["beta"], one["alpha"])
     arrays = one["boundary"], one["values"], one["turns"], one["part"].astype(np.intp)
     return FieldStep(interpolant, *arrays, float(one["reach"]))

@@ -362,3 +362,12 @@ def test_a_plan_is_never_written_over_other_files(held, tmp_path):
     replace(held, source="other.su2").save(tmp_path / "link.npz")
     assert (tmp_path / "link.npz").is_symlink()
     assert HeldPlan.load(tmp_path / "real.npz").source == "other.su2"
+
+
+def test_a_plan_of_endless_parts_is_refused_at_once(stored):
+    arrays, refusal = stored
+    (name, *_) = (name for name in arrays if name.startswith("part_"))
+    for number in (2**40, 2**62):
+        part = arrays[name].copy()
+        part[-1] = number
+        assert "parts of step" in refusal(name, part)
