@@ -19,7 +19,6 @@ from sdm_deflect.deform.base.threads import HERE, Progress, Runner, silent
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.pieces import gather_points
 from sdm_deflect.deform.mesh.precision import DOUBLE, EVERY_BIT, Precision
-from sdm_deflect.deform.plan_file import is_plan
 from sdm_deflect.deform.volume.job import Amounts
 from sdm_deflect.meshing.formats.format import only_rewritten
 from sdm_deflect.meshing.formats.registry import ending, format_of, in_pieces
@@ -194,6 +193,8 @@ class Targets:
         if target.is_dir():
             return self._is_folder and not target.suffix[1:2].isalpha() and not any(target.iterdir())
         if target == self.plan:
+            from sdm_deflect.deform.plan_file import is_plan  # loads SciPy's splines in 0.1 s
+
             return target.is_file() and is_plan(target)
         return target.is_file() and (target == self.out or (target in (*self.extra, self.summary) and _is_ours(target)))
 

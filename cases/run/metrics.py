@@ -16,9 +16,7 @@ from sdm_deflect.deform.rbf.fitting import KERNELS, ORDERS
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import TRACK_UNIT, Motion, MotionLaw, Moving
 from sdm_deflect.deform.surface.reached import Reached
-from sdm_deflect.deform.surface.slots import SlotSetting
 from sdm_deflect.deform.surface.tail_root import Root
-from sdm_deflect.deform.surface.tracks import TrackLaw
 from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection
 from sdm_deflect.deform.volume.job import Amounts
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
@@ -256,15 +254,19 @@ def surface_figures(plan: Plan, pose: Amounts) -> Json:
         for (moving, _), law, amount, (surface, reached) in rows:
             hinge = _hinge(moving, law, amount)
             share = {"full": reached.full, "mean": reached.mean} if reached else {"full": None, "mean": None}
-            row = {"track": track_row(law, amount)} if isinstance(moving.motion, SlotSetting) else {}
+            row = _track_row(moving, law, amount) if moving.motion.unit == TRACK_UNIT else {}
             out[surface.label] = {"amount": amount, "unit": moving.motion.unit, **share, "hinge": hinge, **row}
     return out
 
 
-def track_row(law: MotionLaw, amount: float) -> list[float]:
-    """Return the row of a track for the setting of a slot: parameter, angle and the shift dx, dy."""
-    assert isinstance(law, TrackLaw)
-    return [float(value) for value in amount * law.track.rows[-1, :4]]
+def _track_row(moving: Moving, law: MotionLaw, amount: float) -> Json:
+    """Return, for the setting of a slot, the row of a track: parameter, angle and the shift dx, dy."""
+    from sdm_deflect.deform.surface.slots import SlotSetting  # loads SciPy's splines in 0.1 s
+    from sdm_deflect.deform.surface.tracks import TrackLaw
+
+    if not isinstance(moving.motion, SlotSetting) or not isinstance(law, TrackLaw):
+        return {}
+    return {"track": [float(value) for value in amount * law.track.rows[-1, :4]]}
 
 
 def amounts(plan: Plan, pose: Amounts) -> Iterator[tuple[str, str]]:
