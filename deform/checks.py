@@ -191,7 +191,7 @@ def _checks(deflection: Deflection, unit: str) -> Iterator[Check]:
 def _parted(deflection: Deflection) -> Iterator[Check]:
     """Check that boundary nodes at one place are still together, if there are any.
 
-    Pairs of a moving and a fixed node, which part as the job says, are aside.
+    Pairs of a moving and a fixed node are left out: the job parts them.
     """
     points, parted, over, where = deflection.points, 0, 0, ""
     for box in deflection.plan.boxes:
@@ -247,8 +247,8 @@ def _staying(
 ) -> Iterator[tuple[str, FloatArray, Callable[[IntArray], IntArray]]]:
     """Yield the patches and zones of the file, with their nodes (K, 3) in the box that are `still` (N,).
 
-    Also what returns those of some rows (R,) of these nodes that lie on the boundary: a node inside the flow of another
-    zone, such as an overset one, is nobody's copy.
+    With each comes a function of some rows (R,) of these nodes. It returns those on the boundary: a node inside the
+    flow of another zone, such as an overset one, is no copy.
     """
     mesh, job, region = box.mesh, box.job, box.region
     held = [surface.motion.held for surface in job.surfaces if isinstance(surface.motion, Blended)]

@@ -181,10 +181,8 @@ class HeldPlan:
         if rounded := int((near & ~exact).sum()):
             raise InputError(f"points: {rounded} are near a place of the plan, but not on it: give all digits")
         hint = "" if exact.any() else unit_hint(self.boxes, points)
-        whole, keys = (
-            len(points) >= self.checksum.points,
-            [place_keys(points[box.inside(points)]) for box in self.boxes],
-        )
+        keys = [place_keys(points[box.inside(points)]) for box in self.boxes]
+        whole = len(points) >= self.checksum.points
         if fault := hint or self.mesh_fault(Checksum.of(len(points), keys), whole):
             raise InputError(f"points: {fault}")
 
@@ -390,11 +388,9 @@ class OnMesh:
             moved = np.flatnonzero((self.found.points != start).any(axis=1))
             whole = combine(None, start[moved], [self.found.points[moved]])
             brings = [i == _first(self.found.amounts) for i in range(len(self.controls))]
-            rows, fields = (
-                [moved[: len(moved) * one] for one in brings],
-                [whole[:, : len(moved) * one] for one in brings],
-            )
-            return Modes(self.controls, start, tuple(rows), tuple(fields))
+            nodes = tuple(moved[: len(moved) * one] for one in brings)
+            moves = tuple(whole[:, : len(moved) * one] for one in brings)
+            return Modes(self.controls, start, nodes, moves)
         for own in self.readings:
             rows.append(own.box.movable)
             ends = [one.exact[rows[-1]] for one in own.deflections]

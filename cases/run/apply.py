@@ -132,7 +132,7 @@ def _files(mesh: Path) -> Sequence[Path]:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """What of a plan's mesh there is in some meshes.
+    """How much of a plan's mesh the given meshes hold.
 
     Attributes
     ----------

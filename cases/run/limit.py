@@ -159,14 +159,7 @@ class Search:
             faults.append(f"least quality {least:.3f} {where}")
         return Trial(angle, least, steps, where, "", "; ".join(faults), tuple(check.name for check in failed))
 
-    def _limit(
-        self,
-        repair: RepairMode,
-        sign: float,
-        still: Trial,
-        progress: Progress,
-        told: Callable[[RepairMode, Trial], None],
-    ) -> Limit:
+    def _limit(self, repair: RepairMode, sign: float, still: Trial, progress: Progress, told: Told) -> Limit:
         """Go on in steps until cells invert or there is no mesh; then bisect between good amounts and bad ones.
 
         `still` is the trial of amount 0: there no cell is repaired.

@@ -77,7 +77,7 @@ def write_errors(out: Path) -> Iterator[None]:
 
 @contextmanager
 def errors_for(beside: Path, out: Path) -> Iterator[None]:
-    """Name `out` in errors of what is written for it at `beside`."""
+    """Name `out` in errors that name the temporary file `beside`, which takes its place."""
     try:
         yield
     except MeshFileError as error:

@@ -31,7 +31,7 @@ VECTORS = {f"d{name}": (f"d{name}", f"displacement:{i}", f"displacement{name}") 
 """Titles of displacements: ours, and those of ParaView."""
 MOST_FUNCTIONS = 6  # most functions of one amount
 MOST = 3000  # most points of a table for a direct solve
-OWN = 1e-6  # of the surface's size: a node this near to a point of a table has the displacement of the point
+OWN = 1e-6  # of the surface's size, as files of six digits round: a node this near to a point of a table moves with it
 
 
 class Functions:

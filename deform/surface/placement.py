@@ -22,7 +22,11 @@ HALF_TURN = 1.1 * np.pi
 AFT = 0.1
 """Share of a surface's extent along the flow that must lie aft of its hinge, for it to have a trailing edge there."""
 BETTER = ((20.0, 0.3), (3.0, 0.9))
-"""Ratios by which another unit of length makes a table and a surface coincide better, and how well they must then."""
+"""Pairs: by which ratio another unit must make table and surface coincide better, and how well they must then.
+
+Feet are off by 3.3 only, so that a ratio of 3 must do where the fit is nearly perfect. A table of a part of the surface
+fits less well; inches and millimetres make it better by 20 and more.
+"""
 FLAT = 1e-9
 """Extents below this share of the largest one are zero."""
 MEANT = "correct it, or say --force (force = true) if it is meant"

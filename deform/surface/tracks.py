@@ -26,7 +26,7 @@ from .surface import Surface
 CPACS = "controlParameter"
 """First title of a file with the steps of a CPACS control surface, between which CPACS interpolates linearly."""
 TITLES = ("parameter", "angle", "dx", "dy", "dz", "dx2", "dy2", "dz2")
-"""Titles of a file; of the shifts a plane mesh has no dz, and dx2 to dz2 are those of the second hinge point."""
+"""Titles of a file: dx2 to dz2 shift the second hinge point; files for plane meshes have no dz."""
 SAMPLES = 201
 """Amounts at which the entries of a motion are compared with one another."""
 INDEPENDENT = 1e-11

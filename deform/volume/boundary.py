@@ -31,7 +31,7 @@ LEAST = 1e-8  # length of the moving surfaces, as a share of the largest coordin
 ON_SHAPE = 1e-6  # of the same: a moving node this near to a sliding shape is put on it
 ALIKE = 0.01  # of the largest displacement: images that differ by less move by their mean, and stay in their plane
 ACROSS = 0.1  # cosine between a hinge and the normal of a plane, below which the surface turns across the plane
-TOLERANCE = 0.01  # of the same: default of the largest error at a site
+TOLERANCE = 0.01  # of the surface's median edge: default of the largest error at a site
 COARSE = 0.1  # of the moving surface's median edge: a larger tolerance is probably a mistake
 
 

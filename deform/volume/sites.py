@@ -23,7 +23,7 @@ from sdm_deflect.deform.rbf.data_sites import DataSites, fixed_sites
 from sdm_deflect.deform.rbf.fitting import KERNELS, Fitting
 from sdm_deflect.deform.rbf.kernels import Kernel, kernel_of
 
-from .boundary import ZERO_LENGTH, PrescribedNodes
+from .boundary import TOLERANCE, ZERO_LENGTH, PrescribedNodes
 from .region import BoxNodes
 
 if TYPE_CHECKING:
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
 NO_ROWS = np.empty(0, dtype=np.intp)
 NEIGHBOURS = 7
-TOLERANCE = 0.01  # of the median edge: default of the largest error at a site
 MOST_FIXED = 30_000  # sites on fixed patches; larger sets are thinned, and checked as a whole
 MOST_RADIUS = 1e4  # of a kernel: diagonals of the box; the radius is at least a median edge divided by this
 HALVINGS = 6  # how often the spacing on the box is halved at most, while no site is left
