@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sdm_deflect.cases.run.metrics import notes_of, warnings_of
+from sdm_deflect.cases.run.metrics import notes_of, short_turns, warnings_of
 from sdm_deflect.cases.run.progress import in_notebook, of_notebook
 from sdm_deflect.cases.settings.job_settings import BY_NAME, GONE, IN_PYTHON, settings_of
 from sdm_deflect.cases.settings.jobs import jobs_of, swept
@@ -257,15 +257,16 @@ class Result:
 
     @property
     def title(self) -> str:
-        """The surface, the mesh, the angle and the verdict."""
+        """The surface, the mesh, the angle, the verdict, and what was reached of the angle if that is less."""
         unit, failed = self.plan.unit, [c.name for c in self.checks if not c.passed]
         verdict = f"FAILED: {', '.join(failed)}" if failed else "all checks passed"
-        return f"{', '.join(self.plan.patches)} of {self.plan.mesh.name} at {self.angle:+g} {unit}: {verdict}"
+        found = "; ".join([verdict, *short_turns(self.plan)])
+        return f"{', '.join(self.plan.patches)} of {self.plan.mesh.name} at {self.angle:+g} {unit}: {found}"
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Warnings of what is probably wrong although every check holds, then other notes."""
-        return (*warnings_of(self.plan), *notes_of(self.plan))
+        """Warnings of what is probably wrong although every check holds, what was reached of the angle, and notes."""
+        return (*warnings_of(self.plan), *short_turns(self.plan), *notes_of(self.plan))
 
     def __repr__(self) -> str:
         return "\n".join([f"<Result: {self.title}>", *(f"warning: {text}" for text in warnings_of(self.plan))])
@@ -455,10 +456,10 @@ def _run(mesh: Any, jobs: Sequence[Job], poses: Sequence[Amounts], progress: Pro
 
 
 def _plan_jobs(mesh: Any, jobs: Sequence[Job], poses: Sequence[Amounts], progress: Progress) -> tuple[Plan, Any]:
-    """Plan jobs for all poses, and warn of what is probably wrong; return the mesh as it was given, too."""
+    """Plan jobs for all poses; warn of what is probably wrong and of short turns; return the mesh as given, too."""
     given = adapters.accept(read(mesh, progress) if isinstance(mesh, str | PathLike) else mesh)
     plan = Plan.of(given.mesh, jobs, poses, progress)
-    for text in warnings_of(plan):
+    for text in (*warnings_of(plan), *short_turns(plan)):
         warnings.warn(text, stacklevel=4)
     return plan, given
 

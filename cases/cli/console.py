@@ -103,7 +103,7 @@ def plan_table(plan: Plan) -> Group:
         count = len(np.intersect1d(patch.nodes, inside, assume_unique=True))
         table.add_row(plain(patch.name), plain(_part(plan, patch.name)), str(len(patch.nodes)), str(count))
     turns = [f"{name} by {text}" for name, text in amounts(plan, plan.largest)]
-    return Group(*warning_texts(warnings_of(plan)), table, *_texts([*turns, *_lines(plan)]))
+    return Group(*warning_texts(warnings_of(plan)), table, *_texts([*turns, *_lines(plan), *short_turns(plan)]))
 
 
 def result_table(done: "Outcome", whole: bool) -> Group:
@@ -120,7 +120,7 @@ def result_table(done: "Outcome", whole: bool) -> Group:
         unfit = _unfit(done)
         texts.append(f"wrote {short_list(map(str, (*done.files, *done.reports)))}{unfit}")
     turns = short_turns(done.plan)
-    warned = [text for text in warnings_of(done.plan) if text not in turns]
+    warned = warnings_of(done.plan)
     last = "; ".join([done.verdict + counted(warned), *turns])
     last += "" if done.passed else _made_at(done.plan)
     return Group(*warning_texts(warned, last), *tables, *_texts([*texts, *_advice(done), last]))

@@ -29,6 +29,7 @@ from .metrics import (
     mesh_figures,
     motion_figures,
     notes_of,
+    short_turns,
     surface_figures,
     verdict_figures,
     warnings_of,
@@ -260,6 +261,7 @@ def plan_figures(plan: Plan) -> Json:
         "farthest": {name: {"at": at.tolist(), "move": move.tolist()} for name, at, move in farthest(plan)},
         "motion": motion_figures(plan, plan.largest),
         "warnings": list(warnings_of(plan)),
+        "short_turns": list(short_turns(plan)),
         "notes": list(notes_of(plan)),
     }
 

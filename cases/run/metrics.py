@@ -181,7 +181,7 @@ def warnings_of(plan: Plan) -> tuple[str, ...]:
     """Return sentences on what is probably wrong, though every check may hold."""
     notes = [note for note in (*plan.mesh.notes, *plan.reflections) if isinstance(note, Warned)]
     texts = (text for box in plan.boxes for text in box.boundary.warnings)
-    return tuple(dict.fromkeys([*notes, *texts, *short_turns(plan)]))
+    return tuple(dict.fromkeys([*notes, *texts]))
 
 
 def _figures(reached: Reached) -> Json:
@@ -189,7 +189,10 @@ def _figures(reached: Reached) -> Json:
 
 
 def short_turns(plan: Plan) -> tuple[str, ...]:
-    """Return a sentence for each surface that turns by less than its angle on average; --strip, if that is why."""
+    """Return a sentence for each surface that turns by less than its angle on average; --strip, if that is why.
+
+    It stands beside the verdict, and is no warning: a blended surface always turns less at its ends.
+    """
     found = []
     motion = {surface.label: moving.motion for moving, surface in plan.moving}
     for name, reached in _reaches(plan, plan.largest):

@@ -188,7 +188,6 @@ class TablePlacement:
 
     def warnings(self, blended: bool) -> Iterator[str]:
         """Yield signs of a table that does not cover its surface, as sentences."""
-        del blended
         first, last = _extent(self.points)
         wide = last - first > FLAT * float((last - first).max())
         nodes, points = self.nodes[:, wide], self.points[:, wide]
@@ -198,7 +197,7 @@ class TablePlacement:
         if beyond := np.count_nonzero(off > spacing):
             yield (
                 f"table: {beyond / len(nodes):.0%} of the nodes of {self.surface} lie beyond its points, by up to "
-                f"{off.max():.4g}: their displacement is extrapolated"
+                f"{off.max():.4g}: {'what follows it there' if blended else 'their displacement'} is extrapolated"
             )
         near = QUARTER * float(np.sort(_principal_extents(self.nodes))[2 if self.plane else 1])
         if coarse := np.count_nonzero((distance > near) & (off <= spacing)):

@@ -416,11 +416,12 @@ def _placements(job: Job, surfaces: Sequence[Surface]) -> Iterator[tuple[Placeme
     The hinge of a track may be anywhere.
     """
     for moving, surface in zip(job.surfaces, surfaces, strict=True):
-        if isinstance(moving.motion, Table):
-            yield TablePlacement.of(surface, moving.motion), surface, False
-            continue
-        if moving.motion.axis is not None and moving.motion.unit != TRACK_UNIT:
-            yield Placement.of(surface, moving.motion.axis), surface, isinstance(moving.motion, Blended)
+        motion, blended = moving.motion, isinstance(moving.motion, Blended)
+        table = motion.base if isinstance(motion, Blended) else motion
+        if isinstance(table, Table):
+            yield TablePlacement.of(surface, table), surface, blended
+        if motion.axis is not None and motion.unit != TRACK_UNIT:
+            yield Placement.of(surface, motion.axis), surface, blended
 
 
 def _check_parts(mesh: Mesh, moves: list[str], fixed: tuple[str, ...], sliding: dict[str, str]) -> None:

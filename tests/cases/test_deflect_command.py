@@ -122,12 +122,18 @@ def test_a_warning_comes_first_and_is_counted_by_the_verdict(files, sdm, tmp_pat
     figures = json.loads(sdm(*words, "--dry-run", "--json")[1])
     assert figures["warnings"][0].startswith(warning)
     page = (tmp_path / "w-report" / "report.html").read_text()
-    assert page.index("4 warnings") < page.index('<p class="warning">hinge') < page.index('<dl class="facts">')
+    parts = (
+        ", 3 warnings; flap_upper, flap_lower, flap_base turn by ",
+        '<p class="warning">hinge',
+        '<dl class="facts">',
+    )
+    assert sorted(parts, key=page.index) == list(parts)
     assert json.loads((tmp_path / "w-report" / "metrics.json").read_text())["warnings"] == figures["warnings"]
     wing = {"fixed": "wing_*", "slide": "symmetry:plane", "motion": "blended"}
     with pytest.warns(UserWarning, match="hinge: its"):
         result = deflect(str(files["su2"]), "flap_*", [[0.7, -0.3, 0], [0.7, -0.7, 0]], 8, **wing)
-    assert list(result.notes[:4]) == figures["warnings"]
+    assert list(result.notes[:4]) == [*figures["warnings"], *figures["short_turns"]]
+    assert result.title.endswith(f": all checks passed; {lines[0].partition('; ')[2]}")
     assert f"warning: {warning}" in repr(result)
 
 

@@ -155,6 +155,15 @@ def test_a_table_in_another_unit_is_refused_with_the_factor(wing, factor):
         deflected(wing, factor * points, 0.0 * points, force=True)
 
 
+@pytest.mark.parametrize("factor", [1e3, 0.0254])
+def test_a_blended_table_lies_at_its_surface_too(wing, factor):
+    """The box was refused for its far field, or a tiny displacement passed."""
+    points, hinge = skin(wing), [[1.5, -2.0, 0.0], [1.5, 2.0, 0.0]]
+    held = {"motion": "blended", "held": "edges:50", "driven": "edges:50"}
+    with pytest.raises(InputError, match=rf"table: times {1.0 / factor:.4g} its points would lie where body does"):
+        sd.deflect(wing, "body", hinge, 1.0, table=(factor * points, factor * wave(points)), **held)
+
+
 @pytest.mark.parametrize("way", [30.0 * AFT, -9.0 * UP, np.array([0.0, 40.0, 0.0])])
 def test_a_table_elsewhere_is_refused_unless_it_is_meant(wing, way):
     with pytest.raises(InputError, match=r"table: its points are \S+ from body, 4 long; correct it, or say --force"):
