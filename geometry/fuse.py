@@ -178,17 +178,28 @@ def _at(x: float, r: float, polar: float) -> cq.Vector:
 
 
 def _rectangle(f: Fuselage, front: float, rear: float, polar: float) -> cq.Wire:
-    corners = [(front, 0.0), (front, f.radius), (rear, f.radius), (rear, 0.0)]
-    return cq.Wire.makePolygon([_at(x, r, polar) for x, r in corners], close=True)
+    corners = [_at(x, r, polar) for x, r in ((front, 0.0), (front, f.radius), (rear, f.radius), (rear, 0.0))]
+    if front == f.nose_length:
+        corners[1] = _nose(f, polar).endPoint()
+    return cq.Wire.makePolygon(corners, close=True)
 
 
 def _ogive(f: Fuselage, polar: float) -> cq.Wire:
-    apex, shoulder, foot = (_at(x, r, polar) for x, r in ((0, 0), (f.nose_length, f.radius), (f.nose_length, 0)))
+    apex, foot, arc = _at(0.0, 0.0, polar), _at(f.nose_length, 0.0, polar), _nose(f, polar)
+    return cq.Wire.assembleEdges([arc, cq.Edge.makeLine(arc.endPoint(), foot), cq.Edge.makeLine(foot, apex)])
+
+
+def _nose(f: Fuselage, polar: float) -> cq.Edge:
+    """The arc from the apex to the shoulder.
+
+    The kernel puts an arc's end a rounding error beside the point that it was given. Where edges meet it keeps the
+    point of either, at random: lines that meet the arc begin at its own end, so that the CAD is always the same.
+    """
+    apex, shoulder = _at(0.0, 0.0, polar), _at(f.nose_length, f.radius, polar)
     arc_radius = (f.radius**2 + f.nose_length**2) / (2.0 * f.radius)
     middle = 0.5 * f.nose_length
     height = (arc_radius**2 - (f.nose_length - middle) ** 2) ** 0.5 + f.radius - arc_radius
-    arc = cq.Edge.makeThreePointArc(apex, _at(middle, height, polar), shoulder)
-    return cq.Wire.assembleEdges([arc, cq.Edge.makeLine(shoulder, foot), cq.Edge.makeLine(foot, apex)])
+    return cq.Edge.makeThreePointArc(apex, _at(middle, height, polar), shoulder)
 
 
 def _sector(outline: cq.Wire, degrees: float) -> cq.Solid:
@@ -216,4 +227,5 @@ def _inlet_outline(x: float, half_width: float, side: float, bottom: float) -> c
     around = ((-half_width, side), (-half_width, top), (half_width, top), (half_width, side))
     corners = [cq.Vector(x, y, z) for y, z in around]
     arc = cq.Edge.makeThreePointArc(corners[-1], cq.Vector(x, 0, bottom), corners[0])
+    corners[0], corners[-1] = arc.endPoint(), arc.startPoint()  # for the reason in `_nose`
     return cq.Wire.assembleEdges([*(cq.Edge.makeLine(a, b) for a, b in pairwise(corners)), arc])

@@ -20,7 +20,7 @@ from sdm_deflect.meshing.formats.format import about
 from .mesh import VOLUME, Skin, skin, tetrahedral, tets_of
 
 # Raised whenever the same parameters give another mesh than before: kept meshes then no longer match.
-RECIPE = 1
+RECIPE = 2
 
 _MAKERS = ("cadquery-ocp", "gmsh", "pytetwild")
 _ARRAYS = ("points", "tets", "triangles", "patch", "face")

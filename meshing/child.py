@@ -32,6 +32,10 @@ class MeshingError(RuntimeError):
     """No usable mesh could be made; the message says which step failed and why."""
 
 
+class LateError(MeshingError):
+    """A step took too long: on another machine, or with less other work, the same input may do."""
+
+
 def end_with(parent: int) -> None:
     """Let this process be killed when its parent ends, even by a kill that no one can catch; on Linux."""
     if sys.platform == "linux":
@@ -53,7 +57,7 @@ class Pending:
         try:
             _, complaint = self.process.communicate(timeout=seconds)
         except subprocess.TimeoutExpired:
-            raise MeshingError(f"{self.module} took more than {seconds:g} s") from None
+            raise LateError(f"{self.module} took more than {seconds:g} s") from None
         if self.process.returncode:
             lines = complaint.decode(errors="replace").strip().splitlines() or ["no message"]
             raise MeshingError(f"{self.module} ended with code {self.process.returncode}: {lines[-1]}")

@@ -14,6 +14,7 @@ from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.meshing.mesh import tets_of
 
 from .case import Case
+from .guide_meshes import guide_text
 
 SHOWN = ("min", "p01", "mean", "below_0_2", "below_0_4")
 """Names of the shown figures of the whole mesh's quality."""
@@ -27,11 +28,13 @@ class MeshOrigin:
     ----------
     boundary_to_cad_max : largest distance (m) of a boundary node from the CAD.
     attempts, seconds : meshes tried until one passed verification, and the time they took.
+    unseeded : why another run gives another mesh; "" where it gives the same.
     """
 
     boundary_to_cad_max: float
     attempts: int
     seconds: float
+    unseeded: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,6 +63,11 @@ class Run:
     watch: Stopwatch = field(default_factory=lambda: Stopwatch(), repr=False)
     background: Mesh | None = None
     pinned: Quality | None = None
+
+    @property
+    def guide(self) -> str:
+        """Whether the undeflected mesh is the one of the guide; else why not."""
+        return guide_text(self.case, self.mesh, self.origin.unseeded)
 
     @property
     def passed(self) -> bool:
@@ -93,6 +101,7 @@ def metrics(run: Run) -> Json:
             "quality_min": before.min,
             "boundary_to_cad_max": run.origin.boundary_to_cad_max,
             "seconds": run.origin.seconds,
+            "guide": run.guide,
         },
         **{name: value for name, value in surface.items() if name != "angle_deg"},
         "evaluation": {**figures["evaluation"], **_evaluation(run)},

@@ -149,7 +149,8 @@ def cached_mesh(
     if entry is not None:
         return entry[0], MeshOrigin(**entry[1])  # type: ignore[arg-type]
     made = generate()
-    origin = MeshOrigin(made.report.verification.boundary_to_cad_max, made.report.attempts, made.report.seconds)
+    report = made.report
+    origin = MeshOrigin(report.verification.boundary_to_cad_max, report.attempts, report.seconds, report.unseeded)
     if cache:
         try:
             store.store(key, made.mesh, asdict(origin))

@@ -73,7 +73,7 @@ def case_table(run: "Run", folder: Path) -> "Group":
 
     from .console import result_table, rigid_lines
 
-    notes = [f"{run.case.title}, {run.case.scale}, {run.case.strategy}", *rigid_lines(run.checks)]
+    notes = [f"{run.case.title}, {run.case.scale}, {run.case.strategy}", run.guide, *rigid_lines(run.checks)]
     for state, one in (("slides", run.deflection.quality[0]), ("is pinned", run.pinned)) if run.pinned else ():
         share = f"{one.below_0_4:.3%} below 0.4, {one.inverted} inverted"
         notes.append(f"least quality inside if the Chimera face {state}: {one.min:.3f}, {share}")

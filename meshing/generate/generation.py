@@ -12,7 +12,7 @@ from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.geometry.model import CadModel
-from sdm_deflect.meshing.child import MeshingError
+from sdm_deflect.meshing.child import LateError, MeshingError
 from sdm_deflect.meshing.mesh import Skin, skin, tetrahedral, tets_of
 
 from .assembly import assemble
@@ -90,7 +90,10 @@ def _children(points: FloatArray, parents: IntArray) -> IntArray:
 
 @dataclass(frozen=True, slots=True)
 class MeshReport:
-    """How a mesh came about: its figures, attempts, seconds, and the volume mesher's peak memory in bytes."""
+    """How a mesh came about: its figures, attempts, seconds, and the volume mesher's peak memory in bytes.
+
+    `unseeded` says why another run gives another mesh; "" where it gives the same.
+    """
 
     verification: Verification
     attempts: int
@@ -98,6 +101,7 @@ class MeshReport:
     seconds: float
     peak_bytes: int
     processor_seconds: float
+    unseeded: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,15 +117,15 @@ def generate(
 ) -> Generated:
     """Mesh the flow around (or inside) a CAD model.
 
-    The volume mesher is not deterministic: each attempt gives another mesh, and one that fails verification
-    is never returned.
+    Each attempt has another seed, and so gives another mesh; one that fails verification is never returned.
 
     Parameters
     ----------
     progress : called with a stage and the fraction done, nan where that is unknown
     finer : points (S, 3) where the cells are to be small for another reason than the CAD, and edge lengths (S,)
 
-    Raises MeshingError if no attempt passes; the message holds each attempt's failures.
+    Raises MeshingError if no attempt passes; the message holds each attempt's failures. An attempt that takes too long
+    ends the run by LateError: were another one made instead, the mesh would depend on the clock.
     """
     start = time.perf_counter()
     progress("surface mesh", 0.0)
@@ -135,13 +139,15 @@ def generate(
             mesh = assemble(filling, surface, model, parameters.envelope)
             for _ in range(parameters.refinements):
                 mesh = refine(mesh, model)
+        except LateError as error:
+            raise LateError(f"{error}: allow more by max_seconds, or give another seed") from None
         except MeshingError as error:
             rejected.append(str(error))
             continue
         verification = verify(mesh, model, parameters)
         if not verification.failures:
             seconds = time.perf_counter() - start
-            used = (seconds, filling.peak_bytes, filling.processor_seconds)
+            used = (seconds, filling.peak_bytes, filling.processor_seconds, filling.unseeded)
             return Generated(mesh, MeshReport(verification, attempt, tuple(rejected), *used))
         rejected.append("; ".join(verification.failures))
     reasons = " | ".join(f"attempt {i}: {reason}" for i, reason in enumerate(rejected, 1))
@@ -149,8 +155,9 @@ def generate(
 
 
 def harder(parameters: MeshParameters, attempt: int) -> MeshParameters:
-    """Parameters with which the mesher works longer, and better, at each further attempt (1, 2, ...)."""
-    return replace(parameters, aim=min(parameters.aim + EFFORT * (attempt - 1), HIGHEST_AIM))
+    """Parameters of a further attempt (1, 2, ...): another seed, and an aim for which the mesher works longer."""
+    aim = min(parameters.aim + EFFORT * (attempt - 1), HIGHEST_AIM)
+    return replace(parameters, aim=aim, seed=parameters.seed + attempt - 1)
 
 
 def prepare(

@@ -88,12 +88,16 @@ def _outward(model: CadModel, points: FloatArray, triangles: IntArray, face: Int
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Filling:
-    """Tetrahedra (M, 4) on points (N, 3) that fill a box; the mesher's peak memory (bytes) and processor time (s)."""
+    """Tetrahedra (M, 4) on points (N, 3) that fill a box; the mesher's peak memory (bytes) and processor time (s).
+
+    `unseeded` says why the seed had no effect; "" if it had.
+    """
 
     points: FloatArray
     tets: IntArray
     peak_bytes: int
     processor_seconds: float
+    unseeded: str
 
 
 def fill(
@@ -101,8 +105,8 @@ def fill(
 ) -> Filling:
     """Fill the box from `low` (3,) to `high` (3,) with tetrahedra that respect the surface.
 
-    The result differs from run to run: the mesher seeds itself from the system. MeshingError where it crashes, takes
-    too long or returns an inverted cell.
+    Equal input and an equal seed give equal bits, unless the result says why not. MeshingError where the mesher crashes
+    or returns an inverted cell; LateError where it takes too long.
     """
     low, high = box
     corners = np.array(list(itertools.product(*zip(low, high, strict=True))))
@@ -118,9 +122,11 @@ def fill(
         "envelope": np.array(parameters.envelope),
         "energy": np.array(3.0 / parameters.aim),
         "threads": np.array(min(MOST_THREADS, os.cpu_count() or 1)),
+        "seed": np.array(parameters.seed),
     }
     answer = child.call("sdm_deflect.meshing.generate.volume_worker", question, parameters.max_seconds)
     nodes, cells = answer["points"].astype(np.float64), answer["tets"].astype(np.intp)
     if signed_volumes(nodes, cells).min(initial=0.0) < 0.0:
         raise MeshingError("the volume mesher returned an inverted cell")
-    return Filling(nodes, cells, int(answer["peak_bytes"]), float(answer["processor_seconds"]))
+    used = int(answer["peak_bytes"]), float(answer["processor_seconds"])
+    return Filling(nodes, cells, *used, str(answer["unseeded"]))

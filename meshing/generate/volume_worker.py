@@ -1,9 +1,22 @@
 """The child process that runs fTetWild: triangles, seed points and a size field in, tetrahedra out."""
 
+import ctypes
+import mmap
+import platform
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytetwild
 
 from sdm_deflect.meshing.child import Arrays, serve
+
+# The function of libstdc++ that gives std::random_device its numbers.
+RANDOM_DEVICE = "_ZNSt13random_device9_M_getvalEv"
+# Extensions of the processor that NumPy, SciPy and libm use for the mesher's input: without them its last bits differ.
+EXTENSIONS = {"avx2", "fma"}
+# Permissions of a page of memory, as in <sys/mman.h>.
+READ, WRITE, EXECUTE = 1, 2, 4
 
 # Below the smallest target length, so that the surface is never coarsened before the sizes apply.
 IDEAL_EDGE = 0.7
@@ -14,9 +27,10 @@ def tetrahedralise(question: Arrays) -> Arrays:
 
     The question holds ``points`` (N, 3), of which unreferenced ones are seeds and domain corners; ``triangles``
     (T, 3); ``background_points``, ``background_tets``, ``background_lengths``: target edge lengths; ``envelope`` in
-    metres; ``energy``: AMIPS energy 3 / Q at which a cell is left alone; ``threads``. The answer is ``points`` and
-    ``tets``, positively oriented.
+    metres; ``energy``: AMIPS energy 3 / Q at which a cell is left alone; ``threads``; ``seed``. The answer is
+    ``points`` and ``tets``, positively oriented, and ``unseeded``: why the seed had no effect, or "".
     """
+    unseeded = fix_seed(int(question["seed"]))
     points, lengths = question["points"], question["background_lengths"]
     diagonal = np.linalg.norm(np.ptp(points, axis=0))
     # With no ordinary passes only the bounded loop that applies the size field optimises; the ordinary
@@ -38,7 +52,39 @@ def tetrahedralise(question: Arrays) -> Arrays:
         loglevel=6,
         quiet=True,
     )
-    return {"points": nodes, "tets": tets}
+    return {"points": nodes, "tets": tets, "unseeded": np.array(unseeded)}
+
+
+def fix_seed(seed: int) -> str:
+    """Let the mesher start from a seed (32 bits) in this process; return why that cannot be, or "".
+
+    fTetWild seeds itself by std::random_device, and has no option for it. So this function's code in memory becomes
+    "return seed". That is done on Linux x86-64 alone, where the code is known, and if the process has no other
+    libstdc++ that the mesher may use instead.
+    """
+    if sys.platform != "linux" or platform.machine() != "x86_64":
+        return f"no seed on {platform.system()} {platform.machine()}"
+    processor = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    flags = next((line.split() for line in processor if line.startswith("flags")), [])
+    if lacks := sorted(EXTENSIONS.difference(flags)):
+        return f"the processor lacks {' and '.join(lacks)}"
+    maps = [line.split(maxsplit=5) for line in Path("/proc/self/maps").read_text(encoding="utf-8").splitlines()]
+    libraries = {entry[5] for entry in maps if len(entry) == 6 and "libstdc++" in entry[5]}
+    if len(libraries) != 1:
+        return f"the process has {len(libraries)} libraries libstdc++"
+    try:
+        start = ctypes.cast(getattr(ctypes.CDLL(libraries.pop()), RANDOM_DEVICE), ctypes.c_void_p).value or 0
+    except (OSError, AttributeError) as error:
+        return f"no std::random_device: {error}"
+    code = b"\xb8" + seed.to_bytes(4, "little") + b"\xc3"  # mov eax, seed; ret
+    first = start - start % mmap.PAGESIZE
+    page, size = ctypes.c_void_p(first), ctypes.c_size_t(start + len(code) - first)
+    protect = ctypes.CDLL(None).mprotect
+    if protect(page, size, READ | WRITE | EXECUTE):
+        return "the system does not let a process change its code"
+    ctypes.memmove(start, code, len(code))
+    protect(page, size, READ | EXECUTE)
+    return ""
 
 
 if __name__ == "__main__":

@@ -17,8 +17,8 @@ CI = ".ci/run"
 ELSEWHERE = (
     (r"apt-get (update|install)", CI, "apt-get install"),
     (r"python3 -m venv \.venv", CI, "python3 -m venv"),
-    (r"\.venv/bin/pip install -e '\.\[test\]'( pre-commit)?", CI, 'bash -euc "$install -q"'),
-    (r"(\.venv/bin/)?pip install ('\.\[(all|report)\]'|\.)$", CI, "pip install -q --no-deps --target"),
+    (r"\.venv/bin/pip install -c constraints.txt -e '\.\[test\]'( pre-commit)?", CI, 'bash -euc "$install -q"'),
+    (r"(\.venv/bin/)?pip install ((-c constraints.txt )?'\.\[(all|report)\]'|\.)$", CI, "pip install -q --no-deps --target"),
     (r"\. \.venv/bin/activate", CI, "python3 -m venv"),
     (r"\.venv/bin/pre-commit install", ".pre-commit-config.yaml", "repos:"),
     (r"\.venv/bin/python -m pytest -n 3 --dist loadfile", CI, ".venv/bin/python -m pytest"),
@@ -118,7 +118,7 @@ def test_the_pipeline_reads_packages_and_set_up_from_the_readme():
     done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True)
     packages, install, options = done.stdout.splitlines()
     assert {"python3-venv", "openfoam", "chromium"} <= set(packages.split())
-    assert install == "python3 -m venv .venv && .venv/bin/pip install -e '.[test]'"
+    assert install == "python3 -m venv .venv && .venv/bin/pip install -c constraints.txt -e '.[test]'"
     whole = f"apt-get update && apt-get install -y --no-install-recommends {packages} && {install} && "
     assert f"{whole}.venv/bin/python -m pytest{options}" in lines_of(ROOT / "README.md")
 

@@ -1,5 +1,7 @@
 """Tables of the guide that repeat facts of the code."""
 
+from sdm_deflect.cases.aircraft.guide_meshes import GUIDE, mesh_name
+from sdm_deflect.cases.aircraft.registry import CASES
 from sdm_deflect.deform.mesh.touched import LAYER_CHANGE, THICK_CHANGE
 from sdm_deflect.meshing.formats.known import entries
 from tests.docs.commands import ROOT
@@ -18,3 +20,10 @@ def test_the_table_of_checks_has_the_limits_of_layers():
     )
     assert f"within {LAYER_CHANGE:.0%}".replace("%", " %") in row
     assert f"({THICK_CHANGE:.0%} for".replace("%", " %") in row
+
+
+def test_the_table_of_meshes_is_that_of_the_package():
+    text = (DOCS / "cases.md").read_text(encoding="utf-8")
+    for (name, scale), one in GUIDE.items():
+        own = ", ".join(sorted((f"`{case}`" for case in CASES if mesh_name(CASES[case]) == name), key=text.index))
+        assert f"| {own} | `{scale}` | {one.nodes:,} | {one.cells:,} | `{one.hash}` |" in text

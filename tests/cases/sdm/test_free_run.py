@@ -1,5 +1,7 @@
 """The aileron with gaps all around is rigidly rotated CAD, node by node, whatever a repair does around it."""
 
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -60,16 +62,32 @@ def test_a_nanometre_is_seen_in_every_direction(free_run, tmp_path):
     models = undeflected_models(run.case)
     models[0].write(tmp_path / "sdm.brep")
     mesh, nodes = read_vtu(folder / "deflected.vtu"), run.mesh.patch("aileron_left").nodes
-    assert max(rigid_cad.distances(folder, "aileron_left", tmp_path / "sdm.brep").values()) < rigid_cad.LIMIT
+    assert max(rigid_cad.distances(folder, "aileron_left", -30.0, tmp_path / "sdm.brep").values()) < rigid_cad.LIMIT
     for axis in range(3):
         points = mesh.points.copy()
         points[nodes[100], axis] += 1e-9
         write_vtu(tmp_path / "deflected.vtu", mesh.with_points(points))
         checks = FinishedCase.of(tmp_path).recheck_with(lambda: built(run.case), lambda _: models)
         assert "surface_to_rigid_cad" in {one.name for one in checks if not one.passed}
-        found = rigid_cad.distances(tmp_path, "aileron_left", tmp_path / "sdm.brep")
+        found = rigid_cad.distances(tmp_path, "aileron_left", -30.0, tmp_path / "sdm.brep")
         assert found["node by node"] == pytest.approx(1e-9, rel=1e-6)
         assert found["node by node"] > rigid_cad.LIMIT
+
+
+def test_the_example_sees_a_hinge_ten_millimetres_off(free_run, tmp_path):
+    """Though the run itself says that its hinge is there."""
+    run, folder = free_run
+    mesh, nodes = read_vtu(folder / "deflected.vtu"), run.mesh.patch("aileron_left").nodes
+    axis, aft = axis_of(CASE.fighter, "aileron_left"), np.array([0.01, 0.0, 0.0])
+    wrong = replace(axis, point=axis.point + aft)
+    points = mesh.points.copy()
+    points[nodes] = wrong.rotated(run.mesh.points[nodes], -30.0)
+    write_vtu(tmp_path / "deflected.vtu", mesh.with_points(points))
+    for name in ("undeflected.vtu", "case.toml"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    words = [sys.executable, rigid_cad.__file__, tmp_path, "aileron_left", "-30"]
+    done = subprocess.run([*map(str, words)], capture_output=True, text=True)
+    assert (done.returncode, "is above the limit of 1e-12 m" in done.stderr) == (1, True)
 
 
 def test_the_turned_cad_has_the_faces_of_the_undeflected_one():

@@ -17,7 +17,8 @@ def told(monkeypatch):
     """What is told while a mesh of one cell is taken from the cache or generated."""
     skin = Skin(np.array([[0, 2, 1]]), np.array([0]), np.array([0]))
     mesh = tetrahedral(np.vstack([np.zeros(3), np.eye(3)]), np.array([[0, 1, 2, 3]]), skin, ("wing",))
-    report = SimpleNamespace(verification=SimpleNamespace(boundary_to_cad_max=0.0), attempts=1, seconds=1.0)
+    measured = SimpleNamespace(boundary_to_cad_max=0.0)
+    report = SimpleNamespace(verification=measured, attempts=1, seconds=1.0, unseeded="")
     monkeypatch.setattr(cad, "generate_undeflected", lambda case, watch: SimpleNamespace(mesh=mesh, report=report))
 
     def run():

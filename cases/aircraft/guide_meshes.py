@@ -1,0 +1,72 @@
+"""The meshes of the guide: their sizes, hashes of their points, and the libraries that made them."""
+
+import hashlib
+from importlib.metadata import version
+from typing import NamedTuple
+
+import numpy as np
+
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh import tets_of
+
+from .case import Case
+from .registry import case_named
+
+
+class KnownMesh(NamedTuple):
+    """Sizes of a mesh of the guide, and the first 16 digits of the SHA-256 of its points."""
+
+    nodes: int
+    cells: int
+    hash: str
+
+
+VERSIONS = {
+    "cadquery": "2.8.0",
+    "cadquery-ocp": "7.9.3.1.1",
+    "gmsh": "4.15.2",
+    "numpy": "2.4.6",
+    "pytetwild": "0.4.2",
+    "scipy": "1.17.1",
+}
+"""Libraries whose versions decide the bits of a mesh, and those of the guide."""
+
+GUIDE = {
+    ("aircraft", "small"): KnownMesh(24473, 127459, "a575e86351a20995"),
+    ("notch", "small"): KnownMesh(28126, 146652, "6163686cebea35f6"),
+    ("block", "small"): KnownMesh(8032, 37263, "a73567ed5edf7c7b"),
+}
+"""The undeflected meshes of the guide, by the name in `mesh_name` and the scale."""
+
+
+def mesh_name(case: Case) -> str:
+    """Return what is meshed: "aircraft", "notch" for the one with gaps around its ailerons, or "block"."""
+    return "block" if case.domain == "block" else "notch" if case.notch else "aircraft"
+
+
+def points_hash(mesh: Mesh) -> str:
+    """Return the first 16 digits of the SHA-256 of the points (N, 3), 64-bit, least byte first."""
+    return hashlib.sha256(np.ascontiguousarray(mesh.points, dtype="<f8").tobytes()).hexdigest()[:16]
+
+
+def guide_text(case: Case, mesh: Mesh, unseeded: str) -> str:
+    """Say whether an undeflected mesh is the one of the guide, and if it is not, why.
+
+    `unseeded` says why another run gives another mesh; "" where it gives the same.
+    """
+    reason = _difference(case, mesh, unseeded)
+    return f"not the mesh of the guide: {reason}" if reason else "the mesh of the guide"
+
+
+def _difference(case: Case, mesh: Mesh, unseeded: str) -> str:
+    usual, known = case_named(case.name, case.scale), GUIDE.get((mesh_name(case), case.scale))
+    if (case.fighter, case.mesh, case.notch, case.block) != (usual.fighter, usual.mesh, usual.notch, usual.block):
+        return "its settings are others"
+    if known is None:
+        return f"the guide has none of this case at scale {case.scale}"
+    if known == KnownMesh(len(mesh.points), len(tets_of(mesh)), points_hash(mesh)):
+        return ""
+    others = [f"{name} {version(name)} for {own}" for name, own in VERSIONS.items() if version(name) != own]
+    if others:
+        return f"made by {', '.join(others)}"
+    return unseeded or f"it has other bits, and {len(mesh.points):,} nodes for {known.nodes:,}"
