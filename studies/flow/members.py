@@ -30,6 +30,8 @@ SETTLING = 800
 UNDEFLECTED, DEFLECTED, REPAIRED, FRESH = "undeflected", "deflected", "repaired", "fresh"
 FRESH_DEFLECTED = "fresh-deflected"
 """Made anew around the undeflected CAD, and then deflected as a run does it."""
+SEEDS = 100
+"""Seeds from one new mesh to the next: more than attempts at one mesh take."""
 MOST = {"fresh": 20, "iterations": 100_000}
 
 
@@ -176,16 +178,17 @@ def fresh_mesh(study: FlowStudy, member: Member, watch: Stopwatch) -> Mesh:
     from sdm_deflect.meshing.generate.generation import Generated, generate
 
     case = study.at(member.angle)
+    sizes = replace(case.mesh, seed=case.mesh.seed + SEEDS * member.number)
     turns = cad_turns(case) if member.angle else {}
     parts: dict[str, object] = {
-        "fighter": case.fighter, "mesh": case.mesh, "domain": case.domain, "number": member.number,
+        "fighter": case.fighter, "mesh": sizes, "domain": case.domain,
         "turns": {name: [turn.angle, turn.mode, turn.strip] for name, turn in turns.items()},
     }  # fmt: skip
     parts |= {"notch": case.notch} if case.notch else {}
 
     def made() -> Generated:
         with watch.stage("fresh mesh") as progress:
-            done = generate(build(case.fighter, turns, notch=case.notch), case.mesh, progress=progress)
+            done = generate(build(case.fighter, turns, notch=case.notch), sizes, progress=progress)
             progress(f"{member.name}: {len(tets_of(done.mesh))} cells", 1.0)
         return done
 

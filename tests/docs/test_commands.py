@@ -18,7 +18,7 @@ ELSEWHERE = (
     (r"apt-get (update|install)", CI, "apt-get install"),
     (r"python3 -m venv \.venv", CI, "python3 -m venv"),
     (r"\.venv/bin/pip install -c constraints.txt -e '\.\[test\]'( pre-commit)?", CI, 'bash -euc "$install -q"'),
-    (r"(\.venv/bin/)?pip install ((-c constraints.txt )?'\.\[(all|report)\]'|\.)$", CI, "pip install -q --no-deps --target"),
+    (r"(\.venv/bin/)?pip install (-c \S+ )?('\.\[(all|report)\]'|\.)$", CI, "pip install -q --no-deps --target"),
     (r"\. \.venv/bin/activate", CI, "python3 -m venv"),
     (r"\.venv/bin/pre-commit install", ".pre-commit-config.yaml", "repos:"),
     (r"\.venv/bin/python -m pytest -n 3 --dist loadfile", CI, ".venv/bin/python -m pytest"),

@@ -15,6 +15,7 @@ from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.errors import InputError, LostError
 from sdm_deflect.deform.base.threads import silent
 from sdm_deflect.geometry.aircraft import build
+from sdm_deflect.meshing.child import MeshingError
 from sdm_deflect.meshing.mesh import triangles_of
 from studies.flow.forces import Forces
 from studies.flow.members import (
@@ -27,6 +28,7 @@ from studies.flow.members import (
     cad_turns,
     fresh_deflected_meshes,
     fresh_members,
+    fresh_mesh,
     moved_meshes,
     study_of,
 )
@@ -279,3 +281,23 @@ def test_results_need_forces(tmp_path):
 
 def carried_members(study):
     return (Member(UNDEFLECTED), *fresh_members(study))
+
+
+def test_new_meshes_have_seeds_of_their_own(monkeypatch):
+    """Equal seeds would give the same mesh three times, and no scatter."""
+    seeds = []
+
+    def made(_, sizes, progress):
+        seeds.append(sizes.seed)
+        raise MeshingError("none is needed")
+
+    monkeypatch.setattr("sdm_deflect.geometry.aircraft.build", lambda *_, **__: None)
+    monkeypatch.setattr("sdm_deflect.meshing.generate.generation.generate", made)
+    study = study_of(case_named("aileron"), (-12.0,))
+    for member in fresh_members(study):
+        with pytest.raises(MeshingError):
+            fresh_mesh(study, member, Stopwatch())
+    assert (
+        len({(member.angle, seed) for member, seed in zip(fresh_members(study), seeds, strict=True)}) == len(seeds) == 6
+    )
+    assert case_named("aileron").mesh.seed not in seeds
