@@ -90,6 +90,18 @@ def page(scale: str, cache: bool, out: Path | None, as_json: bool, quiet: bool, 
 
 @study.command()
 @measured
+def distances(scale: str, cache: bool, **given: Any) -> int:
+    """Run the cases, and write how far their surfaces are from CAD that turned rigidly: the table of docs/cases.md."""
+    from studies.distances import write_distances
+
+    def write(folder: Path, watch: Stopwatch) -> tuple[str, bool]:
+        return write_distances(scale, folder, watch, cache), True
+
+    return _written("distances", scale, write=write, **given)
+
+
+@study.command()
+@measured
 def centres(scale: str, cache: bool, out: Path | None, as_json: bool, quiet: bool, verbose: bool) -> int:
     """Repeat adaptations of the paper with one thing changed at a time: why it needs more centres than we do.
 

@@ -13,6 +13,7 @@ from studies.measure import DEFAULT, GMRES, GROWN, carry_out, initial_centers
 from studies.paper import Setting, paper
 from studies.trends import off
 from tests.calls import run_study
+from tests.docs.commands import ROOT
 
 
 def test_paper_has_all_rows():
@@ -128,3 +129,13 @@ def test_initial_centres_come_from_surface_and_hexahedron():
     assert len(np.unique(rows)) == 10
     assert (rows[:4] < 15).all()
     assert (rows[4:] >= 15).all()
+
+
+@pytest.mark.nightly
+@pytest.mark.mesher
+def test_the_table_of_distances_is_that_of_the_guide(tmp_path, monkeypatch):
+    """On the guide's meshes."""
+    monkeypatch.chdir(tmp_path)
+    assert run_study("distances", "--quiet") == 0
+    table = (tmp_path / "runs" / "distances" / "distances.md").read_text()
+    assert table in (ROOT / "docs" / "cases.md").read_text()
