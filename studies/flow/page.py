@@ -143,7 +143,7 @@ def several(results: Results) -> Iterator[str]:
         f"One deflected mesh may differ by chance. The {len(rows[0].others)} new undeflected meshes were "
         f"deflected to {rows[0].angle:+g} degrees, too. Increments of all that were deflected, each on its own cells, "
         "beside the new ones (mean, standard deviation), and the difference of the means with its confidence "
-        f"interval of {CONFIDENCE:.0%} (Welch), by the increment:"
+        f"interval of {CONFIDENCE:.0%} (Welch), by the increment; above 0 the deflected meshes have the larger effect:"
     )
     lines = [
         "|  | increment, deflected meshes | increment, new meshes | difference | interval | holds 0 |",
@@ -153,9 +153,10 @@ def several(results: Results) -> Iterator[str]:
         sides = [f"{np.mean(side):+.5f}, {np.std(side, ddof=1):.5f}" for side in (one.all_deflected, one.fresh)]
         low, high = one.interval
         difference = float(np.mean(one.all_deflected)) - one.expected
-        shares = [f"{100.0 * value / abs(one.expected):+.1f} %" for value in (difference, low, high)]
+        share, *ends = [100.0 * value / one.expected for value in (difference, low, high)]
+        interval = " to ".join(f"{end:+.1f} %" for end in sorted(ends))
         holds = "yes" if low <= 0.0 <= high else "no"
-        lines.append(f"| {' | '.join([one.name, *sides, shares[0], f'{shares[1]} to {shares[2]}', holds])} |")
+        lines.append(f"| {' | '.join([one.name, *sides, f'{share:+.1f} %', interval, holds])} |")
     yield "\n".join(lines)
 
 

@@ -101,8 +101,8 @@ class Increment:
 
     @property
     def share(self) -> float:
-        """Difference by the increment of the new meshes."""
-        return self.difference / abs(self.expected)
+        """Difference by the increment of the new meshes: above 0 where the deflected mesh has the larger effect."""
+        return self.difference / self.expected
 
     @property
     def agrees(self) -> bool:

@@ -260,6 +260,7 @@ def test_agreement_is_within_the_scatter_or_two_per_cent():
     assert replace(increment(1.04, [1.0]), elsewhere=0.05).agrees  # what the first angle says of a single mesh
     assert not replace(increment(1.06, [1.0]), elsewhere=0.05).agrees
     assert not replace(increment(1.06, [0.99, 1.0]), elsewhere=0.5).agrees
+    assert increment(1.02, [1.0]).share == increment(-1.02, [-1.0]).share == pytest.approx(0.02)  # the larger effect
     assert increment(1.0, [1.0], change=0.0049).converged
     assert not increment(1.0, [1.0], change=0.0051).converged
 
