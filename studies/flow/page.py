@@ -143,7 +143,7 @@ def several(results: Results) -> Iterator[str]:
         f"One deflected mesh may differ by chance. The {len(rows[0].others)} new undeflected meshes were "
         f"deflected to {rows[0].angle:+g} degrees, too. Increments of all that were deflected, each on its own cells, "
         "beside the new ones (mean, standard deviation), and the difference of the means with its confidence "
-        f"interval of {CONFIDENCE:.0%} (Welch), by the increment; above 0 the deflected meshes have the larger effect:"
+        f"interval of {CONFIDENCE:.0%} (Welch), by the increment. Above 0 the deflected meshes have the larger effect:"
     )
     lines = [
         "|  | increment, deflected meshes | increment, new meshes | difference | interval | holds 0 |",
