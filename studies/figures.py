@@ -12,8 +12,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from numba import get_num_threads
 
+from sdm_deflect.cases.aircraft.case import mesh_parameters
 from sdm_deflect.cases.aircraft.metrics import Run
-from sdm_deflect.cases.aircraft.pipeline import mesh_of_case, mesh_parameters, run_case
+from sdm_deflect.cases.aircraft.pipeline import mesh_of_case, run_case
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.report.pictures import write_png
 from sdm_deflect.cases.run.progress import Stopwatch

@@ -16,7 +16,8 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from sdm_deflect.cases.aircraft.pipeline import background_parameters, mesh_parameters
+from sdm_deflect.cases.aircraft.case import mesh_parameters
+from sdm_deflect.cases.aircraft.pipeline import background_parameters
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.cache import RECIPE, MeshCache, cache_key

@@ -151,3 +151,11 @@ class Case:
     def strategy(self) -> Strategy:
         """How centres are chosen: for each direction, or common ones."""
         return self.adaptation.strategy
+
+
+def mesh_parameters(case: Case) -> dict[str, object]:
+    """Return everything that the undeflected mesh of a case depends on."""
+    parts: dict[str, object] = {"fighter": case.fighter, "mesh": case.mesh, "domain": case.domain}
+    if case.domain == "block":
+        parts |= {"block": case.block, "surface": case.deflections[0].surface}
+    return parts | ({"notch": case.notch} if case.notch else {})

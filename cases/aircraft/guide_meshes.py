@@ -9,7 +9,7 @@ import numpy as np
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh import tets_of
 
-from .case import Case
+from .case import Case, mesh_parameters
 from .registry import case_named
 
 
@@ -60,7 +60,7 @@ def guide_text(case: Case, mesh: Mesh, unseeded: str) -> str:
 
 def _difference(case: Case, mesh: Mesh, unseeded: str) -> str:
     usual, known = case_named(case.name, case.scale), GUIDE.get((mesh_name(case), case.scale))
-    if (case.fighter, case.mesh, case.notch, case.block) != (usual.fighter, usual.mesh, usual.notch, usual.block):
+    if mesh_parameters(case) != mesh_parameters(usual):
         return "its settings are others"
     if known is None:
         return f"the guide has none of this case at scale {case.scale}"

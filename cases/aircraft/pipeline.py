@@ -27,7 +27,7 @@ from sdm_deflect.geometry.parameters import LARGEST_TURN
 from sdm_deflect.meshing.cache import MeshCache, cache_key
 from sdm_deflect.meshing.mesh import tets_of
 
-from .case import Case
+from .case import Case, mesh_parameters
 from .job import plan_of
 from .metrics import MeshOrigin, Run, metrics
 from .overset import finer_background
@@ -105,14 +105,6 @@ def mesh_of_case(case: Case, watch: Stopwatch, cache: bool = True) -> tuple[Mesh
 
     mesh, origin = cached_mesh(mesh_parameters(case), generate, watch, cache)
     return replace(mesh, name=case.name), origin
-
-
-def mesh_parameters(case: Case) -> dict[str, object]:
-    """Return everything that the undeflected mesh of a case depends on."""
-    parts: dict[str, object] = {"fighter": case.fighter, "mesh": case.mesh, "domain": case.domain}
-    if case.domain == "block":
-        parts |= {"block": case.block, "surface": case.deflections[0].surface}
-    return parts | ({"notch": case.notch} if case.notch else {})
 
 
 def background_mesh(case: Case, watch: Stopwatch, cache: bool = True) -> Mesh:

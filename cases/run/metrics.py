@@ -189,7 +189,7 @@ def _figures(reached: Reached) -> Json:
 
 
 def short_turns(plan: Plan) -> tuple[str, ...]:
-    """Return a sentence for each surface that turns by less than its angle on average; --strip, if that is why.
+    """Return a sentence for each surface whose mean turn is below 90 % of its angle; it names --strip if that is why.
 
     It stands beside the verdict, and is no warning: a blended surface always turns less at its ends.
     """

@@ -1,4 +1,4 @@
-"""Equal input and an equal seed give equal bits; where that cannot be, the reason is told."""
+"""The same input and seed give the same mesh to the bit; where they cannot, the program says why."""
 
 import os
 import subprocess
