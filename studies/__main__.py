@@ -118,6 +118,18 @@ def centres(scale: str, cache: bool, out: Path | None, as_json: bool, quiet: boo
 
 
 @study.command()
+@measured
+def limits(scale: str, cache: bool, **given: Any) -> int:
+    """Find how far aileron, rudder and tail can turn: the limits that README and the guide quote."""
+    from studies.limits import write_limits
+
+    def write(folder: Path, watch: Stopwatch) -> tuple[str, bool]:
+        return write_limits(scale, folder, watch, cache), True
+
+    return _written("limits", scale, write=write, **given)
+
+
+@study.command()
 @click.option("--case", type=options.CaseName(), default="aileron", help="The case.")
 @angles_option
 @click.option("--mach", type=float, help="Mach number of the free stream (0.6).")

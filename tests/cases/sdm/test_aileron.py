@@ -28,24 +28,14 @@ def test_every_check_passes(aileron_run):
             "quality_min"} <= names  # fmt: skip
 
 
-@pytest.mark.parametrize("angle", [pytest.param(50.0, marks=pytest.mark.nightly), 60.0, -60.0])
-def test_sixty_degrees_from_a_box_that_begins_ahead_of_the_hinge(turned, angle):
-    """At +60 degrees the skins of the wedge, 2 mm thick there, go through one another by up to 1.7 mm.
-
-    It is no error of the check, nor of the blended motion alone, by which they do not: the repair slides nodes by some
-    millimetres on the aileron, whose faces have edges of 7 mm, and looks at cells only. All cells are good. On this
-    mesh the skins are apart at 50 degrees; at -60 that depends on how the BLAS rounds: 3 faces with OpenBLAS's kernels
-    for AVX-512 and for SSE3, none with those for AVX2.
-    """
+@pytest.mark.parametrize(("angle", "least"), [(60.0, 0.437), (-60.0, 0.437)])
+def test_sixty_degrees_from_a_box_that_begins_ahead_of_the_hinge(turned, angle, least):
+    """On other meshes the skins of the wedge cross at +60 degrees, because the repair slides nodes on its faces."""
     case = replace(case_named("aileron"), angle=angle)
     case = replace(case, confinement=replace(case.confinement, ahead=0.006))
     _, moved, checks = turned(case)
-    failed = {c.name: (c.value, c.where) for c in checks if not c.passed}
-    crossed, where = failed.pop("surfaces_crossed", (0, ""))
-    assert failed == {}
-    assert crossed <= (8 if abs(angle) == 60.0 else 0), where  # 4; 3 or 0
-    assert not crossed or "aileron_left, through aileron_left at (0.68" in where
-    assert mean_ratio(moved.points, tets_of(moved)).min() > 0.35  # .45 and more on ten meshes
+    assert {c.name: (c.value, c.where) for c in checks if not c.passed} == {}
+    assert mean_ratio(moved.points, tets_of(moved)).min() == pytest.approx(least, abs=1e-3)
 
 
 def test_files_of_the_contract(aileron_run):
