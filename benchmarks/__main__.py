@@ -10,7 +10,8 @@ from benchmarks import adaptation, evaluation, per_million
 from benchmarks.first_call import first_call
 from benchmarks.memory import seconds_and_peak
 from benchmarks.peers import MAIN_PEERS, PEERS
-from benchmarks.results import Result, machine, markdown, show, write
+from benchmarks.results import Result, markdown, show, write
+from studies.machine import machine
 
 LARGE = 10_000_000
 

@@ -21,10 +21,11 @@ from time import perf_counter
 import numpy as np
 
 from benchmarks.mesh_formats import box_of_tets, triangles
-from benchmarks.results import Result, machine, show, write
+from benchmarks.results import Result, show, write
 from sdm_deflect.deform.mesh.cells import Cells, Patch
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.registry import FORMATS
+from studies.machine import machine
 
 LOWER, UPPER = (0.4, 0.3, 0.5), (0.6, 0.7, 0.5)
 """Corners of the flap in the unit cube; it is one box thick."""

@@ -1,8 +1,6 @@
 """What a benchmark yields: named figures, for people and for programs."""
 
 import json
-import os
-import platform
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -42,13 +40,3 @@ def markdown(title: str, results: Iterable[Result]) -> str:
     """Return a section with a table, as in `README.md`."""
     rows = [f"| `{r.name}` | {r.value:.4g} | {r.unit} | {r.median_of} | {r.note} |" for r in results]
     return "\n".join([f"## {title}", "", "| figure | value | unit | median of | |", "| --- " * 5 + "|", *rows, ""])
-
-
-def machine() -> str:
-    """Describe the processor in one line."""
-    model = platform.processor() or platform.machine()
-    info = Path("/proc/cpuinfo")
-    if info.exists():
-        lines = info.read_text(encoding="utf-8").splitlines()
-        model = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), model)
-    return f"{model}, {len(os.sched_getaffinity(0)) if hasattr(os, 'sched_getaffinity') else os.cpu_count()} cores"

@@ -68,10 +68,10 @@ for table in TABLES:
 @study.command()
 @measured
 def page(scale: str, cache: bool, out: Path | None, as_json: bool, quiet: bool, verbose: bool) -> int:
-    """Measure all tables and figures of the paper, and the numbers that docs/paper.md quotes.
+    """Measure all tables and figures of the paper, and write what docs/paper.md quotes of them: tables/page.md.
 
-    It continues in its folder where it was stopped. It ends with 1 if the centres in a row of table 2 differ from the
-    paper's by more than 15 %.
+    It takes hours at scale paper, and continues in its folder where it was stopped. It ends with 1 if the centres in a
+    row of table 2 differ from the paper's by more than 15 %.
     """
     from studies.figures import write_page
     from studies.files import read_rows
@@ -98,23 +98,6 @@ def distances(scale: str, cache: bool, **given: Any) -> int:
         return write_distances(scale, folder, watch, cache), True
 
     return _written("distances", scale, write=write, **given)
-
-
-@study.command()
-@measured
-def centres(scale: str, cache: bool, out: Path | None, as_json: bool, quiet: bool, verbose: bool) -> int:
-    """Repeat adaptations of the paper with one thing changed at a time: why it needs more centres than we do.
-
-    It continues in its folder where it was stopped.
-    """
-    from studies.centres import write_trials
-
-    folder = out or Path("runs/centres")
-    with options.watch(quiet or (as_json and not verbose), verbose) as watch:
-        text = write_trials(scale, folder, watch, cache)
-    figures = {"study": "centres", "folder": folder, "tables": {"centres": _rows(folder / "centres.csv")}}
-    options.print_either(as_json, figures, f"{text}\nresults in {folder}")
-    return 0
 
 
 @study.command()

@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
+from itertools import combinations
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -11,8 +12,10 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from numba import get_num_threads
+from scipy.spatial import cKDTree
 
-from sdm_deflect.cases.aircraft.case import mesh_parameters
+from sdm_deflect.cases.aircraft.case import Case, mesh_parameters
+from sdm_deflect.cases.aircraft.job import panel_of
 from sdm_deflect.cases.aircraft.metrics import Run
 from sdm_deflect.cases.aircraft.pipeline import mesh_of_case, run_case
 from sdm_deflect.cases.aircraft.registry import case_named
@@ -22,19 +25,25 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.files import hidden_folder, replacing
 from sdm_deflect.deform.base.threads import Stage
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import mean_ratio
+from sdm_deflect.deform.mesh.quality import mean_ratio, signed_volumes
 from sdm_deflect.deform.options import RepairMode
 from sdm_deflect.deform.rbf.fitting import Strategy
+from sdm_deflect.deform.surface.blended import BlendedLaw
 from sdm_deflect.meshing.cache import cache_key
 from sdm_deflect.meshing.mesh import tets_of, touching
 from studies import pictures as aircraft
-from studies.files import read_rows, write_csv, write_plot
+from studies.centres import write_trials
+from studies.files import read_curves, read_rows, write_csv, write_curves, write_plot
+from studies.machine import machine
 from studies.measure import run_study, sites_of, timed
-from studies.paper import QualityStatement, paper
+from studies.page import blocks
+from studies.paper import Counts, QualityStatement, paper
 from studies.rendering import Picture, figure_of
 from studies.trends import verdicts
 
 FILE = "page.json"
+WORST = 1e-3
+"""Share of the cells at the box that count as the worst: 1,740 of a mesh as large as the paper's, 18 of a small one."""
 Numbers = dict[str, Any]
 
 
@@ -87,9 +96,16 @@ def write_page(scale: str, folder: Path, show: Stage, cache: bool = True) -> Num
                 measure(runs, numbers, folder)
                 numbers["done"].append(name)
                 _keep(numbers, folder)
-    numbers["trends"] = verdicts(lambda table, loop: read_rows(folder / "tables" / f"{table}.csv", loop), numbers)
+    numbers["trends"] = judged(folder / "tables", numbers)
     _keep(numbers, folder)
+    (folder / "tables" / "page.md").write_text("\n".join(blocks(folder / "tables", numbers)), encoding="utf-8")
     return numbers
+
+
+def judged(tables: Path, numbers: Numbers) -> list[Numbers]:
+    """Judge all that the paper says by the tables in a folder and the numbers of a page."""
+    curves = read_curves(tables / "table1-curves.csv")
+    return verdicts(lambda table, loop: read_rows(tables / f"{table}.csv", loop), curves, numbers)
 
 
 def _begun(scale: str, folder: Path) -> Numbers:
@@ -97,8 +113,9 @@ def _begun(scale: str, folder: Path) -> Numbers:
     cases = dict.fromkeys(table.case for table in paper().tables.values())
     meshes = {name: cache_key(mesh_parameters(case_named(name, scale))) for name in cases}
     if not (folder / "tables" / FILE).exists():
-        numbers: Numbers = {"scale": scale, "meshes": meshes, "threads": get_num_threads(), "sizes": {}, "counted": []}
-        return numbers | {"seen": [], "evaluations": [], "pictures": {}, "grounds": {}, "done": []}
+        numbers: Numbers = {"scale": scale, "meshes": meshes, "machine": machine(), "threads": get_num_threads()}
+        lists: Numbers = {name: [] for name in ("counted", "counts", "sliding", "seen", "evaluations", "done")}
+        return numbers | lists | {"sizes": {}, "worst": {}, "pictures": {}, "grounds": {}}
     numbers = json.loads((folder / "tables" / FILE).read_text(encoding="utf-8"))
     if numbers.get("meshes") != meshes:
         raise InputError(
@@ -125,6 +142,7 @@ def table(runs: Sources, numbers: Numbers, folder: Path, name: str) -> None:
     """A table of the paper."""
     result = run_study(name, runs.scale, Stopwatch(runs.show), runs.cache)
     write_csv(result, folder / "tables" / f"{name}.csv")
+    write_curves(result, folder / "tables" / f"{name}-curves.csv")
     numbers["pictures"][name] = write_plot(result, folder / "figures" / f"{name}.png")
     numbers["grounds"][name] = asdict(result.ground)
 
@@ -156,10 +174,61 @@ def counted(theirs: QualityStatement, run: Run) -> Numbers:
 
 
 def figure5(runs: Sources, numbers: Numbers, folder: Path) -> None:
-    """The gap at both angles."""
+    """The gap at both angles; what sliding on the Chimera face gains, and where the worst cells are."""
     pair = [runs.run("aileron-chimera", angle) for angle in (-12.0, -30.0)]
     _checked(5, pair, ("outside_moved", "fixed_surfaces_moved", "planarity", "inverted_cells"), numbers)
+    numbers["sliding"] = [sliding(run) for run in pair]
+    numbers["worst"] = worst(pair[-1])
     _drawn(aircraft.gaps(pair), "figure5", numbers, folder)
+
+
+def sliding(run: Run) -> Numbers:
+    """Return least mean ratio, 1 % quantile and inverted cells of the box: before, with sliding, with pinned nodes."""
+    before, after = run.deflection.plan.before[0], run.deflection.boxes[0].quality[0]
+    sides = {"before": before, "sliding": after, "pinned": run.pinned}
+    least = {side: {name: getattr(own, name) for name in ("min", "p01", "inverted")} for side, own in sides.items()}
+    return {"angle": run.case.angle, **least}
+
+
+def worst(run: Run) -> Numbers:
+    """Return where the worst cells at the box are after a deflection: medians over `WORST` of them, in metres."""
+    plan, mesh, tets = run.deflection.boxes[0].plan, run.deflected, tets_of(run.mesh)
+    near = np.flatnonzero(touching(run.mesh, plan.region.inside))
+    chosen = near[np.argsort(mean_ratio(mesh.points, tets[near]), kind="stable")[: round(WORST * len(near))]]
+    middle, z = mesh.points[tets[chosen]].mean(axis=1), plan.hexahedron.corners[:, 2]
+    surface = mesh.points[mesh.patch(plan.surface).nodes]
+    volume = signed_volumes(mesh.points, tets[chosen]) / signed_volumes(run.mesh.points, tets[chosen])
+    return {
+        "angle": run.case.angle, "cells": len(chosen), "height": float(np.ptp(z)),
+        "upper_half": float(np.mean(middle[:, 2] > 0.5 * (z.min() + z.max()))),
+        "to_upper": float(np.median(z.max() - middle[:, 2])),
+        "to_surface": float(np.median(cKDTree(surface).query(middle)[0])), "volume": float(np.median(volume)),
+    }  # fmt: skip
+
+
+def counts(runs: Sources, numbers: Numbers, _folder: Path) -> None:
+    """Numbers of nodes of the surfaces, and how far the trailing edge goes."""
+    for theirs in paper().counts:
+        case = replace(case_named(theirs.case, runs.scale), angle=theirs.angle)
+        numbers["counts"].append(asdict(counted_nodes(case, runs.mesh(theirs.case))))
+
+
+def counted_nodes(case: Case, mesh: Mesh) -> Counts:
+    """Count what the paper counts on the surface of a case."""
+    boundary = sites_of(case, mesh).plan.boundary
+    surface, law = boundary.surfaces[0], boundary.laws[0]
+    if not isinstance(law, BlendedLaw):
+        tail, panel = mesh.patch(surface.patches[0]), mesh.patch(panel_of(surface.patches[0]))
+        return Counts(case.name, case.angle, tail=len(tail.nodes), panel=len(panel.nodes))
+    follow = law.driven & ~law.strip
+    found = Counts(case.name, case.angle, stay=int(law.held.sum()), follow=int(follow.sum()))
+    if not case.fighter.aileron.gap:
+        return found
+    moved = np.abs(law.displacement(case.angle)[:, 2]).max()
+    at_edge = np.isin(tets_of(mesh), surface.nodes[follow]).any(axis=1)
+    ends = combinations(mesh.points[tets_of(mesh)[at_edge].T], 2)
+    edge = np.median([np.linalg.norm(a - b, axis=1) for a, b in ends])
+    return replace(found, gaps=float(moved / case.fighter.aileron.gap), edges=float(moved / edge))
 
 
 def figure6(runs: Sources, numbers: Numbers, folder: Path) -> None:
@@ -175,6 +244,11 @@ def figure8(runs: Sources, numbers: Numbers, folder: Path) -> None:
         8, [run], ("planarity", "cylindricity", "root_on_cylinder", "fixed_surfaces_moved", "outside_moved"), numbers
     )
     _drawn(aircraft.around(run), "figure8", numbers, folder)
+
+
+def reasons(runs: Sources, _numbers: Numbers, folder: Path) -> None:
+    """Why the paper needs more centres than we do."""
+    write_trials(runs.scale, folder / "tables", Stopwatch(runs.show), runs.cache)
 
 
 def timings(runs: Sources, numbers: Numbers, _folder: Path) -> None:
@@ -222,6 +296,8 @@ SECTIONS: dict[str, Measure] = {
     "figure6": figure6,
     "figure7": partial(histograms, number=7, wanted=_TAIL),
     "figure8": figure8,
+    "counts": counts,
     "timings": timings,
+    "centres": reasons,
 }
 """The sections of the page, in the order in which they are measured."""

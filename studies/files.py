@@ -9,13 +9,14 @@ from matplotlib.figure import Figure
 
 from sdm_deflect.cases.report.pictures import write_png
 from sdm_deflect.cases.run.output import write_table
-from studies.measure import DEFAULT, GMRES, GROWN, Measured, Result
+from studies.measure import DEFAULT, GMRES, GROWN, REPETITIONS, Measured, Result
 from studies.paper import Row, Setting, Size, paper
 from studies.trends import title
 
 SETTING = ("columns", "angle_deg", "initial_surface", "initial_hexahedron", "n_add")
 RESULTS = ("iterations", "centers", "seconds", "max_error")
-FIELDS = ("source", *SETTING, "sites", *RESULTS, "converged")
+FIELDS = ("source", *SETTING, "sites", *RESULTS, "converged", "repetitions")
+CURVE = ("columns", "angle_deg", "iteration", "centers", "max_residual", "seconds")
 COLOURS = {"x": "#0072b2", "y": "#d55e00", "z": "#009e73", "xyz": "0.6"}
 LOOP_COLOURS = {"grown": "#0072b2", "gmres": "#d55e00", "default": "#009e73"}
 PAPER = {"color": "black", "marker": "s", "ls": "--", "lw": 1.2, "ms": 4}
@@ -24,6 +25,7 @@ PAPER = {"color": "black", "marker": "s", "ls": "--", "lw": 1.2, "ms": 4}
 def write_study(result: Result, folder: Path) -> None:
     """Write <name>.csv and <name>.png into `folder`."""
     write_csv(result, folder / f"{result.name}.csv")
+    write_curves(result, folder / f"{result.name}-curves.csv")
     write_plot(result, folder / f"{result.name}.png")
 
 
@@ -39,10 +41,41 @@ def write_csv(result: Result, path: Path) -> None:
     """Write one line for every row of the paper and for every row measured here."""
     rows: list[list[object]] = [list(FIELDS)]
     for row in result.table.rows:
-        rows.append(["paper", *_setting(row.setting), "", *_results(row), ""])
+        rows.append(["paper", *_setting(row.setting), "", *_results(row), "", ""])
     for one in result.measured:
-        rows.append([one.loop.name, *_setting(one.row.setting), one.row.sites, *_results(one.row), one.converged])
+        results = (*_results(one.row), one.converged, REPETITIONS)
+        rows.append([one.loop.name, *_setting(one.row.setting), one.row.sites, *results])
     write_table(path, rows)
+
+
+def write_curves(result: Result, path: Path) -> None:
+    """Write the largest residual of each iteration of the adaptations that are drawn; no file where none is."""
+    rows: list[list[object]] = [list(CURVE)]
+    for one in drawn(result):
+        columns, angle, *_ = _setting(one.row.setting)
+        for step in one.history:
+            figures = (f"{step.max_residual:.9g}", f"{step.seconds:.6g}")
+            rows.append([columns, angle, step.iteration, step.n_centers, *figures])
+    if len(rows) > 1:
+        write_table(path, rows)
+
+
+def read_curves(path: Path) -> dict[str, list[tuple[int, float]]]:
+    """Return the centres and residuals of each adaptation of one angle, by its directions."""
+    found: dict[str, list[tuple[int, float]]] = {}
+    with path.open(newline="", encoding="utf-8") as file:
+        for row in csv.DictReader(file):
+            found.setdefault(row["columns"], []).append((int(row["centers"]), float(row["max_residual"])))
+    return found
+
+
+def drawn(result: Result) -> list[Measured]:
+    """Return the adaptations whose curves are drawn: in figure 2 those by GMRES from the fewest initial centres."""
+    if result.name == "table2":
+        return []
+    fewest = min(one.row.setting.initial for one in result.measured)
+    loop = GMRES if result.by(GMRES) else GROWN
+    return [one for one in result.measured if one.loop == loop and one.row.setting.initial == fewest]
 
 
 def read_rows(path: Path, source: str) -> list[Row]:
@@ -93,13 +126,7 @@ def _results(row: Row) -> list[object]:
 
 def table1(result: Result, figure: Figure) -> str:
     """Figure 2: residual against centres, and against time with the uni-variate adaptations one after the other."""
-    loop = GMRES if result.by(GMRES) else GROWN
-    fewest = min(one.row.setting.initial for one in result.measured)
-    chosen = {
-        one.row.setting.columns: one
-        for one in result.measured
-        if one.loop == loop and one.row.setting.initial == fewest
-    }
+    chosen = {one.row.setting.columns: one for one in drawn(result)}
     left, right = figure.subplots(1, 2, sharey=True)
     start = 0.0
     for columns in ("xyz", "x", "y", "z"):
@@ -108,7 +135,7 @@ def table1(result: Result, figure: Figure) -> str:
         curve(right, chosen[columns], seconds)
         start = 0.0 if columns == "xyz" else seconds[-1]
     finish(left, result, "centres")
-    finish(right, result, f"time of {loop.name}, s (SQUV: x, y and z in turn)")
+    finish(right, result, f"time of {chosen['z'].loop.name}, s (SQUV: x, y and z in turn)")
     left.set_ylabel("largest residual, m")
     left.legend(fontsize="small")
     return "Largest residual against centres and against time for MV and for SQUV in x, y and z."
@@ -139,8 +166,8 @@ def table3(result: Result, figure: Figure) -> str:
     """Residual against centres for each angle."""
     angles = sorted(result.ground.largest_mm, key=abs)
     for angle, axes in zip(angles, figure.subplots(1, len(angles), sharey=True), strict=True):
-        for one in result.measured:
-            if one.loop == GROWN and one.row.setting.angle == angle:
+        for one in drawn(result):
+            if one.row.setting.angle == angle:
                 curve(axes, one)
         finish(axes, result, f"centres ({angle:+g} deg)")
         axes.legend(fontsize="small")
@@ -151,9 +178,8 @@ def table3(result: Result, figure: Figure) -> str:
 def table4(result: Result, figure: Figure) -> str:
     """Residual against centres, and where the paper ended."""
     axes = figure.add_subplot()
-    for one in result.measured:
-        if one.loop == GROWN:
-            curve(axes, one)
+    for one in drawn(result):
+        curve(axes, one)
     for row in result.table.rows:
         label = f"paper, ${title(row.setting.columns)}$"
         axes.plot(row.centers, row.max_error, "s", color=COLOURS[row.setting.columns], mec="black", label=label)

@@ -30,10 +30,8 @@ from sdm_deflect.meshing.mesh import tets_of
 from studies.loop import DirectBasis, Gmres
 from studies.paper import Evaluation, Row, Setting, Size, Table, paper
 
-REPETITIONS = 7
-"""At most so many evaluations, of which the median time counts..."""
-ENOUGH_SECONDS = 1.0
-"""...and no further one once they have taken this long."""
+REPETITIONS = 3
+"""Number of adaptations or evaluations, of which the one of median time counts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,8 +52,8 @@ DEFAULT = Loop("default", Separated())
 ALL = (GROWN, GMRES, DEFAULT)
 DIRECT = (GROWN, DEFAULT)
 """Without GMRES, which takes long where a problem is large."""
-LOOPS = {"table1": (ALL, DIRECT), "table2": (ALL, ALL), "table3": (DIRECT, DIRECT), "table4": (DIRECT, DIRECT)}
-"""Which loops to time for the rows of a table: for those with the fewest initial centres (figure 2), and for others."""
+LOOPS = {"table1": ALL, "table2": ALL, "table3": DIRECT, "table4": DIRECT}
+"""Which loops to time for the rows of a table."""
 SMALL_BOX = ("table1", "table2")
 """Tables for which the hexahedron is smaller than that of the case."""
 MARGINS = 0.25
@@ -96,13 +94,13 @@ class Measured:
     ----------
     row : as in the paper's table.
     converged : whether the tolerance was reached.
-    history : the residual in every iteration; empty where the row was read from a .csv.
+    history : the residual in every iteration.
     """
 
     row: Row
     loop: Loop
     converged: bool
-    history: tuple[Iteration, ...] = ()
+    history: tuple[Iteration, ...]
 
 
 def sites_of(case: Case, mesh: Mesh) -> SiteGroups:
@@ -145,14 +143,15 @@ class Task:
 
 
 def measure(tasks: Sequence[Task], progress: Progress = silent) -> tuple[Measured, ...]:
-    """Run all tasks in turn."""
+    """Run all tasks in turn, each several times, and keep the adaptation of median time."""
     for loop in dict.fromkeys(task.loop for task in tasks):
         first = next(task for task in tasks if task.loop == loop)
         replace(first, options=replace(first.options, max_iterations=1)).run()  # loads compiled code: not timed
     found = []
     for i, task in enumerate(tasks):
         progress(f"f_{task.setting.columns} at {task.setting.angle:+g} deg, {task.loop.name}", i / len(tasks))
-        found.append(task.measured(task.run()))
+        fits = sorted((task.run() for _ in range(REPETITIONS)), key=lambda fit: fit.history[-1].seconds)
+        found.append(task.measured(fits[REPETITIONS // 2]))
     return tuple(found)
 
 
@@ -241,16 +240,10 @@ def with_sites(case: Case, mesh: Mesh) -> Case:
 
 def carry_out(name: str, case: Case, mesh: Mesh, progress: Progress, loops: tuple[Loop, ...] = ()) -> Result:
     """Measure every row of a table on the mesh of its case, by the loops given or by those of the table."""
-    table, (for_fewest, others) = paper().tables[name], (loops, loops) if loops else LOOPS[name]
-    case = table_case(name, case, mesh)
+    table, case = paper().tables[name], table_case(name, case, mesh)
     settings = [row.setting for row in table.rows]
-    fewest = min(one.initial for one in settings)
     sites = {angle: sites_of(replace(case, angle=angle), mesh) for angle in dict.fromkeys(s.angle for s in settings)}
-    tasks = [
-        Task.of(sites[one.angle], one, table, loop)
-        for one in settings
-        for loop in (for_fewest if one.initial == fewest else others)
-    ]
+    tasks = [Task.of(sites[one.angle], one, table, loop) for one in settings for loop in (loops or LOOPS[name])]
     first = next(iter(sites.values()))
     lengths, margins = (first.plan.sites.spacing, first.plan.sites.edge), MARGINS if name in SMALL_BOX else 1.0
     largest = {angle: one.largest_mm() for angle, one in sites.items()}
@@ -288,7 +281,7 @@ def timed(theirs: Evaluation, case: Case, mesh: Mesh) -> Evaluation:
 def _median_seconds(work: Callable[[], object]) -> float:
     work()  # loads compiled code
     spent: list[float] = []
-    while len(spent) < REPETITIONS and sum(spent) < ENOUGH_SECONDS:
+    while len(spent) < REPETITIONS:
         start = perf_counter()
         work()
         spent.append(perf_counter() - start)

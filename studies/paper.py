@@ -82,6 +82,27 @@ class Size:
 
 
 @dataclass(frozen=True, slots=True)
+class Counts:
+    """Numbers of nodes of a surface, and how far it goes; None where the paper does not say.
+
+    Attributes
+    ----------
+    stay, follow : data sites of the blending at the connection to the wing, and at the trailing edge.
+    gaps, edges : largest displacement in z over the width of the gap, and over the edge of a typical cell there.
+    tail, panel : nodes of the tail and of the panel beside it.
+    """
+
+    case: str
+    angle: float
+    stay: int | None = None
+    follow: int | None = None
+    gaps: float | None = None
+    edges: float | None = None
+    tail: int | None = None
+    panel: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Evaluation:
     """Timings of section 5, in seconds, of the interpolant for f_x.
 
@@ -125,6 +146,7 @@ class Paper:
     machine: str
     tables: dict[str, Table]
     sizes: tuple[Size, ...]
+    counts: tuple[Counts, ...]
     evaluations: tuple[Evaluation, ...]
     quality: tuple[QualityStatement, ...]
 

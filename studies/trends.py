@@ -1,22 +1,28 @@
-"""What the paper says of its tables, histograms and timings, as tests of the paper's numbers and of ours.
+"""What the paper says of its tables, curves, histograms and timings, as tests of the paper's numbers and of ours.
 
-The cost of an adaptation is counted in pairs of a centre and a data site: milliseconds of a busy machine say little.
-Times count only where a sentence is about solving, or about the evaluation of a whole mesh.
+A sentence about the cost of an adaptation is tested twice: by seconds, and by pairs of a centre and a data site, which
+no other work on the machine disturbs. It holds where both say so.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from itertools import pairwise
+from functools import partial
+from itertools import groupby, pairwise
 from typing import Any
 
 from studies.paper import COLUMNS, Evaluation, QualityStatement, Row, paper
 
 Rows = Sequence[Row]
-Test = Callable[[Rows], bool]
+Curve = Sequence[tuple[int, float]]
+"""The largest residual (m) at each number of centres."""
+BOTH = ("seconds", "pairs")
+"""Measures of a cost, as attributes of a row."""
 SAME = 1.25
 """Costs differ little if the largest is at most so many times the smallest; the paper's own differ by up to 1.22."""
-SEEN = 3e-4
-"""Share of all cells that a histogram shows: a hundredth of its highest bars."""
+IDENTICAL = 1e-3
+"""Relative difference of two residuals that count as identical: a tenth of the width of a line of a plot."""
+NEAR = 0.25
+"""Share of the hexahedron's height within which a cell is near the aileron, or near a face of the hexahedron."""
 ROW_LIMIT = 0.15
 """Largest relative difference of our number of centres from the paper's in a row of table 2."""
 
@@ -44,21 +50,36 @@ class Trend:
 
     Attributes
     ----------
-    figures : the figures of some rows behind the test.
-    test : whether it holds for some rows.
-    loop : name of the loop whose rows are tested here.
+    figures : the figures of some rows behind the test, by a measure of cost.
+    test : whether it holds for some rows, by a measure of cost.
+    measures : the measures of cost that are tested; one without a name where the sentence is not about a cost.
+    timed : name of the loop whose seconds are tested here; all other figures are those of "grown".
     """
 
     table: str
     sentence: str
-    figures: Callable[[Rows], str]
-    test: Test
-    loop: str = "grown"
+    figures: Callable[[Rows, str], str]
+    test: Callable[[Rows, str], bool]
+    measures: tuple[str, ...] = ("",)
+    timed: str = "grown"
 
-    def verdict(self, ours: Rows) -> Verdict:
-        """Judge our rows of the table."""
+    def verdict(self, ours: Callable[[str], Rows]) -> Verdict:
+        """Judge our rows of the table, which are given by their loop."""
         theirs = paper().tables[self.table].rows
-        return Verdict(self.table, self.sentence, self.test(ours), self.figures(theirs), self.figures(ours))
+        rows = {measure: ours(self.timed if measure == "seconds" else "grown") for measure in self.measures}
+        found = {measure: self.test(own, measure) for measure, own in rows.items()}
+        here = "; ".join(f"{self.figures(own, measure)}{self._said(found, measure)}" for measure, own in rows.items())
+        said = "; ".join(self.figures(theirs, measure) for measure in self.measures)
+        return Verdict(self.table, self.sentence, all(found.values()), said, here)
+
+    def on_paper(self) -> list[bool]:
+        """Return whether it holds on the paper's own rows, by each measure."""
+        return [self.test(paper().tables[self.table].rows, measure) for measure in self.measures]
+
+    @staticmethod
+    def _said(found: dict[str, bool], measure: str) -> str:
+        """Say by which measure the sentence holds, where they differ."""
+        return "" if len({*found.values()}) == 1 else ": holds" if found[measure] else ": does not hold"
 
 
 def by(rows: Rows, name: str, columns: Iterable[str] = COLUMNS) -> dict[str, list[float]]:
@@ -67,17 +88,19 @@ def by(rows: Rows, name: str, columns: Iterable[str] = COLUMNS) -> dict[str, lis
     return {own: values for own, values in found.items() if values}
 
 
-def listing(name: str, words: str = "", unit: float = 1.0, form: str = ".4g") -> Callable[[Rows], str]:
+def listing(name: str, words: str = "", form: Callable[[float], str] = "{:.4g}".format) -> Callable[[Rows, str], str]:
     """Return what lists a figure of rows by direction, under its own name or in words."""
 
-    def figures(rows: Rows) -> str:
-        parts = (
-            f"{title(own)} {_listed((value / unit for value in values), form)}"
-            for own, values in by(rows, name).items()
-        )
+    def figures(rows: Rows, _measure: str) -> str:
+        parts = (f"{title(own)} {_listed(values, form)}" for own, values in by(rows, name).items())
         return f"{words or name}: {'; '.join(parts)}"
 
     return figures
+
+
+def three_digits(value: float) -> str:
+    """Return a number with three digits, or all digits before the point."""
+    return f"{value:,.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"
 
 
 def title(columns: str) -> str:
@@ -86,17 +109,17 @@ def title(columns: str) -> str:
 
 
 def mv_over_squv(rows: Rows) -> list[float]:
-    """Return the time of MV over that of all directions of SQUV, where a loop did them all."""
+    """Return the time of MV over that of all directions of SQUV, by initial centres."""
     times = by(rows, "seconds")
     squv = [sum(own) for own in zip(*(times[d] for d in "xyz"), strict=True)]
-    return [mv / own for mv, own in zip(times["xyz"], squv, strict=False)]
+    return [mv / own for mv, own in zip(times["xyz"], squv, strict=True)]
 
 
-def until_25(rows: Rows) -> bool:
-    """Whether the cost falls up to M_add = 25, and rises somewhere beyond."""
-    first = [row.pairs for row in rows if row.setting.n_add <= 25]
-    later = [row.pairs for row in rows if row.setting.n_add >= 25]
-    return not any(_rises(first)) and any(_rises(later))
+def until_25(rows: Rows, measure: str) -> bool:
+    """Whether the cost falls in each step up to M_add = 25, and rises in half of the steps beyond, as the paper's."""
+    first, later = ([getattr(row, measure) for row in rows if sign * (row.setting.n_add - 25) >= 0] for sign in (-1, 1))
+    rises = _rises(later)
+    return not any(_rises(first)) and 2 * sum(rises) >= len(rises)
 
 
 def at_limit(rows: Rows) -> bool:
@@ -112,14 +135,14 @@ def least_error_in_y(rows: Rows) -> bool:
     return all(_rises(errors)) and errors[0] > paper().tables["table4"].tolerance
 
 
-def least_in_y(name: str) -> Test:
-    """Return what tests whether f_y has least of a figure, at each angle."""
-    return lambda rows: all(min(own) == own[1] for own in _beside(rows, name))
+def least_in_y(rows: Rows, name: str) -> bool:
+    """Whether f_y has least of a figure, at each angle."""
+    return all(min(own) == own[1] for own in _beside(rows, name))
 
 
-def more_with_angle(name: str) -> Test:
-    """Return what tests whether the larger of two deflections has more of a figure in each direction."""
-    return lambda rows: all(abs(a) < abs(b) for a, b in by(rows, name, "xyz").values())
+def more_with_angle(rows: Rows, name: str) -> bool:
+    """Whether the larger of two deflections has more of a figure in each direction."""
+    return all(abs(a) < abs(b) for a, b in by(rows, name, "xyz").values())
 
 
 def _beside(rows: Rows, name: str, columns: Iterable[str] = "xyz") -> Iterable[tuple[float, ...]]:
@@ -136,59 +159,70 @@ def _most(rows: Rows, name: str, sign: int) -> bool:
     return 2 * sum(steps) > len(steps)
 
 
-def _listed(values: Iterable[float], form: str = ".3g") -> str:
-    return ", ".join(f"{value:{form}}" for value in values)
+def _listed(values: Iterable[float], form: Callable[[float], str] = three_digits) -> str:
+    return ", ".join(map(form, values))
 
 
-def _spreads(rows: Rows) -> str:
-    parts = (f"{title(own)} {max(values) / min(values):.2f}" for own, values in by(rows, "pairs").items())
-    return f"most over least pairs: {'; '.join(parts)}"
+def _spreads(rows: Rows, measure: str) -> str:
+    parts = (f"{title(own)} {max(values) / min(values):.2f}" for own, values in by(rows, measure).items())
+    return f"most over least {measure}: {'; '.join(parts)}"
 
 
-def _falls(rows: Rows) -> str:
-    return f"pairs of the first row over those of each: {_listed(rows[0].pairs / row.pairs for row in rows[1:])}"
+def _falls(rows: Rows, measure: str) -> str:
+    first, *others = (getattr(row, measure) for row in rows)
+    return f"{measure} of the first row over those of each: {_listed(first / own for own in others)}"
+
+
+def _costs(rows: Rows, measure: str) -> str:
+    unit, words = (1e6, "millions of pairs") if measure == "pairs" else (1.0, "seconds")
+    return listing(measure, words, lambda value: three_digits(value / unit))(rows, measure)
 
 
 _ITERATIONS, _CENTERS = listing("iterations"), listing("centers", "centres")
-_PAIRS, _ERRORS = listing("pairs", "millions of pairs", 1e6), listing("max_error", "largest error, m", 1.0, ".2e")
 
 
-def _ends(rows: Rows) -> str:
-    return f"{_ITERATIONS(rows)}; {_CENTERS(rows)}"
+def _ends(rows: Rows, measure: str) -> str:
+    return f"{_ITERATIONS(rows, measure)}; {_CENTERS(rows, measure)}"
 
 
 TRENDS = (
     Trend("table1", "More initial centres mean fewer iterations.", _ITERATIONS,
-          lambda rows: all(not any(own) or all(_rises(own[::-1])) for own in by(rows, "iterations").values())),
+          lambda rows, _: all(not any(own) or all(_rises(own[::-1])) for own in by(rows, "iterations").values())),
     Trend("table1", "More initial centres mostly mean more centres in the end.", _CENTERS,
-          lambda rows: _most(rows, "centers", 1)),
+          lambda rows, _: _most(rows, "centers", 1)),
     Trend("table1", "The initial centres hardly influence the cost.", _spreads,
-          lambda rows: all(max(own) <= SAME * min(own) for own in by(rows, "pairs").values())),
+          lambda rows, cost: all(max(own) <= SAME * min(own) for own in by(rows, cost).values()), BOTH, "gmres"),
     Trend("table1", "f_y needs the fewest centres, followed by f_x and f_z.", _CENTERS,
-          lambda rows: all(all(_rises(own)) for own in _beside(rows, "centers", "yxz"))),
+          lambda rows, _: all(all(_rises(own)) for own in _beside(rows, "centers", "yxz"))),
     Trend("table1", "SQUV for f_z ends with the same iterations and centres as MV.", _ends,
-          lambda rows: all(len({*own}) == 1 for name in ("iterations", "centers")
-                           for own in _beside(rows, name, ("z", "xyz")))),
-    Trend("table1", "MV takes more than twice the time of SQUV, solved by GMRES.",
-          lambda rows: f"time of MV over that of SQUV: {_listed(mv_over_squv(rows))}",
-          lambda rows: min(mv_over_squv(rows)) > 2.0, "gmres"),
+          lambda rows, _: all(len({*own}) == 1 for name in ("iterations", "centers")
+                              for own in _beside(rows, name, ("z", "xyz")))),
+    Trend("table1", "MV takes more than twice the time of SQUV.",
+          lambda rows, _: f"time of MV over that of SQUV, by GMRES: {_listed(mv_over_squv(rows))}",
+          lambda rows, _: min(mv_over_squv(rows)) > 2.0, ("seconds",), "gmres"),
     Trend("table2", "A larger M_add generally means fewer iterations.", _ITERATIONS,
-          lambda rows: _most(rows, "iterations", -1)),
-    Trend("table2", "A larger M_add generally means more centres.", _CENTERS, lambda rows: _most(rows, "centers", 1)),
+          lambda rows, _: _most(rows, "iterations", -1)),
+    Trend("table2", "A larger M_add generally means more centres.", _CENTERS,
+          lambda rows, _: _most(rows, "centers", 1)),
     Trend("table2", "Any M_add above one costs less than one.", _falls,
-          lambda rows: max(row.pairs for row in rows[1:]) < rows[0].pairs),
+          lambda rows, cost: max(getattr(row, cost) for row in rows[1:]) < getattr(rows[0], cost), BOTH, "gmres"),
     Trend("table2", "The cost falls by a factor of more than 6 at best.", _falls,
-          lambda rows: rows[0].pairs > 6.0 * min(row.pairs for row in rows)),
-    Trend("table2", "It falls monotonically up to M_add = 25 only, then often rises again.", _falls, until_25),
-    Trend("table3", "f_y needs the fewest centres, although it has the most sites.", _CENTERS, least_in_y("centers")),
-    Trend("table3", "f_y costs least.", _PAIRS, least_in_y("pairs")),
-    Trend("table3", "A larger deflection needs more centres in every direction.", _CENTERS, more_with_angle("centers")),
-    Trend("table3", "A larger deflection costs more in every direction.", _PAIRS, more_with_angle("pairs")),
+          lambda rows, cost: getattr(rows[0], cost) > 6.0 * min(getattr(row, cost) for row in rows), BOTH, "gmres"),
+    Trend("table2", "It falls monotonically up to M_add = 25 only, then often rises again.", _falls, until_25, BOTH,
+          "gmres"),
+    Trend("table3", "f_y needs the fewest centres, although it has the most sites.", _CENTERS,
+          lambda rows, _: least_in_y(rows, "centers")),
+    Trend("table3", "f_y costs least.", _costs, least_in_y, BOTH),
+    Trend("table3", "A larger deflection needs more centres in every direction.", _CENTERS,
+          lambda rows, _: more_with_angle(rows, "centers")),
+    Trend("table3", "A larger deflection costs more in every direction.", _costs, more_with_angle, BOTH),
     Trend("table4", "No direction reaches the tolerance; all end at the limit after the same iterations.", _ends,
-          at_limit),
-    Trend("table4", "The costs differ little.", _PAIRS,
-          lambda rows: max(row.pairs for row in rows) <= SAME * min(row.pairs for row in rows)),
-    Trend("table4", "The largest error is smallest for f_y, followed by f_x.", _ERRORS, least_error_in_y),
+          lambda rows, _: at_limit(rows)),
+    Trend("table4", "The costs differ little.", _costs,
+          lambda rows, cost: max(getattr(row, cost) for row in rows) <= SAME * min(getattr(row, cost) for row in rows),
+          BOTH),
+    Trend("table4", "The largest error is smallest for f_y, followed by f_x.",
+          listing("max_error", "largest error, m", "{:.2e}".format), lambda rows, _: least_error_in_y(rows)),
 )  # fmt: skip
 """What the paper says of its tables."""
 
@@ -206,23 +240,68 @@ def off(rows: Rows) -> list[str]:
     return found
 
 
-def of_cells(counted: dict[str, Any]) -> Verdict:
-    """Judge what the paper reads off a histogram, by the cells counted before and after."""
-    theirs = QualityStatement(**counted["statement"])
-    more = counted["after"] - counted["before"]
-    said, holds = {
-        "as before": ("no deterioration is visible", more <= SEEN * counted["cells"]),
-        "none": ("the deformed mesh has no cell", counted["after"] == 0),
-        "none deformed": ("no deformed cell is", counted["near_after"] == 0),
-    }[theirs.finding]
-    strategy = " (MV)" if counted["strategy"] == "mv" else ""
+def of_curves(curves: Mapping[str, Curve]) -> Verdict:
+    """Judge figure 2: the largest residuals of f_z and of MV against their centres."""
+    alone, joint = dict(curves["z"]), dict(curves["xyz"])
+    shared = [centres for centres in alone if centres in joint]
+    most = max(abs(joint[centres] / alone[centres] - 1.0) for centres in shared)
     here = (
-        f"{counted['before']} of {counted['cells']} cells below {theirs.below:g} before, {counted['after']} after; "
-        f"of the {counted['near']} cells that touch the hexahedron, {counted['near_before']} before, "
-        f"{counted['near_after']} after, the smallest {counted['least'][0]:.3f} before, {counted['least'][1]:.3f} after"
+        f"f_z has {len(alone)} numbers of centres, MV {len(joint)}, {len(shared)} are the same; residuals there differ "
+        f"by {100 * most:.2g} % at most"
     )
-    sentence = f"At {theirs.angle:+g}° {said} below {theirs.below:g}.{strategy}"
-    return Verdict(f"figure{theirs.figure}", sentence, holds, "read off the histogram", here)
+    holds = [*alone] == [*joint] and most <= IDENTICAL
+    sentence = "The curves of f_z and of MV are identical, but for the time."
+    return Verdict("figure2", sentence, holds, "read off the curves", here)
+
+
+def of_cells(strategies: Sequence[dict[str, Any]]) -> Verdict:
+    """Judge what the paper reads off the histograms of one deflection, by the cells that each strategy leaves."""
+    theirs, cells = QualityStatement(**strategies[0]["statement"]), strategies[0]["cells"]
+    said, holds = {
+        "as before": ("no deterioration is visible", all(one["after"] <= one["before"] for one in strategies)),
+        "none": ("the deformed mesh has no cell", not any(one["after"] for one in strategies)),
+        "none deformed": ("no deformed cell is", not any(one["near_after"] for one in strategies)),
+    }[theirs.finding]
+    parts = [
+        f"{one['before']:,} of {cells:,} cells below {theirs.below:g} before, {one['after']:,} after"
+        f"{' by ' + one['strategy'].upper() if len(strategies) > 1 else ''}; of the {one['near']:,} cells that touch "
+        f"the hexahedron, {one['near_before']:,} before, {one['near_after']:,} after, the smallest "
+        f"{one['least'][0]:.3f} before, {one['least'][1]:.3f} after"
+        for one in strategies
+    ]
+    sentence = f"At {theirs.angle:+g}° {said} below {theirs.below:g}."
+    return Verdict(f"figure{theirs.figure}", sentence, holds, "read off the histogram", "; ".join(parts))
+
+
+def of_worst(worst: dict[str, Any]) -> Verdict:
+    """Judge where the worst cells are (figure 5)."""
+    near = max(worst["to_surface"], worst["to_upper"]) <= NEAR * worst["height"]
+    here = (
+        f"{100 * worst['upper_half']:.0f} % of the {worst['cells']:,} worst cells are in the upper half of the "
+        f"hexahedron, {1e3 * worst['height']:.0f} mm high; medians: {1e3 * worst['to_surface']:.1f} mm from the "
+        f"aileron, {1e3 * worst['to_upper']:.1f} mm below the upper face, {worst['volume']:.2f} of the volume before"
+    )
+    sentence = f"At {worst['angle']:+g}° the worst cells are near the aileron, near the upper face, and compressed."
+    holds = near and worst["volume"] < 1.0
+    return Verdict("figure5", sentence, holds, "read off the picture", here)
+
+
+def of_sliding(angles: Sequence[dict[str, Any]]) -> Verdict:
+    """Judge the main claim of section 5.2: the quality with nodes that slide on the Chimera face, and that cannot."""
+    pairs = [(one["sliding"], one["pinned"]) for one in angles]
+    holds = all(sliding[name] > pinned[name] for sliding, pinned in pairs for name in ("min", "p01"))
+
+    def inverted(one: dict[str, Any]) -> str:
+        return ", ".join(str(one[side]["inverted"]) for side in ("before", "sliding", "pinned"))
+
+    parts = [
+        f"{one['angle']:+g}°: least {one['before']['min']:.3f} before, {one['sliding']['min']:.3f} sliding, "
+        f"{one['pinned']['min']:.3f} pinned; 1 % quantile {one['before']['p01']:.3f}, {one['sliding']['p01']:.3f}, "
+        f"{one['pinned']['p01']:.3f}; inverted {inverted(one)}"
+        for one in angles
+    ]
+    sentence = "In-plane motion on the Chimera face alleviates the loss of quality, even at large angles."
+    return Verdict("figure5", sentence, holds, "said in sections 5.2 and 6", "; ".join(parts))
 
 
 def of_times(theirs: Evaluation, ours: Evaluation) -> Verdict:
@@ -236,10 +315,15 @@ def of_times(theirs: Evaluation, ours: Evaluation) -> Verdict:
     return Verdict("timings", sentence, holds, figures(theirs), figures(ours))
 
 
-def verdicts(rows: Callable[[str, str], Rows], numbers: dict[str, Any]) -> list[dict[str, Any]]:
-    """Judge all that the paper says, by rows(table, loop) and the numbers of a page."""
-    found = [one.verdict(rows(one.table, one.loop)) for one in TRENDS]
-    found += [of_cells(one) for one in numbers["counted"] if one["repair"] == "off"]
+def verdicts(
+    rows: Callable[[str, str], Rows], curves: Mapping[str, Curve], numbers: dict[str, Any]
+) -> list[dict[str, Any]]:
+    """Judge all that the paper says, by rows(table, loop), the curves of figure 2, and the numbers of a page."""
+    found = [one.verdict(partial(rows, one.table)) for one in TRENDS]
+    found.append(of_curves(curves))
+    plain = [one for one in numbers["counted"] if one["repair"] == "off"]
+    found += [of_cells([*own]) for _, own in groupby(plain, key=lambda one: one["statement"])]
+    found += [of_worst(numbers["worst"]), of_sliding(numbers["sliding"])]
     ours = [Evaluation(**{**one, "setting": one["setting"]}) for one in numbers["evaluations"]]
     found += [of_times(*pair) for pair in zip(paper().evaluations, ours, strict=True)]
     return [asdict(one) for one in found]

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from benchmarks.measure import Times, exponent, side_by_side, warm
-from benchmarks.results import Result, machine, markdown, show, write
+from benchmarks.results import Result, markdown, show, write
+from studies.machine import machine
 
 
 def test_ratios_are_taken_round_by_round():

@@ -2,14 +2,17 @@
 
 import csv
 from math import isnan
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.deform.base.threads import silent
+from sdm_deflect.deform.rbf.data_sites import DataSites
+from sdm_deflect.deform.rbf.rules import GreedyOptions
 from studies.files import FIELDS, sizes, write_study
-from studies.measure import DEFAULT, GMRES, GROWN, carry_out, initial_centers
+from studies.measure import DEFAULT, GMRES, GROWN, Task, carry_out, initial_centers, measure
 from studies.paper import Setting, paper
 from studies.trends import off
 from tests.calls import run_study
@@ -24,6 +27,7 @@ def test_paper_has_all_rows():
         "table3": 6,
         "table4": 3,
     }
+    assert [(one.stay, one.follow) for one in paper().counts if one.stay] == [(58, 18), (405, 200), (405, 200)]
     assert sum(row.seconds for row in tables["table3"].rows) == pytest.approx(1681.73)
     assert all(isnan(row.max_error) == (name != "table4") for name, table in tables.items() for row in table.rows)
     assert tables["table1"].rows[12].setting == tables["table2"].rows[0].setting
@@ -82,6 +86,16 @@ def test_every_row_is_measured_and_converges(results, name):
         assert one.row.seconds > 0.0
 
 
+def test_the_adaptation_of_median_time_is_kept(monkeypatch):
+    seconds = iter((0.1, 0.9, 0.3, 0.2))  # the first loads compiled code
+    monkeypatch.setattr(Task, "run", lambda task: SimpleNamespace(history=[SimpleNamespace(seconds=next(seconds))]))
+    monkeypatch.setattr(Task, "measured", lambda task, fit: fit.history[-1].seconds)
+    sites = DataSites(np.zeros((1, 3)), np.zeros((1, 1)), (0,))
+    options = GreedyOptions(n_add=1, tol_add=1.0, tol_stop=1.0)
+    task = Task(paper().tables["table1"].rows[0].setting, GROWN, sites, np.zeros(1, dtype=np.intp), options)
+    assert measure([task]) == (0.3,)
+
+
 @pytest.mark.nightly
 @pytest.mark.mesher
 @pytest.mark.parametrize("name", ["table1", "table2"])
@@ -121,8 +135,6 @@ def test_files_of_a_study(results, tmp_path):
 
 
 def test_initial_centres_come_from_surface_and_hexahedron():
-    from sdm_deflect.deform.rbf.data_sites import DataSites
-
     points = np.random.default_rng(3).random((40, 3))
     sites = DataSites(points, np.zeros((40, 1)), (0,))
     rows = initial_centers(sites, 15, (4, 6))
