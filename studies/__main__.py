@@ -68,7 +68,7 @@ for table in TABLES:
 @study.command()
 @measured
 def page(scale: str, cache: bool, out: Path | None, as_json: bool, quiet: bool, verbose: bool) -> int:
-    """Measure all tables and figures of the paper, and write what docs/paper.md quotes of them: tables/page.md.
+    """Measure all tables and figures of the paper, and write the blocks that docs/paper.md quotes of them: page.md.
 
     It takes hours at scale paper, and continues in its folder where it was stopped. It ends with 1 if the centres in a
     row of table 2 differ from the paper's by more than 15 %.

@@ -98,7 +98,7 @@ def write_page(scale: str, folder: Path, show: Stage, cache: bool = True) -> Num
                 _keep(numbers, folder)
     numbers["trends"] = judged(folder / "tables", numbers)
     _keep(numbers, folder)
-    (folder / "tables" / "page.md").write_text("\n".join(blocks(folder / "tables", numbers)), encoding="utf-8")
+    (folder / "page.md").write_text("\n".join(blocks(folder / "tables", numbers)), encoding="utf-8")
     return numbers
 
 

@@ -175,7 +175,7 @@ def _counts(numbers: Numbers) -> str:
     lines = [
         _row((f"`{own['case']}` at {own['angle']:+g}°", text, *map(three_digits, (getattr(theirs, name), own[name]))))
         for theirs, own in zip(paper().counts, numbers["counts"], strict=True)
-        for name, text in words.items() if own[name] is not None
+        for name, text in words.items() if getattr(theirs, name) is not None
     ]  # fmt: skip
     return _markdown(("case", "", "paper", "here"), "--- --- ---: ---:", lines)
 
