@@ -116,7 +116,7 @@ def _ends(theirs: Row, own: Row) -> tuple[int, ...]:
 
 def _table1(tables: Path) -> str:
     lines = [
-        _row((title(a.setting.columns), "{} + {}".format(*a.setting.initial), *_ends(a, b), *_costs(a, b, c)))
+        _row((title(a.setting.columns), "{}+{}".format(*a.setting.initial), *_ends(a, b), *_costs(a, b, c)))
         for a, b, c in _beside(tables, "table1", "gmres")
     ]
     return _markdown(_costed(("", "initial"), "gmres"), "--- ---" + " ---:" * 8, lines)

@@ -246,8 +246,8 @@ def of_curves(curves: Mapping[str, Curve]) -> Verdict:
     shared = [centres for centres in alone if centres in joint]
     most = max(abs(joint[centres] / alone[centres] - 1.0) for centres in shared)
     here = (
-        f"f_z has {len(alone)} numbers of centres, MV {len(joint)}, {len(shared)} are the same; residuals there differ "
-        f"by {100 * most:.2g} % at most"
+        f"{len(shared)} of {max(len(alone), len(joint))} numbers of centres in common; residuals there differ by "
+        f"{100 * most:.2g} % at most"
     )
     holds = [*alone] == [*joint] and most <= IDENTICAL
     sentence = "The curves of f_z and of MV are identical, but for the time."
