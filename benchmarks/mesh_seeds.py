@@ -1,7 +1,8 @@
 """The meshes of further seeds: how often the mesher succeeds, and how far meshes and deflections differ by chance.
 
-``python -m benchmarks.mesh_seeds --seeds 20 --scale small --json FILE`` makes the four undeflected meshes of each seed,
-deflects the cases in them, and writes FILE after each mesh, and a table beside it. It goes on where it was stopped.
+``python -m benchmarks.mesh_seeds --seeds 20 --scale small --json benchmarks/mesh_reliability.json`` makes the four
+undeflected meshes of each seed, deflects the cases in them, and writes the file after each mesh, and the page beside
+it. It goes on where it was stopped, and keeps the trials of other scales.
 """
 
 import argparse
@@ -47,6 +48,7 @@ class Trial:
     seconds: float = 0.0
     unseeded: str = ""
     least: dict[str, float] | None = None
+    scale: str = "small"
 
 
 def trial(name: str, seed: int, scale: str) -> Trial:
@@ -56,12 +58,12 @@ def trial(name: str, seed: int, scale: str) -> Trial:
     try:
         made = _maker(name, case)()
     except MeshingError as error:
-        return Trial(name, seed, 0, str(error))
+        return Trial(name, seed, 0, str(error), scale=scale)
     report = made.report
     quality = report.verification.quality
     return Trial(
         name, seed, report.attempts, "; ".join(report.rejected), len(tets_of(made.mesh)), quality.min, quality.mean,
-        report.processor_seconds, report.seconds, report.unseeded, dict(_least(name, made, scale)),
+        report.processor_seconds, report.seconds, report.unseeded, dict(_least(name, made, scale)), scale,
     )  # fmt: skip
 
 
@@ -77,8 +79,20 @@ def _least(name: str, made: Generated, scale: str) -> Iterator[tuple[str, float]
         yield one, min(quality.min for quality in found.quality)
 
 
-def markdown(trials: list[Trial], scale: str) -> str:
-    """Return a table of all trials, and above it one of their medians and extremes."""
+def markdown(trials: list[Trial]) -> str:
+    """Return the page: for each scale a table of medians and extremes, and what was rejected."""
+    scales = dict.fromkeys(trial.scale for trial in trials)
+    parts = [_table([trial for trial in trials if trial.scale == scale], scale) for scale in scales]
+    about = (
+        "Each mesh is made from seeds 1, 2, 3, ... `python -m benchmarks.mesh_seeds` measures it. A mesh that fails "
+        "verification is made again with the next seed. Columns of three figures have the least, median and largest. "
+        "Quality is the mean ratio; after the deflection it is that of the cells at the box, repaired. Processor "
+        "seconds are those of the volume mesher.\n"
+    )
+    return "\n".join(["# Reliability of the mesher\n", about, *parts])
+
+
+def _table(trials: list[Trial], scale: str) -> str:
     heads = ("mesh", "seeds", "passed at once", "passed", "cells", "least quality", "after, by case", "processor s")
     lines = ["| " + " | ".join(heads) + " |", "| --- |" + " ---: |" * 5 + " --- | ---: |"]
     for name, cases in MESHES.items():
@@ -86,7 +100,7 @@ def markdown(trials: list[Trial], scale: str) -> str:
         passed = [one for one in own if one.attempts]
         if not passed:
             continue
-        after = [f"{case} {_span([(one.least or {})[case] for one in passed], '.3f')}" for case in cases]
+        after = [f"`{case}` {_span([(one.least or {})[case] for one in passed], '.3f')}" for case in cases]
         cells = (
             name, str(len(own)), str(sum(one.attempts == 1 for one in own)), str(len(passed)),
             _span([one.cells for one in passed], ",.0f"), _span([one.quality_min for one in passed], ".3f"),
@@ -94,8 +108,7 @@ def markdown(trials: list[Trial], scale: str) -> str:
         )  # fmt: skip
         lines.append("| " + " | ".join(cells) + " |")
     rejected = [f"- {one.mesh}, seed {one.seed}: {one.rejected}" for one in trials if one.rejected]
-    about = f"Meshes of scale `{scale}`: least, median and largest over the seeds. Quality is the mean ratio."
-    return "\n".join([about, "", *lines, "", *(rejected or ["No attempt was rejected."]), ""])
+    return "\n".join([f"## Scale `{scale}`\n", *lines, "", *(rejected or ["No attempt was rejected."]), ""])
 
 
 def _span(values: list[float], form: str) -> str:
@@ -113,13 +126,13 @@ def main() -> None:
     trials = [Trial(**one) for one in kept]
     for seed in range(1, given.seeds + 1):
         for name in MESHES:
-            if not any((one.mesh, one.seed) == (name, seed) for one in trials):
+            if not any((one.mesh, one.seed, one.scale) == (name, seed, given.scale) for one in trials):
                 trials.append(trial(name, seed, given.scale))
                 print(trials[-1], flush=True)
                 text = json.dumps([asdict(one) for one in trials], indent=1)
                 with replacing(given.json) as beside:
                     beside.write_text(text + "\n", encoding="utf-8")
-                given.json.with_suffix(".md").write_text(markdown(trials, given.scale), encoding="utf-8")
+                given.json.with_suffix(".md").write_text(markdown(trials), encoding="utf-8")
 
 
 if __name__ == "__main__":
