@@ -36,6 +36,7 @@ GUIDE = {
     ("notch", "small"): KnownMesh(28126, 146652, "6163686cebea35f6"),
     ("block", "small"): KnownMesh(8032, 37263, "a73567ed5edf7c7b"),
     ("aircraft", "medium"): KnownMesh(181809, 1019672, "eb546e5984135d77"),
+    ("notch", "medium"): KnownMesh(209301, 1173216, "aa91457ffa768a12"),
     ("block", "medium"): KnownMesh(56561, 298104, "c02357c8e7259cc9"),
     ("aircraft", "paper"): KnownMesh(612380, 3315112, "538996a1795609da"),
     ("block", "paper"): KnownMesh(937082, 5248472, "91453af7a0e30600"),
