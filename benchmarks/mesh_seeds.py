@@ -80,7 +80,7 @@ def _least(name: str, made: Generated, scale: str) -> Iterator[tuple[str, float]
 
 
 def markdown(trials: list[Trial]) -> str:
-    """Return the page: for each scale a table of medians and extremes, and what was rejected."""
+    """Return the page: a table of medians and extremes for each scale, and the attempts that were rejected."""
     scales = dict.fromkeys(trial.scale for trial in trials)
     parts = [_table([trial for trial in trials if trial.scale == scale], scale) for scale in scales]
     about = (

@@ -7,7 +7,6 @@ from functools import partial
 from itertools import combinations
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -36,7 +35,7 @@ from studies.centres import write_trials
 from studies.files import read_curves, read_rows, write_csv, write_curves, write_plot
 from studies.machine import machine
 from studies.measure import run_study, sites_of, timed
-from studies.page import blocks
+from studies.page import Numbers, blocks
 from studies.paper import Counts, QualityStatement, paper
 from studies.rendering import Picture, figure_of
 from studies.trends import verdicts
@@ -44,7 +43,6 @@ from studies.trends import verdicts
 FILE = "page.json"
 WORST = 1e-3
 """Share of the cells at the box that count as the worst: 1,740 of a mesh as large as the paper's, 18 of a small one."""
-Numbers = dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)

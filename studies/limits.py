@@ -6,7 +6,6 @@ from pathlib import Path
 
 from sdm_deflect.cases.aircraft.pipeline import case_search, mesh_of_case
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.cases.run.limit import Limit
 from sdm_deflect.cases.run.output import write_table
 from sdm_deflect.cases.run.progress import Stopwatch
 
@@ -29,7 +28,7 @@ def _limits(name: str, scale: str, watch: Stopwatch, cache: bool) -> Iterator[li
     case = case_named(name, scale)
     search = case_search(case, mesh_of_case(case, watch, cache)[0], LEAST, RESOLUTION)
     with watch.stage(f"limit of {name}") as progress:
-        found: tuple[Limit, ...] = search.limits("auto", progress)
+        found = search.limits("auto", progress)
     for one in found:
         parts = one.end.split("; ")  # checks that fail and the worst cell, or a fault and a way out
         end = parts[-1] if parts[-1].startswith("least quality") else parts[0]

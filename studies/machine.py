@@ -1,4 +1,4 @@
-"""What a machine is, in words."""
+"""The machine on which figures are measured."""
 
 import os
 import platform

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from studies.centres import FACTORS, GMRES, NOTHING, SOLVERS, TOLERANCE
 from studies.files import read_rows
 from studies.paper import Row, Size, paper
 from studies.trends import Verdict, three_digits, title
@@ -15,8 +16,10 @@ SECTIONS = (
     ("figure7",), ("timings",),
 )  # fmt: skip
 """Sections of the page that have a table of trends, by the tables and figures of the paper that they are about."""
+ENDS = ("t_end paper", "here", "N_c,end paper", "here")
+"""Heads of iterations and centres at the end."""
 CHANGES = (
-    ("nothing changed", ""), ("margins", "x 0.25, zero sites as far apart"),
+    (NOTHING, ""), ("margins", "x 0.25, zero sites as far apart"),
     ("margins", "x 0.25, the paper's number of zero sites"), ("distance of zero sites", "x 0.5"),
     ("fuselage panel", "does not move"), ("fuselage panel", "rough by 0.1 mm"), ("fuselage panel", "rough by 0.2 mm"),
     ("fuselage panel", "of facets of 9 deg"),
@@ -49,7 +52,8 @@ def blocks(tables: Path, numbers: Numbers) -> Iterator[str]:
     yield from (_checks(number, numbers) for number in (5, 8))
     yield _counts(numbers)
     yield _timings(numbers)
-    yield from _reasons(tables / "centres.csv")
+    trials = Trials(tables / "centres.csv")
+    yield from (trials.changes(), trials.tolerances(), trials.solvers())
 
 
 def _markdown(heads: Sequence[str], marks: str, lines: Iterable[str]) -> str:
@@ -99,9 +103,8 @@ def _costs(theirs: Row, grown: Row, timed: Row) -> tuple[str, ...]:
     return tuple(map(three_digits, costs))
 
 
-def _costed(first: Sequence[str], loop: str) -> tuple[str, ...]:
-    seconds = ("seconds paper", f"{loop} here", "million pairs paper", "here")
-    return (*first, "t_end paper", "here", "N_c,end paper", "here", *seconds)
+def _cost_heads(loop: str) -> tuple[str, ...]:
+    return "seconds paper", f"{loop} here", "million pairs paper", "here"
 
 
 def _beside(tables: Path, name: str, loop: str) -> list[tuple[Row, Row, Row]]:
@@ -119,7 +122,7 @@ def _table1(tables: Path) -> str:
         _row((title(a.setting.columns), "{}+{}".format(*a.setting.initial), *_ends(a, b), *_costs(a, b, c)))
         for a, b, c in _beside(tables, "table1", "gmres")
     ]
-    return _markdown(_costed(("", "initial"), "gmres"), "--- ---" + " ---:" * 8, lines)
+    return _markdown(("", "initial", *ENDS, *_cost_heads("gmres")), "--- ---" + " ---:" * 8, lines)
 
 
 def _table2(tables: Path) -> str:
@@ -127,8 +130,7 @@ def _table2(tables: Path) -> str:
         _row((a.setting.n_add, *_ends(a, b), f"{round(100 * (b.centers / a.centers - 1)):+d} %", *_costs(a, b, c)))
         for a, b, c in _beside(tables, "table2", "gmres")
     ]
-    first, ends, costs = ("M_add",), _costed((), "gmres")[:4], _costed((), "gmres")[4:]
-    return _markdown((*first, *ends, "differs by", *costs), "---:", lines)
+    return _markdown(("M_add", *ENDS, "differs by", *_cost_heads("gmres")), "---:", lines)
 
 
 def _table3(tables: Path) -> str:
@@ -136,7 +138,7 @@ def _table3(tables: Path) -> str:
         _row((f"{title(a.setting.columns)} at {a.setting.angle:+g}°", *_ends(a, b), *_costs(a, b, c)))
         for a, b, c in _beside(tables, "table3", "grown")
     ]
-    return _markdown(_costed(("",), "grown"), "---" + " ---:" * 8, lines)
+    return _markdown(("", *ENDS, *_cost_heads("grown")), "---" + " ---:" * 8, lines)
 
 
 def _table4(tables: Path) -> str:
@@ -144,8 +146,8 @@ def _table4(tables: Path) -> str:
         _row((title(a.setting.columns), *_ends(a, b), f"{a.max_error:.2e}", f"{b.max_error:.2e}", *_costs(a, b, c)))
         for a, b, c in _beside(tables, "table4", "grown")
     ]
-    ends, costs = _costed((), "grown")[:4], _costed((), "grown")[4:]
-    return _markdown(("", *ends, "max error paper, m", "here", *costs), "---" + " ---:" * 10, lines)
+    heads = ("", *ENDS, "max error paper, m", "here", *_cost_heads("grown"))
+    return _markdown(heads, "---" + " ---:" * 10, lines)
 
 
 def _repaired(counted: Numbers) -> str:
@@ -193,41 +195,50 @@ def _timings(numbers: Numbers) -> str:
     return _markdown(heads, "--- --- ---: ---: ---: ---: ---:", lines)
 
 
-def _reasons(path: Path) -> Iterator[str]:
-    """Yield the tables of what was changed, of the tolerances, and of GMRES."""
-    with path.open(newline="", encoding="utf-8") as file:
-        found = {
-            tuple(row[name] for name in ("change", "value", "table", "columns", "angle_deg")): row
-            for row in csv.DictReader(file)
-        }
-    angle = {"table1": "-12", "table4": "12"}
+class Trials:
+    """The trials of centres.csv: cells of the tables that say why the paper needs more centres."""
 
-    def cell(change: str, value: str, table: str, columns: str, at: str = "") -> str:
-        row = found.get((change, value, table, columns, at or angle[table]))
+    def __init__(self, path: Path) -> None:
+        with path.open(newline="", encoding="utf-8") as file:
+            rows = [*csv.DictReader(file)]
+        names = ("change", "value", "table", "columns", "angle_deg")
+        self.rows = {tuple(row[name] for name in names): row for row in rows}
+
+    def cell(self, change: str, value: str, table: str, columns: str, angle: str = "") -> str:
+        """Return what came of a trial, at the table's first angle unless one is given; "" if there was none."""
+        first = paper().tables[table].rows[0].setting.angle
+        row = self.rows.get((change, value, table, columns, angle or f"{first:g}"))
         return _ended(row) if row else ""
 
-    theirs = [next(row["paper"] for key, row in found.items() if key[2:4] == one) for one in CHANGED]
-    lines = [_row(("the paper", *theirs))]
-    lines += [_row((" ".join((*own,)).strip(), *(cell(*own, *one) for one in CHANGED))) for own in CHANGES]
-    heads = ("", "aileron f_x", "f_z", "tail f_x", "f_y", "f_z")
-    yield _markdown(heads, "--- ---: ---: ---: ---: ---:", lines)
+    def paper_centres(self, *key: str) -> str:
+        """Return the paper's number of centres, by table, direction, and perhaps the angle."""
+        return next(row["paper"] for own, row in self.rows.items() if own[2 : 2 + len(key)] == key)
 
-    factors = ("1", "2", "4", "8", "16")
-    lines = [
-        _row((words, found["tolerance", "/ 1", *key]["paper"], *(cell("tolerance", f"/ {f}", *key) for f in factors)))
-        for words, *key in TOLERANCES
-    ]
-    yield _markdown(("8e-5 m divided by", "paper", *factors), "---" + " ---:" * 6, lines)
+    def changes(self) -> str:
+        """Return the table of what was changed."""
+        lines = [_row(("the paper", *(self.paper_centres(*one) for one in CHANGED)))]
+        lines += [_row((" ".join(own).strip(), *(self.cell(*own, *one) for one in CHANGED))) for own in CHANGES]
+        return _markdown(("", "aileron f_x", "f_z", "tail f_x", "f_y", "f_z"), "---" + " ---:" * 5, lines)
 
-    rows = paper().tables["table4"].rows
-    lines = [
-        _row(("the paper, at its limit", *(f"{one.centers}, left {1e3 * one.max_error:.2g} mm" for one in rows))),
-        _row(("exact solves", *(cell("nothing changed", "", "table4", d) for d in "xyz"))),
-    ]
-    for restart, most in ((20, 300), (30, 300), (30, 900)):
-        own = [cell("GMRES", f"({restart}), {most} iterations", "table4", d) for d in "xyz"]
-        lines.append(_row((f"{restart}, {most}", *own)))
-    yield _markdown(("GMRES restarted after, iterations in all", "f_x", "f_y", "f_z"), "--- ---: ---: ---:", lines)
+    def tolerances(self) -> str:
+        """Return the table of smaller tolerances."""
+        values = [f"/ {factor:g}" for factor in FACTORS]
+        lines = [
+            _row((words, self.paper_centres(*key), *(self.cell(TOLERANCE, value, *key) for value in values)))
+            for words, *key in TOLERANCES
+        ]
+        heads = ("8e-5 m divided by", "paper", *(f"{factor:g}" for factor in FACTORS))
+        return _markdown(heads, "---" + " ---:" * (1 + len(FACTORS)), lines)
+
+    def solvers(self) -> str:
+        """Return the table of a GMRES that is restarted and stopped early."""
+        ended = (f"{one.centers}, left {1e3 * one.max_error:.2g} mm" for one in paper().tables["table4"].rows)
+        exact = (self.cell(NOTHING, "", "table4", d) for d in "xyz")
+        lines = [_row(("the paper, at its limit", *ended)), _row(("exact solves", *exact))]
+        for restart, most in SOLVERS:
+            own = (self.cell(GMRES, f"({restart}), {most} iterations", "table4", d) for d in "xyz")
+            lines.append(_row((f"{restart}, {most}", *own)))
+        return _markdown(("GMRES restarted after, iterations in all", "f_x", "f_y", "f_z"), "---" + " ---:" * 3, lines)
 
 
 def _ended(row: dict[str, str]) -> str:

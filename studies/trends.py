@@ -20,7 +20,7 @@ BOTH = ("seconds", "pairs")
 SAME = 1.25
 """Costs differ little if the largest is at most so many times the smallest; the paper's own differ by up to 1.22."""
 IDENTICAL = 1e-3
-"""Relative difference of two residuals that count as identical: a tenth of the width of a line of a plot."""
+"""Relative difference of two residuals that count as identical: no plot over two decades shows it."""
 NEAR = 0.25
 """Share of the hexahedron's height within which a cell is near the aileron, or near a face of the hexahedron."""
 ROW_LIMIT = 0.15
@@ -117,7 +117,8 @@ def mv_over_squv(rows: Rows) -> list[float]:
 
 def until_25(rows: Rows, measure: str) -> bool:
     """Whether the cost falls in each step up to M_add = 25, and rises in half of the steps beyond, as the paper's."""
-    first, later = ([getattr(row, measure) for row in rows if sign * (row.setting.n_add - 25) >= 0] for sign in (-1, 1))
+    first = [getattr(row, measure) for row in rows if row.setting.n_add <= 25]
+    later = [getattr(row, measure) for row in rows if row.setting.n_add >= 25]
     rises = _rises(later)
     return not any(_rises(first)) and 2 * sum(rises) >= len(rises)
 
@@ -278,8 +279,9 @@ def of_worst(worst: dict[str, Any]) -> Verdict:
     near = max(worst["to_surface"], worst["to_upper"]) <= NEAR * worst["height"]
     here = (
         f"{100 * worst['upper_half']:.0f} % of the {worst['cells']:,} worst cells are in the upper half of the "
-        f"hexahedron, {1e3 * worst['height']:.0f} mm high; medians: {1e3 * worst['to_surface']:.1f} mm from the "
-        f"aileron, {1e3 * worst['to_upper']:.1f} mm below the upper face, {worst['volume']:.2f} of the volume before"
+        f"hexahedron, {1e3 * worst['height']:.0f} mm high; medians: {1e3 * worst['to_surface']:.1f} mm from a node "
+        f"of the aileron, {1e3 * worst['to_upper']:.1f} mm below the upper face, {worst['volume']:.2f} of the volume "
+        "before"
     )
     sentence = f"At {worst['angle']:+g}° the worst cells are near the aileron, near the upper face, and compressed."
     holds = near and worst["volume"] < 1.0

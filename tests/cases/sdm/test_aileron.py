@@ -28,14 +28,17 @@ def test_every_check_passes(aileron_run):
             "quality_min"} <= names  # fmt: skip
 
 
-@pytest.mark.parametrize(("angle", "least"), [(60.0, 0.437), (-60.0, 0.437)])
+@pytest.mark.parametrize(
+    ("angle", "least"), [pytest.param(50.0, 0.584, marks=pytest.mark.nightly), (60.0, 0.511), (-60.0, 0.483)]
+)
 def test_sixty_degrees_from_a_box_that_begins_ahead_of_the_hinge(turned, angle, least):
     """On other meshes the skins of the wedge cross at +60 degrees, because the repair slides nodes on its faces."""
     case = replace(case_named("aileron"), angle=angle)
     case = replace(case, confinement=replace(case.confinement, ahead=0.006))
-    _, moved, checks = turned(case)
+    mesh, moved, checks = turned(case)
     assert {c.name: (c.value, c.where) for c in checks if not c.passed} == {}
-    assert mean_ratio(moved.points, tets_of(moved)).min() == pytest.approx(least, abs=1e-3)
+    changed = (moved.points != mesh.points).any(axis=1)[tets_of(mesh)].any(axis=1)
+    assert mean_ratio(moved.points, tets_of(moved)[changed]).min() == pytest.approx(least, abs=1e-3)
 
 
 def test_files_of_the_contract(aileron_run):
