@@ -17,14 +17,14 @@ from sdm_deflect.deform.mesh.crossing import Crossings
 from sdm_deflect.deform.mesh.edges import edges_of, polygons_of
 from sdm_deflect.deform.mesh.faces import faces_of, on_boundary
 from sdm_deflect.deform.mesh.images import plane_of
+from sdm_deflect.deform.mesh.layers import LayerChange
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.precision import EVERY_BIT
 from sdm_deflect.deform.mesh.quality import inverted_of
 from sdm_deflect.deform.mesh.standard import type_of
-from sdm_deflect.deform.mesh.touched import Layers, first_layer
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.surface import OnPatches
-from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection
+from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection, fell_poor
 from sdm_deflect.deform.volume.excerpt import boundary_in_file
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 
@@ -34,7 +34,16 @@ ON_IMAGE = 1e-14  # of a pair's size: largest distance of nodes from their image
 WORSE = 4.0  # times the distance before: allowed in files with fewer digits
 SAME_PLACE = 1e-9  # of the box: nearer nodes are at the same place
 
-POOR, POOR_SHARE = (0.1, 0.5)  # a worst cell is poor if newly below this quality, or below this share of its own
+LAYER_CHANGE = 0.1  # largest relative change of a layer's height: half of a usual growth from layer to layer
+FEW, FEW_CHANGE = 0.005, 0.25  # share of columns that may change by more, such as those at a corner, and by how much
+
+CAUSES = {
+    "repair": "the repair moved them",
+    "following": "no node follows the wall",
+    "shear": "the motion shears the wall",
+    "gap": "another wall is near, or the wall ends",
+}
+"""Why layers change their heights, by a key that tells what helps."""
 
 Judgement = Literal["at most", "at least", "information"]
 Verdict = Literal["passed", "poor", "FAILED", "information", "not applicable"]
@@ -55,7 +64,8 @@ class Check:
     over : number of nodes or cells measured; with none the check is not applicable.
     nodes, distances : (K,) nodes and the value at each, if a map of them is worth drawing.
     figures : measured value of each part, by name.
-    poor : whether a worst cell passes but lost more than half of its quality, or newly fell below 0.1.
+    reservation : what is not good although the check passes, as in "passed, with poor cells"; empty without any.
+    cause : why it is so, a key of `CAUSES`; empty if unknown.
     """
 
     name: str
@@ -68,7 +78,8 @@ class Check:
     nodes: IntArray | None = field(default=None, compare=False, repr=False)
     distances: FloatArray | None = field(default=None, compare=False, repr=False)
     figures: dict[str, dict[str, float]] = field(default_factory=dict, compare=False, repr=False)
-    poor: bool = False
+    reservation: str = ""
+    cause: str = ""
 
     @property
     def is_judged(self) -> bool:
@@ -87,7 +98,7 @@ class Check:
         """The result in a word or two."""
         if not self.is_judged:
             return "information" if self.over else "not applicable"
-        return "FAILED" if not self.passed else "poor" if self.poor else "passed"
+        return "FAILED" if not self.passed else "poor" if self.reservation else "passed"
 
     def as_dict(self) -> dict[str, Any]:
         """Return the check for JSON; values that are not finite are null."""
@@ -102,7 +113,7 @@ class Check:
             "over": self.over,
             "unit": self.unit,
             "where": self.where,
-            **({"figures": self.figures} if self.figures else {}),
+            **{name: value for name in ("reservation", "cause", "figures") if (value := getattr(self, name))},
         }
 
 
@@ -111,7 +122,8 @@ def verdict(checks: Sequence[Check]) -> str:
     judged = [check for check in checks if check.is_judged]
     if failed := [check.name for check in judged if not check.passed]:
         return f"FAILED: {len(failed)} of {len(judged)} checks: {', '.join(dict.fromkeys(failed))}"
-    return "passed, with poor cells" if any(check.poor for check in checks) else "all validations passed"
+    told = dict.fromkeys(check.reservation for check in judged if check.reservation)
+    return f"passed, with {' and '.join(told)}" if told else "all validations passed"
 
 
 def tally(checks: Sequence[Check]) -> str:
@@ -129,9 +141,9 @@ def worst(distances: FloatArray, points: FloatArray) -> str:
     return f"{len(distances)} nodes, rms {rms:.1e}, worst at ({x:.4f}, {y:.4f}, {z:.4f})"
 
 
-def layers_of(deflection: Deflection) -> Layers | None:
-    """Return the change of the first layer's height; None without a layer."""
-    return first_layer(deflection.plan.touched, deflection.plan.walls, deflection.points)
+def layer_change(box: BoxPlan, points: FloatArray) -> LayerChange:
+    """Return how the first layers changed over the walls that are joined with a moving surface of a box."""
+    return LayerChange.of(box.layers, box.mesh.points, points, box.moved_walls, box.mesh.normal)
 
 
 def checks_of(deflection: Deflection, unit: str = "") -> tuple[Check, ...]:
@@ -185,7 +197,8 @@ def _checks(deflection: Deflection, unit: str) -> Iterator[Check]:
         yield from (Check(*row) for row in plan.faces.verdicts(deflection.faces))
     yield from _sliding(deflection, unit)
     yield from _pairs(deflection)
-    yield from _first_layer(deflection)
+    if mesh.cells:
+        yield _layer_height(deflection)
 
 
 def _parted(deflection: Deflection) -> Iterator[Check]:
@@ -295,12 +308,43 @@ def _sliding(deflection: Deflection, unit: str) -> Iterator[Check]:
         yield from with_surface(checks, box.plan, deflection.plan)
 
 
-def _first_layer(deflection: Deflection) -> Iterator[Check]:
-    layers = layers_of(deflection)
-    if layers:
-        kind = "thick" if layers.thick else "thin"
-        where = f"{layers.edges} edges of {kind} cells, from {layers.lowest:.3g}; 99 % within {layers.p99:.2e}"
-        yield Check("first_layer", layers.largest, layers.limit, "", where)
+def _layer_height(deflection: Deflection) -> Check:
+    """Check that the first layers kept their heights, but for a few columns."""
+    changes = [layer_change(box.plan, deflection.points) for box in deflection.boxes]
+    found, tilts = (np.concatenate([getattr(one, name) for one in changes]) for name in ("changes", "tilts"))
+    if not (over := len(found)):
+        where = "no layers of prisms or hexahedra on the moved walls; layers of tetrahedra are not measured"
+        return Check("layer_height", 0.0, LAYER_CHANGE, "", where, over=0)
+    value, many = float(found.max()), int(np.count_nonzero(found > LAYER_CHANGE))
+    figures = {
+        name: {"max": float(values.max()), "p99": float(np.percentile(values, 99.0))}
+        for name, values in (("change", found), ("tilt_deg", tilts))
+    }
+    where = f"{over} columns of {max(one.layers for one in changes)} layers; cells tilt by up to "
+    where += "{max:.2g} degrees, 99 % by up to {p99:.2g}".format(**figures["tilt_deg"])
+    limit, told, cause = FEW_CHANGE, "", ""
+    if many:
+        own = int(np.argmax([one.changes.max(initial=0.0) for one in changes]))
+        box, row = deflection.boxes[own], int(np.argmax(changes[own].changes))
+        faces = box.plan.layers.faces
+        nodes = faces.nodes[slice(*faces.offsets[changes[own].faces[row] :][:2])]
+        place = "({:.4g}, {:.4g}, {:.4g})".format(*box.plan.mesh.points[nodes].mean(axis=0))
+        told, cause = f"{many} of {over} columns changed by up to {value:.2g} at {place}", _cause(box, row, nodes)
+        where = f"{told}, where {CAUSES[cause]}; {where}"
+    if many > max(1.0, FEW * over):
+        limit, told = LAYER_CHANGE, ""
+    return Check("layer_height", value, limit, "", where, over=over, figures=figures, reservation=told, cause=cause)
+
+
+def _cause(box: BoxDeflection, row: int, nodes: IntArray) -> str:
+    """Return why the column in a row of `LayerChange` over a face's nodes changed: a key of `CAUSES`."""
+    plan = box.plan
+    if box.repaired and layer_change(plan, box.interpolated).changes[row] <= LAYER_CHANGE:
+        return "repair"
+    if not plan.job.near_wall:
+        return "following"
+    sheared = plan.boundary.both(plan.sites.moving[plan.sites.sheared])
+    return "shear" if np.isin(nodes, sheared).any() else "gap"
 
 
 def _pairs(deflection: Deflection) -> Iterator[Check]:
@@ -435,8 +479,10 @@ def _quality_checks(deflection: Deflection) -> Iterator[Check]:
         if new.cells < of.cells:
             where += f", without {of.cells - new.cells} that were inverted or flat before"
         limit = deflection.plan.job.repair.min_quality * old.quality if old.cells else 0.0
-        poor = new.quality < POOR_SHARE * old.quality or new.quality < POOR <= old.quality
-        yield Check(f"quality_min:{of.shape}", new.quality, limit, "", where, "at least", over=new.cells, poor=poor)
+        poor = "poor cells" if fell_poor(old, new) else ""
+        yield Check(
+            f"quality_min:{of.shape}", new.quality, limit, "", where, "at least", over=new.cells, reservation=poor
+        )
 
 
 def _check_still(name: str, moved: FloatArray, what: str, unit: str) -> Check:

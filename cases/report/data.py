@@ -378,7 +378,7 @@ def stored_checks(checks: Sequence[Check]) -> tuple[Check, ...]:
 
 def _check(row: Json) -> Check:
     values: Json = {item.name: row[item.name] for item in fields(Check) if item.name in row}
-    return Check(**values | {"value": nan if row["value"] is None else row["value"]}, poor=row["verdict"] == "poor")
+    return Check(**values | {"value": nan if row["value"] is None else row["value"]})
 
 
 def rows_of(settings: Mapping[str, Any]) -> Rows:

@@ -51,7 +51,7 @@ CHECKS = {
     "surface_to_rigid_cad": "all nodes from the surface's CAD faces turned rigidly, and back; the limit is predicted",
     "rigid_cad_predicted": "the same in each part, from what is predicted without the mesh's own law",
     "site_error": "error at the data sites: the fit ends as soon as it is below the limit; surface nodes are exact",
-    "first_layer": "change of the height of the first layer of cells, as a share of it",
+    "layer_height": "largest change of a height of the first layers, as a share of it",
     "trailing_edge_angle": "trailing edge from the angle that was asked",
     "hinge_offset": "hinge edges from where fixed hinge edges must be beside a wedge turned rigidly",
     "cylindricity": "nodes of the fuselage panel from the cylinder",
@@ -71,11 +71,17 @@ REMEDIES = {
     "inverted_cells": (*LARGER_BOX, WIDER),
     "surfaces_crossed": ("a smaller angle", "a hinge farther from the other surface"),
     "quality_min": (*LARGER_BOX, "--repair always"),
-    "first_layer": (WIDER, "a smaller angle"),
     "non_orthogonality_max": LARGER_BOX,
     "skewness_max": LARGER_BOX,
+    "shear": (WIDER, "a smaller angle"),
+    "gap": ("a smaller angle",),
+    "repair": ("--repair off",),
+    "following": ("near_wall = true",),
 }
-"""What to try where a check of the deflected mesh fails; `WIDER` stands for the widths of its surfaces."""
+"""What to try where a check of the deflected mesh fails, by its cause or its name.
+
+`WIDER` stands for the widths of its surfaces.
+"""
 OTHER_REMEDIES = {
     "left_behind": "Name the other patch or zone, too.",
     "nodes_parted": "Name both patches in fixed, or pair them by --periodic.",
@@ -200,7 +206,7 @@ def pixels(exhibit: Exhibit) -> tuple[int, int]:
 
 def remedies(data: ReportData) -> tuple[str, ...]:
     """Return what helps where checks fail, each advice once; a mesh that nothing moves is not helped by settings."""
-    failed = [check.name.partition(":")[0] for check in data.checks if not check.passed]
+    failed = [check.cause or check.name.partition(":")[0] for check in data.checks if not check.passed]
     moved = any(one.amount for one in data.surfaces)
     widths = [f"a wider --{name}" for name in dict.fromkeys(one.width for one in data.surfaces if one.width)]
     advice = [OTHER_REMEDIES[name] for name in failed if name in OTHER_REMEDIES]

@@ -1,7 +1,7 @@
 """`sdm deflect` carried out: read, deflect, write, all files or none."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,11 +10,10 @@ from sdm_deflect.deform.base.errors import InputError, short_list
 from sdm_deflect.deform.base.files import permitted_as
 from sdm_deflect.deform.base.states import check_unchanged, hold_open
 from sdm_deflect.deform.base.threads import HERE, Progress, Runner, Stage
-from sdm_deflect.deform.checks import Check, layers_of, verdict
+from sdm_deflect.deform.checks import Check, verdict
 from sdm_deflect.deform.loop import run
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import Quality
-from sdm_deflect.deform.mesh.touched import Layers
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.job import Amounts, Job
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
@@ -48,7 +47,6 @@ class PoseSummary:
     amounts: Amounts
     figures: Json = field(repr=False)
     quality: tuple[Quality, ...]
-    layers: Layers | None
     checks: tuple[Check, ...]
     seconds: float
 
@@ -57,7 +55,7 @@ class PoseSummary:
         """Collect the figures of a deflection."""
         by_box = {"deflections": figures_by_box(deflection)} if len(deflection.boxes) > 1 else {}
         figures = {**deflection_figures(deflection), **by_box}
-        return cls(deflection.amounts, figures, deflection.quality, layers_of(deflection), checks, deflection.seconds)
+        return cls(deflection.amounts, figures, deflection.quality, checks, deflection.seconds)
 
     @property
     def passed(self) -> bool:
@@ -284,7 +282,6 @@ def figures(done: Outcome, watch: Stopwatch) -> Json:
                 "angle": summary.amounts[0],
                 "unit": done.plan.unit,
                 **summary.figures,
-                "first_layer": asdict(summary.layers) if summary.layers else None,
                 "validation": verdict_figures(summary.checks),
             }
             for summary in sorted(done.poses, key=lambda summary: summary.amounts)

@@ -8,14 +8,20 @@ errors up to the tolerance. Two corrections help. First, some mesh nodes beside 
     p + u(p) + psi (v(p) - u(p)),    v(p) = sum of w_j (u_j + (R_j - 1)(p - x_j)),
 
 Here u is the interpolant, and v the mean of the rigid motions of the boundary nodes around (Luke, Collins and Blades,
-J. Comput. Phys. 231, 2012). The weight psi falls to zero away from the wall, and where a wall that may move differently
-is as near: in the middle of a gap only the interpolant acts. With p = `POWER`, the share w_j of a
-node at distance d is (1 / d - 1 / D)**p, where D is the distance of the nearest node that is left out (Franke and
-Nielson, Int. J. Numer. Meth. Eng. 15, 1980). So v does not jump where the set of nodes changes; a jump would invert the
-flat cells of a wake.
+J. Comput. Phys. 231, 2012). With d the distance from the wall and r = d / L, the weight is
 
-Both corrections shear the mesh where they end, so they reach no farther than the interpolant's error requires
-(`Reach`). Layer sites stand only where the motion shears the surface, as in a blended strip: there the columns of a
+    psi = min(1, c / (1 - c) (1 / r - 1)),    c = `RIGID`.
+
+Up to r = c the mesh is rigid: there layers keep their heights and stay upright. From there psi d falls linearly to zero
+at r = 1; no other weight with such a rigid part shears the mesh less. L is the reach, about one edge of the surface, or
+the distance of another part of the boundary, which may move differently: in the middle of a gap only the interpolant
+acts.
+
+With p = `POWER`, the share w_j of a node at distance d is (1 / d - 1 / D)**p, where D is the distance of the nearest
+node that is left out (Franke and Nielson, Int. J. Numer. Meth. Eng. 15, 1980). So v does not jump where the set of
+nodes changes; a jump would invert the flat cells of a wake.
+
+Layer sites stand only where the motion shears the surface, as in a blended strip: there the columns of a
 layer turn by different angles. Where the surface turns rigidly, the interpolant bends the mesh in a narrow slot less
 without them. `benchmarks/layers.md` has the figures, also for the constants.
 """
@@ -34,21 +40,13 @@ from sdm_deflect.deform.rbf.data_sites import DataSites
 from .addition import Acting, Addition
 from .local_rotation import LocalRotation
 
-NEAR = 0.2  # of `Reach.sites`: no layer site is nearer to the wall
-FAR = (
-    0.05,
-    0.5,
-)  # least and most of `Reach.sites`, in edges of the surface: only meshes with layers have nodes that near
-COARSE = 5.0  # times the edge over the surface's size: `Reach.sites` in edges
-LAYERS = 8.0  # first heights: least of `Reach.sites`
+RIGID = 0.2  # of the reach: up to there nodes follow the wall rigidly
+NEAR, FAR = 0.08, 0.4  # edges of the surface: layer sites are between
 ALONE = 0.5  # of the distance to another part of the boundary: a layer site is nearer than this to its own part
 MOST_LAYER_SITES = 30_000  # larger sets are thinned
 AROUND, POWER = 32, 5  # number of boundary nodes that carry a point, and the power of their weights
 LEAST = 2.0**-100  # least distance; a power of two, so that a point on a node moves exactly with it
 BEYOND = 1.001  # times the distance of the first node that is left out: there the weight is zero
-FADE = 4.0  # times `Reach.follow`: beyond, the mesh no longer follows
-ERRORS = 10.0  # tolerances over which a correction fades at least: it shears the mesh by 0.1 at most
-KEPT = 0.005  # largest relative change of the first height by a correction of one tolerance that fades
 
 
 class Nearby(NamedTuple):
@@ -142,52 +140,18 @@ def _carried(
     return out
 
 
-def first_height(nearby: Nearby, count: int) -> float:
-    """Return the median distance from the first `count` boundary nodes to their nearest points; inf without points."""
-    least: FloatArray = np.full(count, np.inf)
-    of_these = nearby.node < count
-    np.minimum.at(least, nearby.node[of_these], nearby.first[of_these])
-    least = least[np.isfinite(least) & (least > 0.0)]
-    return float(np.median(least)) if len(least) else np.inf
-
-
-class Reach(NamedTuple):
-    """Distances from a wall, as lengths.
-
-    Attributes
-    ----------
-    sites : layer sites are at most this far away.
-    follow : the mesh follows the wall up to here; 0 for nowhere.
-    """
-
-    sites: float
-    follow: float
-
-    @classmethod
-    def of(cls, height: float, edge: float, size: float, tolerance: float) -> "Reach":
-        """Take the first layer's height, the median edge and the size of the surface, and the tolerance.
-
-        Between nodes the interpolant's error grows with the square of edge over size; so do layer sites reach. An error
-        of one tolerance t fades over at least `ERRORS` t, and changes the height h by at most `KEPT` h. There psi is
-        1 - 10 (h / L)**2, hence L**2 = 10 h t / `KEPT`. Nothing reaches farther than one edge.
-        """
-        low, high = (share * edge for share in FAR)
-        sites = min(high, max(low, COARSE * edge**2 / max(size, edge), LAYERS * height))
-        least = max(ERRORS * tolerance, (10.0 * height * tolerance / KEPT) ** 0.5)
-        return cls(sites, min(edge, max(FADE * sites, least)))
-
-
-def layer_sites(nearby: Nearby, nodes: IntArray, far: float) -> IntArray:
+def layer_sites(nearby: Nearby, nodes: IntArray, edge: float) -> IntArray:
     """Return the rows of points that become data sites: for each node the farthest one allowed.
 
     Parameters
     ----------
     nearby : Boundary nodes nearest to the points.
     nodes : Rows of the boundary nodes that have layer sites.
-    far : Largest distance of a layer site from its node.
+    edge : Length of an edge of the surface.
     """
     first = nearby.first
-    good = np.isin(nearby.node, nodes) & (first > NEAR * far) & (first < far) & (first < ALONE * nearby.second)
+    good = np.isin(nearby.node, nodes) & (first > NEAR * edge) & (first < FAR * edge)
+    good &= first < ALONE * nearby.second
     rows = np.flatnonzero(good)
     rows = rows[np.lexsort((-first[rows], nearby.node[rows]))]
     _, own = np.unique(nearby.node[rows], return_index=True)
@@ -201,7 +165,7 @@ class NearWall:
     Attributes
     ----------
     follow : the points.
-    weight : (Q,) psi(r) = (1 - r)**4 (4 r + 1), Wendland's function: 1 at the wall, with zero slope there.
+    weight : (Q,) psi.
     """
 
     follow: RigidFollow
@@ -214,8 +178,9 @@ class NearWall:
         """Take the points within `reach` of boundary nodes (K, 3) that are nearer to one part than to any other."""
         limit = np.minimum(reach, nearby.second)
         rows = np.flatnonzero(nearby.first < limit)
-        r = nearby.first[rows] / limit[rows]
-        return cls(RigidFollow.around(points, boundary, rows, union(*parts)), (1.0 - r) ** 4 * (4.0 * r + 1.0))
+        r = np.maximum(nearby.first[rows] / limit[rows], RIGID)
+        weight = np.minimum(RIGID / (1.0 - RIGID) * (1.0 / r - 1.0), 1.0)
+        return cls(RigidFollow.around(points, boundary, rows, union(*parts)), weight)
 
     def following(self, displacement: FloatArray, boundary: FloatArray, turns: FloatArray) -> FloatArray:
         """Return the displacement (M, 3) of points, given the boundary's displacement (K, 3) and rotations R - 1."""
@@ -233,10 +198,9 @@ class FollowWalls(Addition):
     known : (B,) known nodes; the first `certain` move or stay, the others are bound.
     certain : number of these.
     parts : rows of `known` for each part that may move differently.
-    surfaces : nodes of each moving surface.
     edges : (E, 2) rows of `known` that an edge of the boundary joins.
     sheared : rows of `known` beside which the motion shears the surface.
-    edge, tolerance : lengths: the surfaces' median edge, and the largest error at a site.
+    edge, reach : lengths: an edge of the surface, and up to where nodes follow walls if there is room.
     normal : (3,) normal of a plane mesh.
     components : directions in which nodes move.
     """
@@ -244,25 +208,22 @@ class FollowWalls(Addition):
     known: IntArray = field(repr=False)
     certain: int
     parts: tuple[IntArray, ...] = field(repr=False)
-    surfaces: tuple[IntArray, ...] = field(repr=False)
     edges: IntArray = field(repr=False)
     sheared: IntArray = field(repr=False)
     edge: float
-    tolerance: float
+    reach: float
     normal: FloatArray | None
     components: tuple[int, ...]
 
     def at(self, points: FloatArray, free: IntArray) -> "FollowingWalls":
         known, places = points[self.known], points[free]
         nearby = Nearby.of(places, known, self.parts)
-        size = min(float(np.linalg.norm(np.ptp(points[nodes], axis=0))) for nodes in self.surfaces)
-        reach = Reach.of(first_height(nearby, self.certain), self.edge, size, self.tolerance)
-        layers = RigidFollow.of(places, known, layer_sites(nearby, self.sheared, reach.sites), nearby)
-        near = NearWall.of(places, known, nearby, self.parts, reach.follow)
+        layers = RigidFollow.of(places, known, layer_sites(nearby, self.sheared, self.edge), nearby)
+        near = NearWall.of(places, known, nearby, self.parts, self.reach)
         late, parts = known[self.certain :], [part[part < self.certain] for part in self.parts]
-        bound = NearWall.of(late, known, Nearby.of(late, known, parts), parts, reach.follow)
+        bound = NearWall.of(late, known, Nearby.of(late, known, parts), parts, self.reach)
         turning = LocalRotation.of(known, self.edges, self.certain, self.normal)
-        return FollowingWalls(self.components, reach.follow, layers, bound, near, turning)
+        return FollowingWalls(self.components, self.reach, layers, bound, near, turning)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -54,7 +54,7 @@ class Fitting:
     strategy: Annotated[Strategy, Doc("Accuracy", "squv: centres for each direction; mv: common centres.")] = "squv"
     tolerance: Annotated[float, Range(0.0), Doc(
         "Accuracy",
-        "Largest error at a data site, a length; 0: 1 % of the surface's median edge, less over thick layers.")] = 0.0
+        "Largest error at a data site, a length; 0: 1 % of the surface's median edge.")] = 0.0
     initial_surface: Annotated[int, Range(4), ONLY_SET, Doc(
         "Accuracy", "Centres at the start on the moving surface.")] = 30
     initial_hexahedron: Annotated[int, Range(1), ONLY_SET, Doc(

@@ -1,6 +1,7 @@
 """Nodes that a repair may move, and the shapes and columns that bind them.
 
-A column is the nodes of all layers over one node of a wall; each node keeps its distance from the one below.
+A column is the nodes of all layers over one node of a wall. Near the wall each node keeps its distance from the one
+below; farther out this distance is bounded.
 """
 
 from __future__ import annotations
@@ -17,48 +18,64 @@ from sdm_deflect.deform.base.vectors import dot, minus, norm, plus, row_of
 from sdm_deflect.deform.mesh.cells import Patch, Polygons
 from sdm_deflect.deform.mesh.edges import Joints, area_vectors, polygons_of, unit
 from sdm_deflect.deform.mesh.images import Images
+from sdm_deflect.deform.mesh.layers import LayerColumns
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.sliding import FITTED, SHARP, SURFACE, Plane, SlidingSurface, Triangulated
-from sdm_deflect.deform.mesh.touched import TouchedCells, layers
 
 from .elements import Crossing
 
 TURNS = {"plane": 1e-5, SURFACE: 2.0 * np.sin(np.radians(SHARP / 2.0))}
 """Largest difference of the normals beside an edge inside a plane, and inside a surface."""
+BOUNDS = (0.5, 2.0)
+"""Least and largest height of an outer layer after a repair, as shares of its height before the deflection. Solvers
+with wall models expect heights to grow steadily: beyond these the growth of neighbours would double."""
 FLAT = 1e-9
 """Largest distance of nodes from their plane face, as a share of the patch's size."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Columns:
-    """Nodes of layers over walls.
+    """Nodes of layers whose heights are bounded.
 
     Attributes
     ----------
-    levels : for each layer, from the wall outwards, its nodes and the node below each (K, 2).
-    forked : (F,) sorted nodes of the first layer over several wall nodes.
+    pairs : for each layer, from the wall outwards, its nodes and the node below each (K, 2).
+    lengths : for each layer the least and the largest length (K, 2) of the edges of these pairs.
+    rigid : sorted nodes (R,) of layers that follow the wall rigidly. They stay while other nodes can help.
     """
 
-    levels: tuple[IntArray, ...] = field(default=(), repr=False)
-    forked: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.intp), repr=False)
+    pairs: tuple[IntArray, ...] = field(default=(), repr=False)
+    lengths: tuple[FloatArray, ...] = field(default=(), repr=False)
+    rigid: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.intp), repr=False)
 
     @classmethod
-    def of(cls, touched: TouchedCells, walls: IntArray) -> Columns:
-        """Follow flat cells outwards from the nodes of walls (W,)."""
-        levels: list[IntArray] = []
-        forked = np.empty(0, dtype=np.intp)
-        for base, top, _ in layers(touched, walls):
-            pairs = np.unique(np.column_stack([top, base]), axis=0)
-            nodes, first, count = np.unique(pairs[:, 0], return_index=True, return_counts=True)
-            forked = forked if levels else nodes[count > 1]
-            levels.append(pairs[first[count == 1]])
-        return cls(tuple(levels), forked)
+    def of(cls, levels: Sequence[IntArray], rigid: IntArray, before: FloatArray, now: FloatArray) -> Columns:
+        """Take pairs (K, 2) of nodes, at points (N, 3) before and now.
+
+        Edges to nodes of `rigid` (R,) keep their length. Others keep it within `BOUNDS` of the length before, or of
+        where it is now.
+        """
+        lengths = []
+        for pairs in levels:
+            was, own = (np.linalg.norm(at[pairs[:, 0]] - at[pairs[:, 1]], axis=1) for at in (before, now))
+            low, high = np.minimum(BOUNDS[0] * was, own), np.maximum(BOUNDS[1] * was, own)
+            exact = np.isin(pairs[:, 0], rigid)
+            lengths.append(np.column_stack([np.where(exact, own, low), np.where(exact, own, high)]))
+        nodes = union(*(pairs[:, 0] for pairs in levels))
+        return cls(tuple(levels), tuple(lengths), np.intersect1d(nodes, rigid, assume_unique=True))
+
+    def without(self, nodes: IntArray) -> Columns:
+        """Return the same without some nodes (K,), which stay."""
+        stay = [np.isin(pairs[:, 0], nodes) for pairs in self.pairs]
+        pairs = tuple(own[~rows] for own, rows in zip(self.pairs, stay, strict=True))
+        lengths = tuple(own[~rows] for own, rows in zip(self.lengths, stay, strict=True))
+        return Columns(pairs, lengths, np.setdiff1d(self.rigid, nodes, assume_unique=True))
 
     def closure(self, nodes: IntArray, size: int) -> IntArray:
         """Return sorted nodes (K,) with all nodes above them; `size` is the number of nodes of the mesh."""
         mark = np.zeros(size, dtype=np.bool_)
         mark[nodes] = True
-        for pairs in self.levels:
+        for pairs in self.pairs:
             mark[pairs[mark[pairs[:, 1]], 0]] = True
         return np.flatnonzero(mark)
 
@@ -72,61 +89,69 @@ class Heights:
     rows, below : (K,) rows of the nodes, and of the nodes below; -1 for one that stays.
     fixed : (K, 3) places of the nodes below that stay.
     arms : (K, 3) vectors from the nodes below to the nodes, at first.
+    lengths : (K, 2) least and largest length of an arm.
     """
 
     rows: IntArray = field(repr=False)
     below: IntArray = field(repr=False)
     fixed: FloatArray = field(repr=False)
     arms: FloatArray = field(repr=False)
+    lengths: FloatArray = field(repr=False)
 
     @classmethod
     def of(cls, columns: Columns, points: FloatArray, nodes: IntArray) -> Heights:
         """Take the heights over moving nodes (U,), at points (N, 3)."""
         place = np.full(len(points), -1, dtype=np.intp)
         place[nodes] = np.arange(len(nodes))
-        pairs = np.concatenate([np.empty((0, 2), dtype=np.intp), *columns.levels])
-        above, below = pairs[place[pairs[:, 0]] >= 0].T
-        return cls(place[above], place[below], points[below], points[above] - points[below])
+        pairs = np.concatenate([np.empty((0, 2), dtype=np.intp), *columns.pairs])
+        some = place[pairs[:, 0]] >= 0
+        above, below = pairs[some].T
+        lengths = np.concatenate([np.empty((0, 2)), *columns.lengths])[some]
+        return cls(place[above], place[below], points[below], points[above] - points[below], lengths)
 
     def keep(self, places: FloatArray) -> FloatArray:
-        """Move places (U, 3) along the line from the node below to the kept height; return the arms (K, 3) before.
+        """Move places (U, 3) along the line from the node below until lengths fit; return the arms (K, 3) before.
 
         Nodes with unchanged arms keep their bits.
         """
         arms = np.empty_like(self.arms)
-        _keep(self.rows, self.below, self.fixed, self.arms, places, arms)
+        _keep(self.rows, self.below, self.fixed, self.arms, self.lengths, places, arms)
         return arms
 
     def pull(self, arms: FloatArray, gradient: FloatArray) -> None:
         """Convert the gradient (U, 3) by places after `keep` to that by places before; `arms` are from `keep`."""
-        _pull(self.rows, self.below, self.arms, arms, gradient)
+        _pull(self.rows, self.below, self.lengths, arms, gradient)
 
 
 @compiled_exactly
 def _keep(
-    rows: IntArray, below: IntArray, fixed: FloatArray, arms: FloatArray, places: FloatArray, out: FloatArray
-) -> None:  # pragma: no cover - machine code
+    rows: IntArray, below: IntArray, fixed: FloatArray, arms: FloatArray, lengths: FloatArray, places: FloatArray,
+    out: FloatArray,
+) -> None:  # pragma: no cover - machine code  # fmt: skip
     for k in range(len(rows)):
         foot = row_of(places, below[k], 0) if below[k] >= 0 else row_of(fixed, k, 0)
         before, arm = row_of(arms, k, 0), minus(row_of(places, rows[k], 0), foot)
         for c in range(3):
             out[k, c] = arm[c]
-        if arm != before:
-            stretch = norm(before) / norm(arm)
+        length = norm(arm)
+        if arm != before and not lengths[k, 0] < length < lengths[k, 1]:
+            stretch = min(max(length, lengths[k, 0]), lengths[k, 1]) / length
             for c in range(3):
                 places[rows[k], c] = foot[c] + stretch * arm[c]
 
 
 @compiled_exactly
 def _pull(
-    rows: IntArray, below: IntArray, before: FloatArray, arms: FloatArray, gradient: FloatArray
+    rows: IntArray, below: IntArray, lengths: FloatArray, arms: FloatArray, gradient: FloatArray
 ) -> None:  # pragma: no cover - machine code
     for k in range(len(rows) - 1, -1, -1):
         arm, whole = row_of(arms, k, 0), row_of(gradient, rows[k], 0)
         length = norm(arm)
+        if lengths[k, 0] < length < lengths[k, 1]:
+            continue
         outward = (arm[0] / length, arm[1] / length, arm[2] / length)
         across = plus(whole, -dot(whole, outward), outward)
-        stretch = norm(row_of(before, k, 0)) / length
+        stretch = min(max(length, lengths[k, 0]), lengths[k, 1]) / length
         for c in range(3):
             gradient[rows[k], c] = stretch * across[c]
             if below[k] >= 0:
@@ -154,7 +179,7 @@ class SlidingPiece(NamedTuple):
 class FreeNodes:
     """Nodes that may move: `free` (F,) in all directions, others on shapes; each occurs once.
 
-    Nodes of `columns` also keep their distances from the nodes below; groups of `images` move alike.
+    Nodes of `columns` are also bound in their distances from the nodes below; groups of `images` move alike.
     """
 
     free: IntArray = field(repr=False)
@@ -251,8 +276,14 @@ class FreeNodes:
                 return found
             nodes = found
 
-    def with_columns(self, columns: Columns, points: FloatArray) -> FreeNodes:
-        """Return the same with the heights of layers kept, given the nodes at points (N, 3).
+    def holding(self, nodes: IntArray) -> FreeNodes:
+        """Return the same without some nodes (K,), which stay."""
+        slides = tuple(replace(one, nodes=np.setdiff1d(one.nodes, nodes, assume_unique=True)) for one in self.slides)
+        free = np.setdiff1d(self.free, nodes, assume_unique=True)
+        return replace(self, free=free, slides=slides, columns=self.columns.without(nodes))
+
+    def with_columns(self, columns: LayerColumns, rigid: IntArray, before: FloatArray, points: FloatArray) -> FreeNodes:
+        """Return the same with the heights of layers bounded (`Columns.of`), given the nodes at points (N, 3).
 
         A node of the first layer stays if it is over several wall nodes, or slides on a shape other than a plane
         through the node below. Nodes of further layers over it then follow their shape alone.
@@ -280,7 +311,7 @@ class FreeNodes:
             Slide(np.setdiff1d(one.nodes, stay, assume_unique=True), one.shape, one.faces) for one in self.slides
         )
         free = np.setdiff1d(self.free, stay, assume_unique=True)
-        return FreeNodes(free, slides, Columns(tuple(levels)), images)
+        return FreeNodes(free, slides, Columns.of(levels, rigid, before, points), images)
 
 
 def _pieces(

@@ -75,9 +75,11 @@ def repair_cells(
 def _repair(
     points: FloatArray, touched: TouchedCells, freedom: FreeNodes, share: float, limit: float, progress: Progress
 ) -> RepairResult:
-    goal = QualityGoal.of(touched, freedom)
+    goal, every = QualityGoal.of(touched, freedom), freedom
     parts = zip(touched.mesh.cells, touched.rows, touched.orientation, strict=True)
     tetrahedra = Tetrahedra.of(touched.mesh.points, parts).of_cells(~touched.before.inverted)
+    freedom = _without_layers(points, tetrahedra, freedom, goal.misses(goal.scores(points), share))
+    goal = QualityGoal.of(touched, freedom)
     here, found, steps, kept = points, goal.scores(points), 0, None
     start = found
     for level, sizes, far in _levels(share, limit, len(points)):
@@ -99,8 +101,23 @@ def _repair(
             here, found = there, other
     if len(freedom.images.nodes):
         here = points + freedom.images.projected(here - points)
-    made = RepairResult.of(points, here, touched, freedom, share)
+    made = RepairResult.of(points, here, touched, every, share)
     return replace(made, steps=steps)
+
+
+def _without_layers(points: FloatArray, tetrahedra: Tetrahedra, freedom: FreeNodes, spoiled: BoolArray) -> FreeNodes:
+    """Hold the nodes of layers that follow the wall rigidly; those around spoiled cells without another node may move.
+
+    `spoiled` (C,) are the spoiled cells.
+    """
+    rigid = freedom.columns.rigid
+    movable = np.bincount(freedom.nodes, minlength=len(points)) > 0
+    others = movable.copy()
+    others[rigid] = False
+    helped = np.zeros(len(spoiled), dtype=np.bool_)
+    helped[tetrahedra.cells[others[tetrahedra.nodes].any(axis=1)]] = True
+    around = freedom.closure(_around(tetrahedra, spoiled & ~helped, movable, RINGS[0]), len(points))
+    return freedom.holding(np.setdiff1d(rigid, around, assume_unique=True))
 
 
 class Target(NamedTuple):

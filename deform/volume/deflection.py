@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 DEGREES, SHARE = 0.05, 1e-3
 """Step of the fourth-order difference, in degrees or as a share of a table; relative error of the derivative 1e-11."""
+POOR, POOR_SHARE = 0.1, 0.5
+"""A worst cell is poor if newly below this quality, or below this share of its own quality before."""
 MOST_MIDPOINTS = 20_000
 """Largest number of sample points; larger sets are thinned evenly."""
 
@@ -334,10 +336,10 @@ def deflect_box(
 
     If cells are newly inverted, the number of steps is doubled as long as that halves their number, and the repair
     leaves some. The result is the deflection with the fewest. A number of steps is skipped if one of them cannot be
-    solved, for example because a moving node meets a fixed one on the way. A single step uses the centres and factors
-    of an earlier deflection of a single step.
+    solved, for example because a moving node meets a fixed one on the way. Two steps are also tried if cells that were
+    not poor become poor. A single step uses the centres and factors of the first step of an earlier deflection.
     """
-    reused = earlier.steps[0] if earlier is not None and len(earlier.steps) == 1 else None
+    reused = earlier.steps[0] if earlier is not None and earlier.steps else None
     attempts, count, most = [deflect_in_steps(plan, amounts, 1, progress, reused)], 1, plan.job.fitting.max_steps
     allowed = attempts[0].inverted
     while 0 < attempts[-1].inverted <= allowed and 2 * count <= most:
@@ -345,12 +347,30 @@ def deflect_box(
         if attempt := _possible(plan, amounts, count, progress):
             allowed = attempts[-1].inverted // 2
             attempts.append(attempt)
+    if not attempts[0].inverted and most > 1 and _worst_share(attempts[0]) < 1.0:
+        attempts += filter(None, [_possible(plan, amounts, 2, progress)])
+        attempts.sort(key=_worst_share, reverse=True)  # of equally few inverted cells the first is taken
     best = with_repair(min(attempts, key=lambda attempt: attempt.inverted), progress)
     while best.inverted and 2 * count <= most:
         count *= 2
         if attempt := _possible(plan, amounts, count, progress):
             best = min(best, with_repair(attempt, progress), key=lambda attempt: attempt.inverted)
     return best
+
+
+def fell_poor(before: Least, after: Least) -> bool:
+    """True if the worst cell lost more than half of its quality, or newly fell below `POOR`."""
+    return after.quality < POOR_SHARE * before.quality or after.quality < POOR <= before.quality
+
+
+def _worst_share(deflection: BoxDeflection) -> float:
+    """Return the least share of their quality that the worst cells of a type kept, of types that became poor; else 1.
+
+    Types whose worst cell was poor before do not count.
+    """
+    least = least_of(deflection.plan.touched, deflection.points, deflection.quality)
+    shares = (new.quality / old.quality for old, new in least if old.quality >= POOR and fell_poor(old, new))
+    return min(shares, default=1.0)
 
 
 def _possible(plan: BoxPlan, amounts: Amounts, count: int, progress: Progress) -> BoxDeflection | None:

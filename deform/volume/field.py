@@ -62,7 +62,7 @@ class FieldStep:
         """Take the result of a step of a plan."""
         boundary = step.start.points[step.start.known]
         part = np.zeros(len(boundary), dtype=np.intp)
-        for i, rows in enumerate(plan.sites.parts(plan.boundary)):
+        for i, rows in enumerate(plan.parts):
             part[rows] = i
         near = next((one for one in step.start.acting if isinstance(one, FollowingWalls)), None)
         turns = near.turning.rotations(step.known) if near else np.zeros((len(boundary), 3, 3))

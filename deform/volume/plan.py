@@ -9,20 +9,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sdm_deflect.deform.around.addition import Addition
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray, union
+from sdm_deflect.deform.around.near_wall import RIGID, Nearby
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, union
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import HERE, Progress, Runner, silent
 from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.confined import Choice
 from sdm_deflect.deform.mesh.cells import Polyhedra
 from sdm_deflect.deform.mesh.faces import BoundaryGaps
+from sdm_deflect.deform.mesh.layers import LayerColumns
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.precision import EVERY_BIT, Precision
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.mesh.sliding import SlidingSurface
-from sdm_deflect.deform.mesh.touched import TouchedCells, layers
+from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.rbf.rules import GreedyOptions
-from sdm_deflect.deform.repair.freedom import Columns, FreeNodes
+from sdm_deflect.deform.repair.freedom import FreeNodes
 from sdm_deflect.deform.surface.motions import Moving
 from sdm_deflect.deform.surface.surface import Surface
 
@@ -83,9 +85,6 @@ class BoxPlan:
         progress("cells", nan)
         touched = TouchedCells.of(mesh, boundary.both(union(region.inside, sites.moving)), boundary.mesh.points)
         touched.check(job.allow_inverted)
-        first = next(layers(touched, boundary.both(union(sites.moving, sites.fixed))), None)
-        if first and not job.fitting.tolerance:
-            sites = sites.keeping(boundary, first)
         return cls(boundary, region, sites, touched, tuple(more))
 
     @property
@@ -183,7 +182,46 @@ class BoxPlan:
             images = bound
         within = [(one.nodes, one.shape) for one in kept if not isinstance(one.shape, str) and not one.of_patch]
         freedom = FreeNodes.of(mesh, points, inside, np.flatnonzero(free), shapes, images, within)
-        return freedom.with_columns(Columns.of(self.touched, self.walls), points)
+        return freedom.with_columns(self.layers, both(self._rigid), mesh.points, points)
+
+    @cached_property
+    def parts(self) -> list[IntArray]:
+        """Rows of the known nodes in each part of the boundary (`Sites.parts`); the last one stays."""
+        return self.sites.parts(self.boundary)
+
+    @cached_property
+    def layers(self) -> LayerColumns:
+        """Layers over the moving and fixed nodes inside."""
+        return LayerColumns.of(self.touched, self.walls)
+
+    @cached_property
+    def moved_walls(self) -> BoolArray:
+        """Which nodes (N,) are on a wall that is joined with a moving surface."""
+        found, certain = np.zeros(len(self.mesh.points), dtype=np.bool_), len(self.sites.moving) + len(self.sites.fixed)
+        rows = union(*self.parts[:-1])
+        found[self.boundary.both(self.sites.known[rows[rows < certain]])] = True
+        return found
+
+    @cached_property
+    def reach(self) -> float:
+        """Distance up to which nodes follow walls, where there is room: one edge, or what thick layers need."""
+        return max(self.edge, self.layers.first_height(self.touched.places, self.moved_walls) / RIGID)
+
+    @cached_property
+    def edge(self) -> float:
+        """Median edge of the moving surfaces, or of the walls with which they are joined if that is smaller."""
+        return self.sites.finer_edge(self.boundary, self.parts)
+
+    @cached_property
+    def _rigid(self) -> IntArray:
+        """Sorted nodes inside the flow that follow a wall rigidly; without near-wall following all of them."""
+        certain = len(self.sites.moving) + len(self.sites.fixed)
+        nodes = np.setdiff1d(self.region.inside, self.sites.known[:certain], assume_unique=True)
+        if not self.job.near_wall:
+            return nodes
+        points, parts = self.boundary.mesh.points, [part[part < certain] for part in self.parts]
+        nearby = Nearby.of(points[nodes], points[self.sites.known], parts)
+        return nodes[nearby.first < RIGID * np.minimum(self.reach, nearby.second)]
 
     def to_whole_mesh(self, places: FloatArray) -> FloatArray:
         """Return the moved nodes (N, 3) of the whole mesh, given those of the mesh that is interpolated."""
@@ -197,10 +235,9 @@ class BoxPlan:
         if job.near_wall:
             from sdm_deflect.deform.around.near_wall import FollowWalls
 
-            surfaces = tuple(surface.nodes for surface in self.boundary.surfaces)
-            parts, certain = tuple(sites.parts(self.boundary)), len(sites.moving) + len(sites.fixed)
-            near = (sites.edges, np.flatnonzero(sites.sheared), sites.edge, sites.tolerance, self.boundary.mesh.normal)
-            found.append(FollowWalls(sites.known, certain, parts, surfaces, *near, self.boundary.components))
+            certain, sheared = len(sites.moving) + len(sites.fixed), np.flatnonzero(sites.sheared)
+            near = (sites.edges, sheared, self.edge, self.reach, self.boundary.mesh.normal)
+            found.append(FollowWalls(sites.known, certain, tuple(self.parts), *near, self.boundary.components))
         if self.region.sections:
             from sdm_deflect.deform.around.sections import StayInFaces
 

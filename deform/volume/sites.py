@@ -9,7 +9,6 @@ from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.around.addition import Addition, Kept
 from sdm_deflect.deform.around.local_rotation import LocalRotation
-from sdm_deflect.deform.around.near_wall import Nearby
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, distinct, first_coincident, union
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.box.face_sites import border_sites, polygon_sites
@@ -18,7 +17,6 @@ from sdm_deflect.deform.confined import zero_sites
 from sdm_deflect.deform.mesh.edges import edges_of, median_edge, polygons_of
 from sdm_deflect.deform.mesh.images import PLANE_TOLERANCE
 from sdm_deflect.deform.mesh.sliding import Plane
-from sdm_deflect.deform.mesh.touched import LAYER_CHANGE, THICK_CHANGE, LayerEdges
 from sdm_deflect.deform.rbf.data_sites import DataSites, fixed_sites
 from sdm_deflect.deform.rbf.fitting import KERNELS, Fitting
 from sdm_deflect.deform.rbf.kernels import Kernel, kernel_of
@@ -35,7 +33,6 @@ MOST_FIXED = 30_000  # sites on fixed patches; larger sets are thinned, and chec
 MOST_RADIUS = 1e4  # of a kernel: diagonals of the box; the radius is at least a median edge divided by this
 HALVINGS = 6  # how often the spacing on the box is halved at most, while no site is left
 SHEARED = 0.01  # strain times the surface's size over its largest displacement: above, the motion shears the surface
-CLOSE = 0.5  # ratio of the distances of the nearest two parts: above, a node hardly follows either
 SMALL = 0.01  # degrees, or share of a table, at which the shear is measured: up to there it changes by 1e-4 of itself
 
 
@@ -113,39 +110,63 @@ class Sites:
         tolerance = job.fitting.tolerance or TOLERANCE * edge
         radius = _radius(job.fitting, region.hexahedron.corners, edge)
         kernel = kernel_of(job.fitting.kernel, radius)
-        edges = _edges(boundary, known) if job.near_wall else np.empty((0, 2), dtype=np.intp)
+        edges = _edges(boundary, known)
         sheared = _shear_mask(boundary, known, edges, len(boundary.nodes) + len(region.fixed))
         return cls(
             boundary.nodes, distinct, region.fixed, sampled, bind, zero, edges, sheared, spacing, edge, tolerance,
             kernel, radius,
         )  # fmt: skip
 
-    def keeping(self, boundary: PrescribedNodes, first: LayerEdges) -> "Sites":
-        """Return the sites with a tolerance that keeps the height of the first layer.
-
-        The mesh follows a wall over a length L: one edge, or the distance of another part. There an error t changes the
-        median height h by less than half of the allowed c h, if t <= c L**2 / (20 h); see `Reach`. Thin and thick cells
-        have limits c of their own.
-        """
-        points, certain = boundary.mesh.points, len(self.moving) + len(self.fixed)
-        parts = [part[part < certain] for part in self.parts(boundary)]
-        tolerance = self.tolerance
-        for change, some in ((LAYER_CHANGE, ~first.thick), (THICK_CHANGE, first.thick)):
-            below, above = first.starts[some], first.ends[some]
-            if len(above):
-                height = float(np.median(np.linalg.norm(points[above] - points[below], axis=1)))
-                near = Nearby.of(points[distinct(above)], points[self.known], parts)
-                between = near.first > CLOSE * near.second
-                length = min(self.edge, float(near.second[~between].min(initial=np.inf)))
-                tolerance = min(tolerance, change * length**2 / (20.0 * height))
-        return replace(self, tolerance=tolerance)
-
     def parts(self, boundary: PrescribedNodes) -> list[IntArray]:
-        """Return the rows of `known` in each part that may move differently: each moving surface, and all others."""
-        owner = np.full(len(self.known), len(boundary.surfaces))
-        for i, surface in reversed(list(enumerate(boundary.surfaces))):
-            owner[np.searchsorted(self.moving, surface.nodes)] = i
-        return [np.flatnonzero(owner == i) for i in range(len(boundary.surfaces) + 1)]
+        """Return the rows of `known` in each part of the boundary that may move differently from the others.
+
+        Walls that share nodes, or have nodes at the same place, are joined: a blended flap and its wing are one part,
+        the elements of a slotted wing several. Each joined set with a moving node is a part; what stays is one more,
+        the last. A fixed plane at the side of the mesh joins nothing. Bound nodes belong to the part of the nearest
+        wall.
+        """
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components  # loading takes a while
+
+        certain = len(self.moving) + len(self.fixed)
+        points = boundary.mesh.points[self.known]
+        on_side = _on_sides(boundary, self.known[:certain], points[:certain])
+        edges = self.edges[(self.edges < certain).all(axis=1)]
+        edges = edges[~on_side[edges].all(axis=1)]
+        same = np.column_stack([np.arange(certain), first_coincident(points[:certain], ZERO_LENGTH * boundary.size)])
+        joined = np.concatenate([edges, same])
+        graph = coo_array((np.ones(len(joined)), (joined[:, 0], joined[:, 1])), shape=(certain, certain))
+        label = connected_components(graph, directed=False)[1]
+        moving = distinct(label[: len(self.moving)])
+        owner = np.where(np.isin(label, moving), np.searchsorted(moving, label), len(moving))
+        if len(self.slid):
+            owner = np.append(owner, owner[cKDTree(points[:certain]).query(points[certain:])[1]])
+        return [np.flatnonzero(owner == i) for i in range(len(moving) + 1)]
+
+    def finer_edge(self, boundary: PrescribedNodes, parts: Sequence[IntArray]) -> float:
+        """Return the smaller median edge of the moving surfaces and of the parts to which they belong."""
+        points, own = boundary.mesh.points[self.known], np.zeros(len(self.known), dtype=np.bool_)
+        edge = self.edge
+        for part in parts[:-1]:
+            own[:] = False
+            own[part] = True
+            edges = self.edges[own[self.edges].all(axis=1)]
+            lengths = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
+            if len(lengths := lengths[lengths > 0.0]):
+                edge = min(edge, float(np.median(lengths)))
+        return edge
+
+
+def _on_sides(boundary: PrescribedNodes, nodes: IntArray, points: FloatArray) -> BoolArray:
+    """Return which of the nodes (K,), at points (K, 3), are on a fixed plane patch with all others on one side."""
+    found, near = np.zeros(len(nodes), dtype=np.bool_), PLANE_TOLERANCE * boundary.size
+    for name in boundary.fixed:
+        own = np.isin(nodes, boundary.mesh.patch(name).nodes)
+        if np.count_nonzero(own) > 2:
+            heights = Plane.fitted(points[own], boundary.mesh.normal).distance(points)
+            if np.abs(heights[own]).max() <= near and ((heights >= -near).all() or (heights <= near).all()):
+                found |= own
+    return found
 
 
 def _edges(boundary: PrescribedNodes, known: IntArray) -> IntArray:

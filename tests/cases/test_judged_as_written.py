@@ -16,6 +16,7 @@ from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.cases.settings.job_settings import settings_of
 from sdm_deflect.cases.settings.jobs import jobs_of
 from sdm_deflect.deform.base.errors import InputError, MeshFileError
+from sdm_deflect.deform.checks import layer_change
 from sdm_deflect.meshing.formats.openfoam import MESH, write_list
 from sdm_deflect.meshing.formats.registry import format_of, known_format
 from tests.deform.blocks import block_with_body
@@ -113,15 +114,13 @@ def test_the_verdict_is_of_the_numbers_on_the_disk(name, thin, tmp_path):
     done = run(tmp_path / name, out, hinge=thin.hinge, **FLAP)
     points = ON_DISK[name](out, len(thin.mesh.points)).astype(np.float64)
     before = ON_DISK[name](tmp_path / name, len(points)).astype(np.float64)
-    below, above = thin.columns[:, :2].T
-    low, high = (np.linalg.norm(at[above] - at[below], axis=1) for at in (before, points))
     checks = {check.name: check for check in done.poses[0].checks}
     for quality in done.plan.touched.quality(points):
         assert checks[f"quality_min:{quality.shape}"].value == quality.min
-    if "first_layer" in checks:  # files of polyhedra have none
-        assert checks["first_layer"].value == pytest.approx(np.abs(high / low - 1.0).max(), abs=1e-12)
+    change = layer_change(done.plan.boxes[0], points)
+    assert checks["layer_height"].value == change.changes.max()
     broken = [check for check in checks.values() if not check.passed]
-    assert broken or "first_layer" not in checks
+    assert broken
     assert all("coordinates of 32 bits" in one.where and "double precision" in one.where for one in broken)
     assert checks["outside_moved"].value == 0.0
     moved = (points != before).any(axis=1)

@@ -92,7 +92,7 @@ def test_the_aileron_deflects_and_checkmesh_finds_no_fault(case):
     fixed = [name for name in mesh.names if name not in (SURFACE, "far_field")]
     result = deflect(mesh, [SURFACE], hinge, ANGLE, motion=Blended(Rotation.about(*hinge)), fixed=fixed)
     assert result.passed, result.checks
-    layer = next(check for check in result.checks if check.name == "first_layer")
+    layer = next(check for check in result.checks if check.name == "layer_height")
     assert 0.0 < layer.value < 0.05
     assert int(layer.where.split()[0]) > 1000
     moved = np.linalg.norm(result.points - mesh.points, axis=1)[mesh.on(SURFACE)]

@@ -113,7 +113,7 @@ def test_advice_is_by_case(amount, width, said):
 def test_checks_are_counted_in_one_way():
     held = Check("quality_min", 0.5, 0.25, "-", "", "at least")
     known = Check("rounding", 0.5, 0.25, "-", "", "information")
-    absent = replace(held, name="first_layer", over=0)
+    absent = replace(held, name="layer_height", over=0)
     bad = replace(held, value=0.1)
     assert tally((held, known, absent, bad)) == "1 of 2"
     assert verdict((held, known, absent, bad)) == "FAILED: 1 of 2 checks: quality_min"

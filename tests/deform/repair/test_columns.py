@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.mesh.cells import Cells
+from sdm_deflect.deform.mesh.layers import LayerColumns
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.sliding import CylinderWall, Plane
 from sdm_deflect.deform.mesh.touched import TouchedCells
@@ -20,7 +21,13 @@ def found(hybrid_wing):
     """The columns of the wing's layers."""
     mesh = hybrid_wing.mesh
     touched = TouchedCells.of(mesh, np.arange(len(mesh.points)))
-    return Columns.of(touched, mesh.on(*(name for name in mesh.names if name.startswith(("wing", "flap")))))
+    layers = LayerColumns.of(touched, mesh.on(*(name for name in mesh.names if name.startswith(("wing", "flap")))))
+    return rigid(layers, mesh.points)
+
+
+def rigid(layers, points):
+    """Columns all of whose nodes follow the wall rigidly."""
+    return Columns.of(layers.levels, np.arange(len(points)), points, points)
 
 
 def stack():
@@ -31,24 +38,16 @@ def stack():
     return Mesh(points, (Cells("hexahedron", cells),), ())
 
 
-def test_columns_are_those_that_the_wing_was_built_of(found, hybrid_wing):
-    """Beyond the layers cells are still flat in part."""
-    columns = hybrid_wing.columns
-    for level, pairs in enumerate(found.levels[: columns.shape[1] - 1]):
-        assert {tuple(pair) for pair in pairs} == {tuple(pair) for pair in columns[:, [level + 1, level]]}
-    assert len(found.levels) < columns.shape[1] + 3
-
-
 def test_heights_stay_wherever_nodes_go(found, hybrid_wing):
     points, columns = hybrid_wing.mesh.points, hybrid_wing.columns
-    nodes = found.closure(np.concatenate([pairs[::3, 0] for pairs in found.levels]), len(points))
+    nodes = found.closure(np.concatenate([pairs[::3, 0] for pairs in found.pairs]), len(points))
     heights = Heights.of(found, points, nodes)
     places = points[nodes] + 1e-3 * rng().normal(size=(len(nodes), 3))
     places[::5] = points[nodes][::5]
     heights.keep(places)
     moved = points.copy()
     moved[nodes] = places
-    for pairs in found.levels:
+    for pairs in found.pairs:
         before, after = (np.linalg.norm(at[pairs[:, 0]] - at[pairs[:, 1]], axis=1) for at in (points, moved))
         np.testing.assert_allclose(after, before, rtol=1e-13)
     assert np.abs(moved[columns[:, -1]] - points[columns[:, -1]]).max() > 1e-3
@@ -56,20 +55,47 @@ def test_heights_stay_wherever_nodes_go(found, hybrid_wing):
 
 def test_columns_that_stay_keep_their_bits(found, hybrid_wing):
     points = hybrid_wing.mesh.points
-    nodes = found.closure(found.levels[0][:, 0], len(points))
+    nodes = found.closure(found.pairs[0][:, 0], len(points))
     places = points[nodes].copy()
     places[0] += 1e-3
     Heights.of(found, points, nodes).keep(places)
     same = (places == points[nodes]).all(axis=1)
-    assert 1 <= (~same).sum() <= len(found.levels)
+    assert 1 <= (~same).sum() <= len(found.pairs)
 
 
-def test_the_gradient_is_that_of_the_kept_places():
+def test_heights_of_outer_layers_stay_within_their_bounds(found, hybrid_wing):
+    """Nodes that are not rigid go where they like, but edges keep half to twice the length before."""
+    points = hybrid_wing.mesh.points
+    outer = Columns.of(found.pairs, found.pairs[0][:, 0], points, points)
+    nodes = outer.closure(outer.pairs[0][:, 0], len(points))
+    places = points[nodes] + 2e-3 * rng().normal(size=(len(nodes), 3))
+    Heights.of(outer, points, nodes).keep(places)
+    moved = points.copy()
+    moved[nodes] = places
+    for level, pairs in enumerate(outer.pairs):
+        before, after = (np.linalg.norm(at[pairs[:, 0]] - at[pairs[:, 1]], axis=1) for at in (points, moved))
+        low, high = (after / before).min(), (after / before).max()
+        assert (low, high) == pytest.approx((1.0, 1.0)) if not level else (0.5 - 1e-9 < low < high < 2.0 + 1e-9)
+    assert high > 1.1
+
+
+def test_a_height_beyond_its_bounds_goes_no_farther():
+    """A layer that the deflection stretched to three times its height may keep that, but not more."""
+    before = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    columns = Columns.of([np.array([[1, 0]])], np.empty(0, dtype=np.intp), before, 3.0 * before)
+    assert columns.lengths[0].tolist() == [[0.5, 3.0]]
+    assert columns.without(np.array([1])).pairs[0].size == 0
+
+
+@pytest.mark.parametrize("rigidly", [True, False])
+def test_the_gradient_is_that_of_the_kept_places(rigidly):
     mesh = stack()
     touched = TouchedCells.of(mesh, np.arange(len(mesh.points)))
     walls = np.flatnonzero(mesh.points[:, 2] == 0.0)
-    columns = Columns.of(touched, walls)
-    assert [len(pairs) for pairs in columns.levels] == [8, 8]
+    layers = LayerColumns.of(touched, walls)
+    some = np.arange(len(mesh.points)) if rigidly else layers.levels[0][:3, 0]
+    columns = Columns.of(layers.levels, some, mesh.points, mesh.points)
+    assert [len(pairs) for pairs in columns.pairs] == [8, 8]
     nodes = np.flatnonzero(mesh.points[:, 2] > 0.0)
     heights, weights = Heights.of(columns, mesh.points, nodes), rng().normal(size=(len(nodes), 3))
     way = mesh.points[nodes] + 0.02 * rng().normal(size=(len(nodes), 3))
@@ -98,16 +124,16 @@ def test_nodes_over_several_others_stay_and_planes_keep_their_own():
     )
     joined = Mesh(points, (Cells("hexahedron", np.where(cells == one, other, cells)),), ())
     walls = np.flatnonzero(points[:, 2] == 0.0)
-    columns = Columns.of(TouchedCells.of(joined, np.arange(len(points))), walls)
+    columns = LayerColumns.of(TouchedCells.of(joined, np.arange(len(points))), walls)
     assert columns.forked.tolist() == [other]
     first = columns.levels[0][:, 0]
     side = np.flatnonzero((points[:, 1] == 0.0) & (points[:, 2] > 0.0))
     free = np.flatnonzero((points[:, 1] > 0.0) & (points[:, 2] > 0.0))
     plane = Plane(np.zeros(3), np.array([0.0, 1.0, 0.0]))
-    kept = FreeNodes(free, (Slide(side, plane),)).with_columns(columns, points)
-    assert set(kept.columns.levels[0][:, 0]) == set(first)
+    kept = FreeNodes(free, (Slide(side, plane),)).with_columns(columns, np.arange(len(points)), points, points)
+    assert set(kept.columns.pairs[0][:, 0]) == set(first)
     assert set(free) | set(side) == {*kept.nodes, other}
     turned = CylinderWall.fitted(np.column_stack([np.cos(np.arange(9)), np.sin(np.arange(9)), np.arange(9)]))
-    none = FreeNodes(free, (Slide(side, turned),)).with_columns(columns, points)
-    assert set(none.columns.levels[0][:, 0]) == set(first) - set(side)
+    none = FreeNodes(free, (Slide(side, turned),)).with_columns(columns, np.arange(len(points)), points, points)
+    assert set(none.columns.pairs[0][:, 0]) == set(first) - set(side)
     assert set(free) | set(side) == {*none.nodes, other, *np.intersect1d(first, side)}

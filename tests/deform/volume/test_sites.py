@@ -1,12 +1,10 @@
 """Where displacements are known: every node once, zero sites apart from them, and not too many of either."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 
+from sdm_deflect.deform.around.near_wall import RIGID
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.box import hexahedron
 from sdm_deflect.deform.checks import checks_of
@@ -14,7 +12,6 @@ from sdm_deflect.deform.confined import zero_sites
 from sdm_deflect.deform.mesh.cells import Patch
 from sdm_deflect.deform.mesh.edges import median_edge
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.touched import layers
 from sdm_deflect.deform.rbf.fitting import Fitting
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Rotation
@@ -49,39 +46,17 @@ def test_lengths_follow_from_the_edges_of_the_surface(plan, inboard_wing):
     assert sites.spacing == 1.75 * sites.edge
 
 
-@pytest.mark.parametrize(("outwards", "kinds"), [(40, {True, False}), (80, {True, False}), (800, {False})])
-def test_first_layers_ask_for_a_tolerance(outwards, kinds, monkeypatch):
-    """An error of t changes a height h by c / 2 if t = c L**2 / (20 h), L an edge or the way to the wing.
-
-    The check allows c: .01 of thin cells, .1 of thick ones.
-    """
+@pytest.mark.parametrize(("outwards", "height"), [(40, 0.0125), (8, 0.0625)])
+def test_nodes_follow_over_one_edge_or_as_far_as_thick_layers_need(outwards, height):
+    """The rigid fifth of the reach contains the first layer."""
     mesh, hinge = airfoil(2, 0.2, outwards=outwards), [[0.7, 0.0, 0.0], [0.7, 0.2, 0.0]]
     motion = Blended(Rotation.about(*hinge), held=OnPatches(("wing",)))
-    wanted = job(("flap",), motion=motion, fixed=("wing",), slide={"side0": "plane", "side1": "plane"})
-    plan = box_plan(mesh, wanted)
-    sites, first = plan.sites, next(layers(plan.touched, plan.walls))
-    assert set(first.thick.tolist()) == kinds
-
-    def asked(length_of):
-        found = [0.01 * sites.edge]
-        for thick in kinds:
-            starts, ends = (
-                mesh.points[first.starts[first.thick == thick]],
-                mesh.points[first.ends[first.thick == thick]],
-            )
-            height = np.median(np.linalg.norm(ends - starts, axis=1))
-            found.append((0.1 if thick else 0.01) * length_of(ends) ** 2 / (20.0 * height))
-        return min(found)
-
-    def within(ends):
-        to_each = [KDTree(mesh.points[rows]).query(ends)[0] for rows in (sites.moving, sites.fixed)]
-        return min(sites.edge, np.max(to_each, axis=0).min())
-
-    assert sites.tolerance == pytest.approx(asked(within), rel=1e-12)
-    given = box_plan(mesh, replace(wanted, fitting=Fitting(tolerance=0.02)))
-    assert given.sites.tolerance == 0.02
-    monkeypatch.setattr(places, "CLOSE", 0.0)  # now every node is between two parts, and the edge alone counts
-    assert box_plan(mesh, wanted).sites.tolerance == pytest.approx(asked(lambda _: sites.edge), rel=1e-12)
+    plan = box_plan(mesh, job(("flap",), motion=motion, fixed=("wing",), slide={"side0": "plane", "side1": "plane"}))
+    wall = plan.sites.edges[(plan.sites.edges < len(plan.sites.moving) + len(plan.sites.fixed)).all(axis=1)]
+    ends = mesh.points[plan.sites.known[wall]]
+    edge = min(plan.sites.edge, float(np.median(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1))))
+    first = plan.layers.first_height(mesh.points, plan.moved_walls)
+    assert plan.reach == pytest.approx(max(edge, first / RIGID))
 
 
 @pytest.mark.parametrize(("given", "spacing"), [({"spacing": 0.3}, 0.3), ({"spacing_edges": 1.0}, 0.5)])
@@ -164,13 +139,36 @@ def test_a_surface_without_faces_has_the_edges_of_its_nearest_neighbours(block):
         box_plan(one, job(("body",), box=TIGHT))
 
 
-def test_each_moving_surface_is_a_part_of_its_own_and_the_rest_is_one(plan, hybrid_wing):
-    moving, rest = plan.sites.parts(plan.boundary)
-    assert np.array_equal(moving, np.arange(len(plan.sites.moving)))
-    assert np.array_equal(np.sort(np.concatenate([moving, rest])), np.arange(len(plan.sites.known)))
+def test_walls_that_touch_are_one_part_with_the_bound_nodes_beside_them(plan, hybrid_wing):
+    """A blended flap is joined with its wing; nothing stays but what is joined with neither."""
+    moving, rest = plan.parts
+    assert np.array_equal(moving, np.arange(len(plan.sites.known)))
+    assert not len(rest)
     w = hybrid_wing
     alone = box_plan(w.mesh, job(WING, w.hinge, slide={"symmetry": "plane"}))
-    assert len(alone.sites.parts(alone.boundary)[1]) == len(alone.sites.slid) > 0
+    assert [len(part) for part in alone.parts] == [len(alone.sites.known), 0]
+
+
+def test_a_held_symmetry_plane_joins_no_walls(hybrid_wing):
+    w = hybrid_wing
+    fixed = ("wing_*", "symmetry")
+    box = [[0.4, -0.1, -0.4], [1.4, 0.95, 0.4]]
+    plan = box_plan(w.mesh, job(FLAP, w.hinge, **{**blended(w), "fixed": fixed, "slide": {}, "box": box}))
+    moving, rest = (plan.sites.known[part] for part in plan.parts)
+    wall = w.mesh.on(*w.mesh.expand([*WING], "patches"))
+    assert np.isin(moving, wall).all()
+    assert len(rest) > 20
+    assert not np.isin(rest, wall).any()
+
+
+def test_walls_that_do_not_touch_are_parts_of_their_own(block):
+    """The outer faces of the block are held beside the body."""
+    names = [name for name in block.names if name != "body"]
+    plan = box_plan(block, job(("body",), box=[[-2.5, -2.5, -2.5], [2.5, 2.5, 2.5]], fixed=tuple(names)))
+    moving, rest = (plan.sites.known[part] for part in plan.parts)
+    assert np.array_equal(moving, block.on("body"))
+    assert np.array_equal(np.sort(rest), block.on(*names))
+    assert np.array_equal(np.flatnonzero(plan.moved_walls), block.on("body"))
 
 
 def test_a_blended_flap_shears_in_its_strips_and_a_rigid_surface_nowhere(inboard_wing, hybrid_wing):

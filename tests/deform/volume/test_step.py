@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.checks import checks_of, layers_of
+from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.rbf.fitting import Fitting
 from sdm_deflect.deform.surface.motions import Rotation
 from tests.deform.jobs import FLAP, WING, blended, turn
@@ -19,9 +19,9 @@ def rigid(hybrid_wing):
 
 @pytest.fixture(scope="module")
 def flapped(inboard_wing):
-    """The flap blended between its hinge and its trailing edge."""
+    """The flap blended between its hinge and its trailing edge, in one step."""
     w = inboard_wing
-    return turn(w.mesh, FLAP, w.hinge, **blended(w))
+    return turn(w.mesh, FLAP, w.hinge, **blended(w, fitting=Fitting(max_steps=1)))
 
 
 @pytest.fixture(params=["rigid", "flapped"])
@@ -59,7 +59,9 @@ def test_layers_keep_their_first_height_within_a_percent(case):
     columns = result.points[w.columns]
     heights = np.linalg.norm(columns[:, 1] - columns[:, 0], axis=1)
     np.testing.assert_allclose(heights, w.first_height, rtol=0.01)
-    assert layers_of(result).largest < 0.01
+    (check,) = (check for check in checks_of(result) if check.name == "layer_height")
+    assert check.value < (0.06 if len(result.plan.boxes[0].sites.sheared.nonzero()[0]) else 1e-6)
+    assert check.over > 100
 
 
 def test_nodes_outside_the_box_keep_their_bits(case):
@@ -117,7 +119,7 @@ def test_common_centres_do_as_well(inboard_wing, flapped):
     That bound holds at the sites in each direction; the largest difference found anywhere is 1.4 times the tolerance.
     """
     w, plan = inboard_wing, flapped.plan
-    other = turn(w.mesh, FLAP, w.hinge, **blended(w, fitting=Fitting(strategy="mv")))
+    other = turn(w.mesh, FLAP, w.hinge, **blended(w, fitting=Fitting(strategy="mv", max_steps=1)))
     assert all(check.passed for check in checks_of(other))
     assert [fit.components for fit in other.boxes[0].steps[0].fits.adaptations] == [(0, 1, 2)]
     known = np.union1d(plan.boxes[0].sites.moving, plan.boxes[0].sites.fixed)
