@@ -322,7 +322,7 @@ def _layer_height(deflection: Deflection) -> Check:
     }
     where = f"{over} columns of {max(one.layers for one in changes)} layers; cells tilt by up to "
     where += "{max:.2g} degrees, 99 % by up to {p99:.2g}".format(**figures["tilt_deg"])
-    limit, told, cause = FEW_CHANGE, "", ""
+    limit, told, cause = LAYER_CHANGE, "", ""
     if many:
         own = int(np.argmax([one.changes.max(initial=0.0) for one in changes]))
         box, row = deflection.boxes[own], int(np.argmax(changes[own].changes))
@@ -331,8 +331,10 @@ def _layer_height(deflection: Deflection) -> Check:
         place = "({:.4g}, {:.4g}, {:.4g})".format(*box.plan.mesh.points[nodes].mean(axis=0))
         told, cause = f"{many} of {over} columns changed by up to {value:.2g} at {place}", _cause(box, row, nodes)
         where = f"{told}, where {CAUSES[cause]}; {where}"
-    if many > max(1.0, FEW * over):
-        limit, told = LAYER_CHANGE, ""
+    few = 0 < many <= max(1.0, FEW * over)
+    if few:
+        limit = FEW_CHANGE
+    told = told if few else ""
     return Check("layer_height", value, limit, "", where, over=over, figures=figures, reservation=told, cause=cause)
 
 

@@ -37,6 +37,10 @@ EXAMPLES = {
         "a half wing of 37,000 cells with a flap",
         ("--surface flap --fixed wing --hinge 0.7,0.6,0 0.7,1.4,0 --angle 15 --motion blended",),
     ),
+    "layers.su2": (
+        "a half wing of 5,200 cells with a blunt trailing edge, under 16 layers of hexahedra",
+        ("--surface flap --fixed wing --hinge 0.7,0.3,0 0.7,0.7,0 --angle 10 --motion blended",),
+    ),
     "fighter.su2": (
         "the SDM, a fighter, in 128,000 cells, and settings that turn all its control surfaces",
         (
@@ -269,14 +273,17 @@ def _named_amounts(flag: str, text: str) -> float | dict[str, float]:
 @click.command()
 @click.argument("folder", type=options.FILE, default=Path())
 @click.option("--fighter", is_flag=True, help="Write the SDM fighter instead, and settings that turn all its surfaces.")
-def example(folder: Path, fighter: bool) -> None:
+@click.option("--layers", is_flag=True, help="Write a wing under layers of hexahedra instead.")
+def example(folder: Path, fighter: bool, layers: bool) -> None:
     """Write a half wing with a flap, to try the commands on.
 
-    The file is naca.su2, or fighter.su2 and fighter.toml, in FOLDER or here.
+    The file is naca.su2, layers.su2, or fighter.su2 and fighter.toml, in FOLDER or here.
     """
     from sdm_deflect.deform.base.files import fresh
 
-    names = ("fighter.su2", "fighter.toml") if fighter else ("naca.su2",)
+    if fighter and layers:
+        raise InputError("--fighter and --layers are two examples: give one of them")
+    names = ("fighter.su2", "fighter.toml") if fighter else ("layers.su2",) if layers else ("naca.su2",)
     for out in (folder / name for name in names):
         if out.exists():
             raise InputError(f"{out} is there already: delete it, or name another folder")

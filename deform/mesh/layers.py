@@ -135,7 +135,7 @@ class LayerChange:
     ) -> LayerChange:
         """Compare layers at points (N, 3) before and after, over faces whose nodes are all on `walls` (N,).
 
-        A cell's axis goes from the centre of its base to the centre of its top. `normal` is that of a plane mesh.
+        A cell's axis goes from the centre of its base to the centre of its top. A plane mesh has a `normal`.
         """
         faces = columns.faces
         frames = _frames(before, faces, normal), _frames(after, faces, normal)

@@ -1,6 +1,7 @@
 """What a user types and what comes back: one line and exit code 2 for a mistake, nothing written."""
 
 import json
+import lzma
 import os
 import signal
 import subprocess
@@ -11,7 +12,9 @@ from contextlib import suppress
 import psutil
 import pytest
 
+from sdm_deflect import read
 from sdm_deflect.cases.cli.commands import cli
+from tests.meshing.formats.blunt_wing import EXAMPLE, packed
 
 
 @pytest.fixture
@@ -137,6 +140,24 @@ def test_the_example_is_a_mesh_that_its_own_next_line_deflects(sdm, tmp_path, mo
     assert code == 2
     assert "naca.su2 is there already" in complaint
     assert (tmp_path / "naca.su2").read_bytes() == written
+
+
+def test_the_example_with_layers_is_small_and_its_layers_keep_their_heights(sdm, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert EXAMPLE.stat().st_size < 60_000
+    assert lzma.decompress(EXAMPLE.read_bytes()) == lzma.decompress(packed())
+    code, out, _ = sdm("example", "--layers")
+    assert code == 0
+    cells = read("layers.su2").cells
+    assert f"of {round(sum(map(len, cells)), -2):,} cells" in out
+    code, told, _ = sdm(*out.splitlines()[1].split()[1:], "--json")
+    assert code == 0
+    (check,) = (c for c in json.loads(told)["angles"][0]["validation"]["checks"] if c["name"] == "layer_height")
+    assert check["over"] > 100
+    assert check["passed"]
+    assert 0.0 < check["figures"]["tilt_deg"]["p99"] <= check["figures"]["tilt_deg"]["max"] < 20.0
+    code, _, complaint = sdm("example", "--layers", "--fighter")
+    assert (code, "two examples" in complaint) == (2, True)
 
 
 HEAVY = ("numba", "scipy", "pyvista", "vtkmodules", "matplotlib", "cadquery", "OCP", "gmsh", "h5py", "trimesh")

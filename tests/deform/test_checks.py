@@ -1,19 +1,22 @@
 """Checks that can fail: values beside what was asked, and when there is nothing to ask."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from sdm_deflect.deform.checks import Check, checks_of, site_error, worst
+from sdm_deflect.deform.checks import verdict as total_verdict
 from sdm_deflect.deform.mesh.cells import Cells, Patch
 from sdm_deflect.deform.mesh.quality import inverted_of
 from sdm_deflect.deform.rbf.fitting import Fitting
-from sdm_deflect.deform.volume.deflection import deflect
+from sdm_deflect.deform.volume.deflection import Deflection, deflect
 from sdm_deflect.deform.volume.plan import Plan
 from tests.deform.blocks import block_with_body
 from tests.deform.jobs import WING, job, placed, turn
 from tests.deform.test_quality import as_polyhedra
+from tests.meshing.formats.wing import wing
 
 TIGHT = [[-1.2, -1.2, -1.2], [1.2, 1.2, 1.2]]
 
@@ -180,6 +183,53 @@ def test_points_alone_have_no_checks_of_cells(block):
     bare = replace(block, cells=())
     expected = ["outside_moved", "fixed_surfaces_moved", "left_behind", "site_error", "surfaces_crossed"]
     assert list(named(turn(bare, box=TIGHT))) == expected
+
+
+@pytest.fixture(scope="module")
+def layered():
+    """A wing of a thousand columns, and its deflection: it is turned rigidly, with its layers as they were."""
+    w = wing()
+    return w, turn(w.mesh, WING, w.hinge, slide={"symmetry": "plane"})
+
+
+def raised(deflection, w, share, columns):
+    """The deflection with the first layer higher over some columns of the wing, and all layers above with it."""
+    points, nodes = deflection.points.copy(), w.columns[columns]
+    points[nodes[:, 1:]] += share * (points[nodes[:, 1:2]] - points[nodes[:, :1]])
+    return Deflection.at(deflection.plan, points)
+
+
+@pytest.mark.parametrize(("share", "stride", "verdict"), [
+    (0.05, 1, "passed"), (0.6, 400, "poor"), (1.4, 400, "FAILED"), (0.15, 1, "FAILED"),
+])  # fmt: skip
+def test_heights_of_layers_are_graded(layered, share, stride, verdict):
+    """A column has four corners: one raised by .6 raises its cells by .15, and those around."""
+    w, deflection = layered
+    some = np.arange(100, len(w.columns), stride)[: None if stride == 1 else 1]
+    check = named(raised(deflection, w, share, some))["layer_height"]
+    assert check.verdict == verdict
+    assert check.over > 1000
+    assert check.figures["change"]["max"] == check.value
+    if verdict == "poor":
+        assert 0.1 < check.value < 0.25 == check.limit
+        assert re.fullmatch(r"\d of \d+ columns changed by up to 0\.1\d at \(.*\)", check.reservation)
+        assert total_verdict([check]) == f"passed, with {check.reservation}"
+    if verdict == "FAILED":
+        assert check.cause == "gap"
+        assert "another wall is near" in check.where
+
+
+def test_without_following_walls_the_cause_is_named(hybrid_wing):
+    w = hybrid_wing
+    check = named(turn(w.mesh, WING, w.hinge, 20.0, slide={"symmetry": "plane"}, near_wall=False))["layer_height"]
+    assert (check.verdict, check.cause) == ("FAILED", "following")
+    assert check.as_dict()["cause"] == "following"
+
+
+def test_a_flap_of_tetrahedra_has_no_layers_and_says_so(block):
+    check = named(turn(block, box=TIGHT))["layer_height"]
+    assert check.verdict == "not applicable"
+    assert "layers of tetrahedra are not measured" in check.where
 
 
 def test_the_worst_of_many_is_described():

@@ -11,6 +11,7 @@ from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.loop import run
 from sdm_deflect.deform.mesh.cells import Cells
 from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.touched import Least
 from sdm_deflect.deform.rbf.data_sites import CoincidentSitesError
 from sdm_deflect.deform.rbf.fitting import Fitting
 from sdm_deflect.deform.surface.motions import Table
@@ -156,6 +157,45 @@ def test_steps_are_halved_until_no_further_cell_is_inverted(block, counted):
 def test_the_best_attempt_is_kept_if_none_succeeds(block, counted):
     found, tried = counted(block, {1: 9, 2: 3, 4: 5, 8: 7})
     assert (tried, len(found.steps), found.inverted) == ([1, 2, 4, 8], 2, 3)
+
+
+@pytest.mark.parametrize(("before", "after", "steps"), [
+    (0.5, {1: 0.2, 2: 0.3}, 2),  # more than half is lost: two steps are better
+    (0.5, {1: 0.2, 2: 0.15}, 1),  # and here they are not
+    (0.15, {1: 0.09, 2: 0.12}, 2),  # newly below .1
+    (0.5, {1: 0.26, 2: 0.5}, 1),  # less than half is lost: two steps are not tried
+    (0.08, {1: 0.01, 2: 0.08}, 1),  # poor before
+])  # fmt: skip
+def test_two_steps_are_tried_where_one_leaves_cells_poor(block, monkeypatch, before, after, steps):
+    plan, stepped = box_plan(block, job(("body",))), deflection.deflect_in_steps
+    tried = []
+
+    def known(plan, amounts, count, *rest):
+        tried.append(count)
+        return stepped(plan, amounts, count, *rest)
+
+    def least(touched, points, quality):
+        return ((Least(before, 1), Least(after[tried[-1]], 1)),)
+
+    monkeypatch.setattr(deflection, "deflect_in_steps", known)
+    monkeypatch.setattr(deflection, "least_of", least)
+    quality = {}
+    monkeypatch.setattr(deflection, "_worst_share", lambda one, own=deflection._worst_share: quality.setdefault(
+        len(one.steps), own(one)
+    ))  # fmt: skip
+    found = deflection.deflect_box(plan, (5.0,))
+    assert len(found.steps) == steps
+    assert tried == ([1] if before < 0.1 or after[1] == 0.26 else [1, 2])
+
+
+def test_an_angle_after_two_steps_starts_from_the_centres_of_the_first(inboard_wing):
+    plan = flapped(inboard_wing, 8.0, box=BOX)
+    (box,) = plan.boxes
+    twice = deflection.deflect_in_steps(box, (8.0,), 2, silent)
+    found = deflection.deflect_box(box, (5.0,), silent, twice)
+    old, new = (one.steps[0].fits.adaptations for one in (twice, found))
+    for first, after in zip(old, new, strict=True):
+        assert np.array_equal(after.chosen[: len(first.chosen)], first.chosen)
 
 
 def test_a_number_of_steps_at_which_a_node_meets_another_is_passed_over():

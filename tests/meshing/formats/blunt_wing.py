@@ -1,15 +1,26 @@
-"""A half wing with a blunt trailing edge and a flat tip under layers of hexahedra, as a mesher of layers makes them."""
+"""A half wing with a blunt trailing edge and a flat tip under layers of hexahedra, as a mesher of layers makes them.
+
+``python -m tests.meshing.formats.blunt_wing`` writes the mesh of ``sdm example --layers`` again.
+"""
 
 from __future__ import annotations
 
+import lzma
 from itertools import pairwise
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.mesh.cells import Cells, Patch
 from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.meshing.formats.registry import FORMATS
 
+EXAMPLE = Path(__file__).parents[3] / "cases" / "layers.su2.xz"
+"""The mesh of ``sdm example --layers``."""
+DIGITS = 7
+"""Significant digits of the example's coordinates: a thousandth of its first layer."""
 SPAN = 1.0
 """Span, in chords."""
 BASE = 0.012
@@ -104,3 +115,17 @@ def _patches(
         Patch("symmetry", (Cells("quad", symmetry),)),
         Patch("far_field", (Cells("quad", faces + last), Cells("triangle", triangle + last))),
     )
+
+
+def packed() -> bytes:
+    """Return the bytes of the example."""
+    mesh = blunt_wing(around=15, along=11, layers=16)
+    rounded = [[float(f"{value:.{DIGITS}g}") for value in point] for point in mesh.points]
+    with TemporaryDirectory() as folder:
+        path = Path(folder, "layers.su2")
+        FORMATS["su2"].write(mesh.with_points(np.array(rounded)), path)
+        return lzma.compress(path.read_bytes(), preset=9 | lzma.PRESET_EXTREME)
+
+
+if __name__ == "__main__":
+    EXAMPLE.write_bytes(packed())
