@@ -66,6 +66,7 @@ class Check:
     figures : measured value of each part, by name.
     reservation : what is not good although the check passes, as in "passed, with poor cells"; empty without any.
     cause : why it is so, a key of `CAUSES`; empty if unknown.
+    window : least and largest coordinates around the worst place, before and after, if it is worth a picture.
     """
 
     name: str
@@ -80,6 +81,7 @@ class Check:
     figures: dict[str, dict[str, float]] = field(default_factory=dict, compare=False, repr=False)
     reservation: str = ""
     cause: str = ""
+    window: tuple[tuple[float, ...], tuple[float, ...]] | None = field(default=None, compare=False, repr=False)
 
     @property
     def is_judged(self) -> bool:
@@ -113,7 +115,7 @@ class Check:
             "over": self.over,
             "unit": self.unit,
             "where": self.where,
-            **{name: value for name in ("reservation", "cause", "figures") if (value := getattr(self, name))},
+            **{name: value for name in ("reservation", "cause", "window", "figures") if (value := getattr(self, name))},
         }
 
 
@@ -322,20 +324,34 @@ def _layer_height(deflection: Deflection) -> Check:
     }
     where = f"{over} columns of {max(one.layers for one in changes)} layers; cells tilt by up to "
     where += "{max:.2g} degrees, 99 % by up to {p99:.2g}".format(**figures["tilt_deg"])
-    limit, told, cause = LAYER_CHANGE, "", ""
+    limit, told, cause, window = LAYER_CHANGE, "", "", None
     if many:
         own = int(np.argmax([one.changes.max(initial=0.0) for one in changes]))
         box, row = deflection.boxes[own], int(np.argmax(changes[own].changes))
         faces = box.plan.layers.faces
         nodes = faces.nodes[slice(*faces.offsets[changes[own].faces[row] :][:2])]
-        place = "({:.4g}, {:.4g}, {:.4g})".format(*box.plan.mesh.points[nodes].mean(axis=0))
+        corners = box.plan.mesh.points[nodes], deflection.points[nodes]
+        place, size = "({:.4g}, {:.4g}, {:.4g})".format(*corners[0].mean(axis=0)), np.ptp(corners[0], axis=0).max()
+        around = np.vstack(corners)
+        window = tuple(around.min(axis=0) - size), tuple(around.max(axis=0) + size)
         told, cause = f"{many} of {over} columns changed by up to {value:.2g} at {place}", _cause(box, row, nodes)
         where = f"{told}, where {CAUSES[cause]}; {where}"
     few = 0 < many <= max(1.0, FEW * over)
     if few:
         limit = FEW_CHANGE
     told = told if few else ""
-    return Check("layer_height", value, limit, "", where, over=over, figures=figures, reservation=told, cause=cause)
+    return Check(
+        "layer_height",
+        value,
+        limit,
+        "",
+        where,
+        over=over,
+        figures=figures,
+        reservation=told,
+        cause=cause,
+        window=window,
+    )
 
 
 def _cause(box: BoxDeflection, row: int, nodes: IntArray) -> str:

@@ -158,7 +158,7 @@ def planes(data: ReportData, box: Box, surface: MovedSurface) -> tuple[CutPlane,
     """The section at half span: all of the box, then what is around the hinge, and around the trailing edge.
 
     The section of a plane mesh is its own plane. The trailing edge is where a node of the section moves farthest. A
-    motion without a hinge has no section there.
+    motion without a hinge has no section there. A section where layers changed most is last, if a check found any.
     """
     points, corners = data.mesh.points[surface.nodes], box.hexahedron.corners
     size = float(np.ptp(corners, axis=0).max())
@@ -177,7 +177,12 @@ def planes(data: ReportData, box: Box, surface: MovedSurface) -> tuple[CutPlane,
         hinge = surface.axis.point + (half - surface.axis.point[span]) / (along or np.inf) * surface.axis.direction
         found.append(("at the hinge", hinge - close, hinge + close))
     found.append(("at the trailing edge", ends.min(axis=0) - close, ends.max(axis=0) + close))
-    return tuple(CutPlane(span, half, text, np.array([low, high])) for text, low, high in found)
+    cuts = [CutPlane(span, half, text, np.array([low, high])) for text, low, high in found]
+    for window in (np.array(check.window) for check in data.checks if check.window):
+        if box.hexahedron.contains(window.mean(axis=0)[None]).all():
+            station = half if data.mesh.plane else float(window[:, span].mean())
+            cuts.append(CutPlane(span, station, "where layers changed most", window))
+    return tuple(cuts)
 
 
 def slices(data: ReportData, box: Box, surface: MovedSurface) -> tuple[Figure, str]:

@@ -210,6 +210,11 @@ def test_heights_of_layers_are_graded(layered, share, stride, verdict):
     assert check.verdict == verdict
     assert check.over > 1000
     assert check.figures["change"]["max"] == check.value
+    assert (check.window is None) == (check.value <= 0.1)
+    if check.window:
+        low, high = check.window
+        raised_nodes = w.mesh.points[w.columns[some, 0]]
+        assert ((raised_nodes > low) & (raised_nodes < high)).all(axis=1).any()
     if verdict == "poor":
         assert 0.1 < check.value < 0.25 == check.limit
         assert re.fullmatch(r"\d of \d+ columns changed by up to 0\.1\d at \(.*\)", check.reservation)
