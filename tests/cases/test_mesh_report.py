@@ -266,6 +266,19 @@ def test_pictures_of_the_near_cells_are_those_of_all(cells, coarse_wing):
         np.testing.assert_allclose(areas[1], areas[0], rtol=1e-12)
 
 
+def test_the_last_section_is_where_layers_changed_most(coarse_wing, tmp_path):
+    one = deflect(Plan.of(coarse_wing.mesh, [blended(coarse_wing.hinge)]), (25.0,))
+    checks = tuple(checks_of(one))
+    (check,) = (check for check in checks if check.name == "layer_height")
+    assert check.value > 0.1
+    data = write_run_folder(tmp_path, one, checks, None, {})
+    *others, last = planes(data, data.boxes[0], data.surfaces[0])
+    assert last.what == "where layers changed most"
+    assert len(others) == 3
+    np.testing.assert_array_equal(last.window, check.window)
+    assert check.window[0][1] < last.station < check.window[1][1]
+
+
 def test_without_its_libraries_a_report_has_all_but_the_page(coarse_wing, tmp_path, monkeypatch):
     monkeypatch.setattr("sdm_deflect.cases.run.output.find_spec", lambda name: None if name == "jinja2" else name)
     one = deflect(Plan.of(coarse_wing.mesh, [blended(coarse_wing.hinge)]), (3.0,))
