@@ -38,6 +38,7 @@ LAYER_CHANGE = 0.1  # largest relative change of a layer's height: half of a usu
 FEW, FEW_CHANGE = 0.005, 0.25  # share of columns that may change by more, such as those at a corner, and by how much
 
 CAUSES = {
+    "rounding": "the file has too few digits",
     "repair": "the repair moved them",
     "following": "no node follows the wall",
     "shear": "the motion shears the wall",
@@ -357,6 +358,8 @@ def _layer_height(deflection: Deflection) -> Check:
 def _cause(box: BoxDeflection, row: int, nodes: IntArray) -> str:
     """Return why the column in a row of `LayerChange` over a face's nodes changed: a key of `CAUSES`."""
     plan = box.plan
+    if layer_change(plan, box.exact).changes[row] <= LAYER_CHANGE:
+        return "rounding"
     if box.repaired and layer_change(plan, box.interpolated).changes[row] <= LAYER_CHANGE:
         return "repair"
     if not plan.job.near_wall:

@@ -26,7 +26,7 @@ from tests.meshing.formats.gmsh_files import gmsh_data
 from tests.meshing.formats.wing import wing
 
 BODY = {"surfaces": "body", "hinge": [[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]]}
-FLAP = {"surfaces": "flap_*", "fixed": ["wing_*"], "slide": {"symmetry": "plane"}, "motion": "blended"}
+FLAP = {"surfaces": "flap_*", "fixed": ["wing_*"], "slide": {"symmetry": "plane"}, "motion": "blended", "repair": "off"}
 
 
 def single_cgns(mesh, path):
@@ -101,8 +101,8 @@ def value(checks, name):
 
 @pytest.fixture(scope="module")
 def thin():
-    """A wing in an aircraft's frame: a number of 32 bits cannot tell a hundredth of its first layer."""
-    found = wing(cells=2)
+    """A wing in an aircraft's frame: a number of 32 bits cannot tell a tenth of its first layer."""
+    found = wing(cells=2, first_height=3e-4)
     shift = np.array([300.0, 0.0, 1500.0])
     return replace(found, mesh=found.mesh.with_points(found.mesh.points + shift), hinge=found.hinge + shift)
 
