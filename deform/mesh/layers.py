@@ -83,7 +83,8 @@ class LayerColumns:
         levels, forked, measured = list[IntArray](), np.empty(0, dtype=np.intp), list[tuple[LayerCells, ...]]()
         faces = _as_polygons([])
         for found in _layers(touched, walls):
-            pairs, _ = count_distinct(np.concatenate([(top * count + base)[new] for base, top, new in found]))
+            keys = [(top.astype(np.int64) * count + base)[new] for base, top, new in found]
+            pairs, _ = count_distinct(np.concatenate(keys))
             nodes, times = count_distinct(pairs // count)
             forked = forked if levels else nodes[times > 1]
             once = np.repeat(times == 1, times)

@@ -153,6 +153,18 @@ def test_the_lines_of_a_plane_mesh_have_layers_too():
     assert change(columns, points, turned, np.arange(4), np.array([0.0, 0.0, 1.0])).tilts.max() < 1e-5
 
 
+@pytest.mark.parametrize("kind", ["<i4", "<i8"])
+def test_nodes_of_32_bits_are_counted_as_those_of_64(kind):
+    """The product of two node numbers of a large mesh has more than 32 bits."""
+    mesh = blunt_wing(around=60, along=60, layers=12)
+    assert len(mesh.points) ** 2 > 2**32
+    cells = tuple(Cells(block.shape, block.nodes.astype(kind)) for block in mesh.cells)
+    found = layers_of(replace(mesh, cells=cells), mesh.on("wing", "flap"))
+    size = len(mesh.points) // 13
+    assert all((pairs[:, 0] - pairs[:, 1] == size).all() for pairs in found.levels)
+    assert len(found.levels[0]) == size
+
+
 def test_cells_as_high_as_wide_are_no_layer():
     block = block_with_body()
     assert not layers_of(block, block.on("body")).levels
