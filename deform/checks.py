@@ -325,34 +325,25 @@ def _layer_height(deflection: Deflection) -> Check:
     }
     where = f"{over} columns of {max(one.layers for one in changes)} layers; cells tilt by up to "
     where += "{max:.2g} degrees, 99 % by up to {p99:.2g}".format(**figures["tilt_deg"])
-    limit, told, cause, window = LAYER_CHANGE, "", "", None
-    if many:
-        own = int(np.argmax([one.changes.max(initial=0.0) for one in changes]))
-        box, row = deflection.boxes[own], int(np.argmax(changes[own].changes))
-        faces = box.plan.layers.faces
-        nodes = faces.nodes[slice(*faces.offsets[changes[own].faces[row] :][:2])]
-        corners = box.plan.mesh.points[nodes], deflection.points[nodes]
-        place, size = "({:.4g}, {:.4g}, {:.4g})".format(*corners[0].mean(axis=0)), np.ptp(corners[0], axis=0).max()
-        around = np.vstack(corners)
-        window = tuple(around.min(axis=0) - size), tuple(around.max(axis=0) + size)
-        told, cause = f"{many} of {over} columns changed by up to {value:.2g} at {place}", _cause(box, row, nodes)
-        where = f"{told}, where {CAUSES[cause]}; {where}"
-    few = 0 < many <= max(1.0, FEW * over)
-    if few:
-        limit = FEW_CHANGE
-    told = told if few else ""
+    if not many:
+        return Check("layer_height", value, LAYER_CHANGE, "", where, over=over, figures=figures)
+    own = int(np.argmax([one.changes.max(initial=0.0) for one in changes]))
+    box, row = deflection.boxes[own], int(np.argmax(changes[own].changes))
+    nodes = box.plan.layers.nodes_of(int(changes[own].faces[row]))
+    place = "({:.4g}, {:.4g}, {:.4g})".format(*box.plan.mesh.points[nodes].mean(axis=0))
+    told, cause = f"{many} of {over} columns changed by up to {value:.2g} at {place}", _cause(box, row, nodes)
+    few = many <= max(1.0, FEW * over)
     return Check(
-        "layer_height",
-        value,
-        limit,
-        "",
-        where,
-        over=over,
-        figures=figures,
-        reservation=told,
-        cause=cause,
-        window=window,
-    )
+        "layer_height", value, FEW_CHANGE if few else LAYER_CHANGE, "", f"{told}, where {CAUSES[cause]}; {where}",
+        over=over, figures=figures, reservation=told if few else "", cause=cause,
+        window=_window(box.plan.mesh.points[nodes], deflection.points[nodes]),
+    )  # fmt: skip
+
+
+def _window(before: FloatArray, after: FloatArray) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return the least and largest coordinates around a face (k, 3) before and after, its own size beyond it."""
+    both, size = np.vstack([before, after]), np.ptp(before, axis=0).max()
+    return tuple((both.min(axis=0) - size).tolist()), tuple((both.max(axis=0) + size).tolist())
 
 
 def _cause(box: BoxDeflection, row: int, nodes: IntArray) -> str:

@@ -378,6 +378,8 @@ def stored_checks(checks: Sequence[Check]) -> tuple[Check, ...]:
 
 def _check(row: Json) -> Check:
     values: Json = {item.name: row[item.name] for item in fields(Check) if item.name in row}
+    if row["verdict"] == "poor":  # runs of earlier versions have no other reservation, and do not write it
+        values.setdefault("reservation", "poor cells")
     return Check(**values | {"value": nan if row["value"] is None else row["value"]})
 
 

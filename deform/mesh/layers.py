@@ -98,6 +98,10 @@ class LayerColumns:
                 measured.append(tuple(_over(measured[-1], found)))
         return cls(tuple(levels), forked, faces, tuple(measured))
 
+    def nodes_of(self, face: int) -> IntArray:
+        """Return the nodes (k,) of a wall face."""
+        return self.faces.rows(face, face + 1).nodes
+
     def first_height(self, points: FloatArray, feet: BoolArray) -> float:
         """Return the median length of the edges of the first layer over `feet` (N,), at points (N, 3); 0 without."""
         edges = np.concatenate([np.empty((0, 2), dtype=np.intp), *self.levels[:1]])

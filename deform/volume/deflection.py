@@ -348,8 +348,9 @@ def deflect_box(
             allowed = attempts[-1].inverted // 2
             attempts.append(attempt)
     if not attempts[0].inverted and most > 1 and _worst_share(attempts[0]) < 1.0:
-        attempts += filter(None, [_possible(plan, amounts, 2, progress)])
-        attempts.sort(key=_worst_share, reverse=True)  # of equally few inverted cells the first is taken
+        twice = _possible(plan, amounts, 2, progress)
+        if twice and _worst_share(twice) > _worst_share(attempts[0]):
+            attempts.insert(0, twice)  # of equally few inverted cells the first is taken
     best = with_repair(min(attempts, key=lambda attempt: attempt.inverted), progress)
     while best.inverted and 2 * count <= most:
         count *= 2

@@ -60,7 +60,8 @@ def test_layers_keep_their_first_height_within_a_percent(case):
     heights = np.linalg.norm(columns[:, 1] - columns[:, 0], axis=1)
     np.testing.assert_allclose(heights, w.first_height, rtol=0.01)
     (check,) = (check for check in checks_of(result) if check.name == "layer_height")
-    assert check.value < (0.06 if len(result.plan.boxes[0].sites.sheared.nonzero()[0]) else 1e-6)
+    bends = result.plan.boxes[0].sites.sheared.any()  # in the strips of the flap cells lean against the wall
+    assert check.value < (0.06 if bends else 1e-6)
     assert check.over > 100
 
 
