@@ -22,9 +22,9 @@ import numpy as np
 
 from benchmarks.mesh_formats import box_of_tets, triangles
 from benchmarks.results import Result, show, write
-from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.registry import FORMATS
+from sdm_deflect.meshing.mesh.cells import Cells, Patch
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from studies.machine import machine
 
 LOWER, UPPER = (0.4, 0.3, 0.5), (0.6, 0.7, 0.5)

@@ -3,9 +3,9 @@
 import numpy as np
 
 from benchmarks.measure import FloatArray
-from sdm_deflect.deform.base.arrays import BoolArray, IntArray
-from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.base.arrays import BoolArray, IntArray
+from sdm_deflect.meshing.mesh.cells import Cells, Patch
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.meshing.formats.wing import boundary_faces
 
 FOCUS = 0.0079

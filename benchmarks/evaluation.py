@@ -11,7 +11,7 @@ from benchmarks.peers import Sum, UnavailableError, available
 from benchmarks.results import Result
 from benchmarks.roofline import PER_PAIR, multiply_adds
 from benchmarks.workloads import points_around, tail
-from sdm_deflect.deform.base.threads import available_threads
+from sdm_deflect.base.threads import available_threads
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 

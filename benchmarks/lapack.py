@@ -8,7 +8,7 @@ from scipy.linalg.lapack import dgesv
 from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped, unused-ignore]
 
 from benchmarks.measure import FloatArray, side_by_side, warm
-from sdm_deflect.deform.base.threads import available_threads
+from sdm_deflect.base.threads import available_threads
 from sdm_deflect.deform.rbf.interpolant import Solve, direct
 
 ROUNDS = 5

@@ -15,12 +15,12 @@ from typing import BinaryIO
 import h5py
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.mesh.faces import FACES
+from sdm_deflect.base.arrays import FloatArray, IntArray
 from sdm_deflect.meshing.formats.cgns_nodes import AXES, create, create_sized
 from sdm_deflect.meshing.formats.cgns_write import write_root
 from sdm_deflect.meshing.formats.openfoam import boundary_text, header
 from sdm_deflect.meshing.formats.openfoam_files import MESH, FoamPatch
+from sdm_deflect.meshing.mesh.faces import FACES
 
 LOW, HIGH = 0.45, 0.55
 """Where the flap begins and ends along x and y."""

@@ -25,13 +25,13 @@ from benchmarks.c_grid import c_grid
 from benchmarks.measure import FloatArray, processor_seconds
 from sdm_deflect.cases.api import deflect, read
 from sdm_deflect.deform.checks import FEW, FEW_CHANGE, LAYER_CHANGE
-from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.edges import area_vectors, polygons_of, unit
-from sdm_deflect.deform.mesh.layers import LayerChange, LayerColumns
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.volume.plan import BoxPlan
 from sdm_deflect.geometry.datum import hinge_line
 from sdm_deflect.geometry.parameters import Fighter
+from sdm_deflect.meshing.mesh.cells import Cells, Patch
+from sdm_deflect.meshing.mesh.edges import area_vectors, polygons_of, unit
+from sdm_deflect.meshing.mesh.layers import LayerChange, LayerColumns
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from studies.machine import machine
 from tests.cases import snappy
 from tests.meshing.formats.blunt_wing import blunt_wing

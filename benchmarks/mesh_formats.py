@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import IntArray
-from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.base.arrays import IntArray
 from sdm_deflect.meshing.formats.registry import FORMATS
+from sdm_deflect.meshing.mesh.cells import Cells, Patch
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 SUFFIXES = {"su2": ".su2", "cgns": ".cgns", "ugrid": ".b8.ugrid"}
 

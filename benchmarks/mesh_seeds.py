@@ -12,17 +12,17 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from statistics import median
 
+from sdm_deflect.base.files import replacing
 from sdm_deflect.cases.aircraft.cad import around_block, generate_undeflected
 from sdm_deflect.cases.aircraft.case import Case
 from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.overset import finer_background
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.progress import Stopwatch
-from sdm_deflect.deform.base.files import replacing
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.meshing.child import MeshingError
 from sdm_deflect.meshing.generate.generation import Generated
-from sdm_deflect.meshing.mesh import tets_of
+from sdm_deflect.meshing.mesh.labelled import tets_of
 
 MESHES = {
     "aircraft": ("aileron", "tail", "rudder", "all"),

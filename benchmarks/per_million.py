@@ -7,8 +7,8 @@ import numpy as np
 from benchmarks.measure import side_by_side, warm
 from benchmarks.results import Result
 from benchmarks.workloads import points_around, tail
-from sdm_deflect.deform.base.arrays import first_coincident
-from sdm_deflect.deform.mesh.quality import mean_ratio
+from sdm_deflect.base.arrays import first_coincident
+from sdm_deflect.meshing.mesh.quality import mean_ratio
 
 MILLION = 1_000_000
 TOLERANCE = 1e-9  # m

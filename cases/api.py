@@ -17,27 +17,27 @@ from typing import TYPE_CHECKING, Any, TypeVar, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sdm_deflect.base import threads
+from sdm_deflect.base.arrays import FloatArray
+from sdm_deflect.base.errors import InputError, MeshFileError, shortened
+from sdm_deflect.base.schema import describe
+from sdm_deflect.base.states import check_unchanged
+from sdm_deflect.base.threads import Progress, Threads, silent
 from sdm_deflect.cases.run.metrics import notes_of, short_turns, warnings_of
 from sdm_deflect.cases.run.progress import in_notebook, of_notebook
 from sdm_deflect.cases.settings.job_settings import BY_NAME, GONE, IN_PYTHON, settings_of
 from sdm_deflect.cases.settings.jobs import jobs_of, swept
 from sdm_deflect.cases.settings.keywords import Options
-from sdm_deflect.deform.base import threads
-from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.errors import InputError, MeshFileError, shortened
-from sdm_deflect.deform.base.schema import describe
-from sdm_deflect.deform.base.states import check_unchanged
-from sdm_deflect.deform.base.threads import Progress, Threads, silent
 from sdm_deflect.deform.checks import Check, checks_of
 from sdm_deflect.deform.loop import run
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.job import Amounts, Job
 from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.meshing.formats import adapters
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.quality import Quality
 
 from .file_mesh import FileMesh, about_files, path_of, save_mesh
 
@@ -199,9 +199,9 @@ class Result:
         Raises InputError if the folder cannot be written, or holds other files than those of a report; if libraries are
         not installed that the extra ``report`` brings.
         """
+        from sdm_deflect.base.files import permitted_as
         from sdm_deflect.cases.report.folder import plan_around, write_run_folder
         from sdm_deflect.cases.run.output import OutputError, check_installed, output_folder
-        from sdm_deflect.deform.base.files import permitted_as
 
         check_installed("report")
         place = path_of(folder)

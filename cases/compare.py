@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.threads import Progress, silent
+from sdm_deflect.base.unpacking import damaged
 from sdm_deflect.cases.report.data import RUN, ReportData, as_text
 from sdm_deflect.cases.run.metrics import Json
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.threads import Progress, silent
-from sdm_deflect.deform.base.unpacking import damaged
 from sdm_deflect.deform.checks import tally
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 from .finished import read_run
 

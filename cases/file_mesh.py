@@ -10,15 +10,15 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sdm_deflect.base.arrays import FloatArray
+from sdm_deflect.base.errors import InputError, MeshFileError, shortened
+from sdm_deflect.base.threads import Progress, silent
 from sdm_deflect.cases.run.inspection import NAMES, extent, reach
-from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.errors import InputError, MeshFileError, shortened
-from sdm_deflect.deform.base.threads import Progress, silent
-from sdm_deflect.deform.mesh.cells import Patch
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import Quality, by_shape, find_orientation
-from sdm_deflect.deform.mesh.standard import parts_of
 from sdm_deflect.deform.volume.modes import Wanted
+from sdm_deflect.meshing.mesh.cells import Patch
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.quality import Quality, by_shape, find_orientation
+from sdm_deflect.meshing.mesh.standard import parts_of
 
 if TYPE_CHECKING:
     from sdm_deflect.deform.held import HeldPlan
@@ -97,9 +97,9 @@ def written(
     mesh: Mesh, points: FloatArray, path: str | PathLike[str], progress: Progress = silent
 ) -> tuple[Path, tuple[str, ...]]:
     """Write a mesh with new points (N, 3); return its path, and what the format cannot hold; errors of `save_mesh`."""
+    from sdm_deflect.base.files import permitted_as
     from sdm_deflect.cases.run.mesh_files import Targets, check_written, write_mesh
     from sdm_deflect.cases.run.output import OutputError, output_files
-    from sdm_deflect.deform.base.files import permitted_as
 
     out, source = path_of(path), Path(mesh.source) if mesh.source else None
     with about_files():

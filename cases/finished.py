@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
+from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.files import permitted_as
+from sdm_deflect.base.threads import Progress, silent
 from sdm_deflect.cases.report.finished import FinishedRun
 from sdm_deflect.cases.run.mesh_files import is_report
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.files import permitted_as
-from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.formats.zones import join_zones
 

@@ -8,25 +8,25 @@ from typing import Any, Literal
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.base import threads
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, distinct, union
-from sdm_deflect.deform.base.errors import short_list
-from sdm_deflect.deform.mesh import polyhedra
-from sdm_deflect.deform.mesh.cells import Polyhedra
-from sdm_deflect.deform.mesh.crossing import Crossings
-from sdm_deflect.deform.mesh.edges import edges_of, polygons_of
-from sdm_deflect.deform.mesh.faces import faces_of, on_boundary
-from sdm_deflect.deform.mesh.images import plane_of
-from sdm_deflect.deform.mesh.layers import LayerChange
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.precision import EVERY_BIT
-from sdm_deflect.deform.mesh.quality import inverted_of
-from sdm_deflect.deform.mesh.standard import type_of
+from sdm_deflect.base import threads
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, distinct, union
+from sdm_deflect.base.errors import short_list
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.surface import OnPatches
 from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection, fell_poor
 from sdm_deflect.deform.volume.excerpt import boundary_in_file
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
+from sdm_deflect.meshing.mesh import polyhedra
+from sdm_deflect.meshing.mesh.cells import Polyhedra
+from sdm_deflect.meshing.mesh.crossing import Crossings
+from sdm_deflect.meshing.mesh.edges import edges_of, polygons_of
+from sdm_deflect.meshing.mesh.faces import faces_of, on_boundary
+from sdm_deflect.meshing.mesh.images import plane_of
+from sdm_deflect.meshing.mesh.layers import LayerChange
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.precision import EVERY_BIT
+from sdm_deflect.meshing.mesh.quality import inverted_of
+from sdm_deflect.meshing.mesh.standard import type_of
 
 ROUNDED = 0.01  # of an edge's length: largest change by rounding
 ON_SHAPE = 1e-9  # of the moving surface's size: largest distance of sliding nodes from their shape

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray, farthest
-from sdm_deflect.deform.base.threads import Progress, silent, single_threaded_blas
+from sdm_deflect.base.arrays import FloatArray, IntArray, farthest
+from sdm_deflect.base.threads import Progress, silent, single_threaded_blas
 
 from .box.hexahedron import Hexahedron
 from .rbf.data_sites import DIRECTIONS, DataSites, multivariate, univariate

@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.threads import Progress, silent
-from sdm_deflect.deform.mesh.precision import EVERY_BIT, Precision
+from sdm_deflect.base.arrays import FloatArray
+from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.threads import Progress, silent
 from sdm_deflect.deform.surface.motions import Fixed, Moving
 from sdm_deflect.deform.surface.placement import UNITS
 from sdm_deflect.deform.surface.surface import Surface, name_of
@@ -25,6 +24,7 @@ from sdm_deflect.deform.volume.field import Field, FieldBox
 from sdm_deflect.deform.volume.job import Amounts
 from sdm_deflect.deform.volume.modes import Control, Modes, Readings, Wanted, fields_of, in_order, residuals
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
+from sdm_deflect.meshing.mesh.precision import EVERY_BIT, Precision
 
 from .checks import Check, checks_of
 from .motion_fields import write_motion

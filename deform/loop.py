@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple, Protocol
 
-from sdm_deflect.deform.mesh.precision import Precision
+from sdm_deflect.base.threads import Stage, unseen
+from sdm_deflect.meshing.mesh.precision import Precision
 
-from .base.threads import Stage, unseen
 from .checks import Check, checks_of
 from .volume.deflection import Deflection, deflect
 from .volume.job import Amounts

@@ -11,9 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from .base.arrays import FloatArray
-from .base.errors import InputError
-from .base.files import replacing_together
+from sdm_deflect.base.arrays import FloatArray
+from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.files import replacing_together
+
 from .surface.motions import Fixed, Powers, Turn
 from .volume.modes import Control, Modes
 

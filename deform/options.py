@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
-from sdm_deflect.deform.base.schema import INLINE, ONLY_SET, Doc, Option, Range, Spelling, check_settings
+from sdm_deflect.base.schema import INLINE, ONLY_SET, Doc, Option, Range, Spelling, check_settings
 
 from .rbf.fitting import Fitting
 

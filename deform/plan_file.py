@@ -11,17 +11,17 @@ from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.errors import InputError, MeshFileError
-from sdm_deflect.deform.base.files import fresh
-from sdm_deflect.deform.base.unpacking import damaged, read_arrays
-from sdm_deflect.deform.mesh.cells import LARGEST, bounded
+from sdm_deflect.base.arrays import FloatArray
+from sdm_deflect.base.errors import InputError, MeshFileError
+from sdm_deflect.base.files import fresh
+from sdm_deflect.base.unpacking import damaged, read_arrays
 from sdm_deflect.deform.surface.motions import Fixed, Functions, Powers, Turn
 from sdm_deflect.deform.surface.tracks import Places
 from sdm_deflect.deform.volume.checksum import Checksum
 from sdm_deflect.deform.volume.field import Field
 from sdm_deflect.deform.volume.job import Amounts
 from sdm_deflect.deform.volume.modes import Control, fields_of
+from sdm_deflect.meshing.mesh.cells import LARGEST, bounded
 
 FILE = "plan of sdm-deflect, 2"
 EARLIER = "plan of sdm-deflect, 1"

@@ -3,7 +3,7 @@
 from dataclasses import field
 from typing import Any
 
-from sdm_deflect.deform.base.schema import Doc, Range, check_settings
+from sdm_deflect.base.schema import Doc, Range, check_settings
 
 
 def quantity(default: float, unit: str, low: float, high: float, doc: str) -> Any:

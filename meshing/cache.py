@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.deform.base.compiled import code_files, default_folder
-from sdm_deflect.deform.base.errors import MeshFileError, write_errors
-from sdm_deflect.deform.base.files import replacing
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.formats.format import about
+from sdm_deflect.base.compiled import code_files, default_folder
+from sdm_deflect.base.errors import MeshFileError, write_errors
+from sdm_deflect.base.files import replacing
+from sdm_deflect.meshing.mesh.labelled import VOLUME, Skin, skin, tetrahedral, tets_of
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
-from .mesh import VOLUME, Skin, skin, tetrahedral, tets_of
+from .errors import about
 
 # Raised whenever the same parameters give another mesh than before: kept meshes then no longer match.
 RECIPE = 2

@@ -19,8 +19,8 @@ from runpy import run_module
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.base.errors import write_errors
-from sdm_deflect.deform.base.files import hidden_folder
+from sdm_deflect.base.errors import write_errors
+from sdm_deflect.base.files import hidden_folder
 
 Array = NDArray[np.generic]
 Arrays = Mapping[str, Array]

@@ -11,17 +11,17 @@ if not Path(__file__).with_name("deform").is_dir():  # a clone without symbolic 
     __path__.append(str(Path(__file__).parents[1]))
 
 if TYPE_CHECKING:
+    from sdm_deflect.base.errors import InputError
     from sdm_deflect.cases.api import Result, deflect, plan, read, sweep
-    from sdm_deflect.deform.base.errors import InputError
     from sdm_deflect.deform.box.hexahedron import Hexahedron
     from sdm_deflect.deform.checks import Check
     from sdm_deflect.deform.held import HeldPlan
-    from sdm_deflect.deform.mesh.cells import Cells, Patch
-    from sdm_deflect.deform.mesh.mesh import Mesh
-    from sdm_deflect.deform.mesh.quality import Quality
     from sdm_deflect.deform.surface.blended import Blended
     from sdm_deflect.deform.surface.motions import Rotation, Table
     from sdm_deflect.deform.surface.surface import Listed, OnPatches, TrailingEdge
+    from sdm_deflect.meshing.mesh.cells import Cells, Patch
+    from sdm_deflect.meshing.mesh.mesh import Mesh
+    from sdm_deflect.meshing.mesh.quality import Quality
 
     __version__: str
 
@@ -51,9 +51,9 @@ __all__ = [
 _MODULES = {
     "cases.api": ("Result", "deflect", "plan", "read", "sweep"),
     "deform.checks": ("Check",),
-    "deform.base.errors": ("InputError",),
-    "deform.mesh.mesh": ("Cells", "Mesh", "Patch"),
-    "deform.mesh.quality": ("Quality",),
+    "base.errors": ("InputError",),
+    "meshing.mesh.mesh": ("Cells", "Mesh", "Patch"),
+    "meshing.mesh.quality": ("Quality",),
     "deform.surface.blended": ("Blended",),
     "deform.surface.motions": ("Rotation", "Table"),
     "deform.surface.surface": ("Listed", "OnPatches", "TrailingEdge"),

@@ -13,7 +13,7 @@ try:
 except ModuleNotFoundError as error:
     raise ModuleNotFoundError(f"{error}: in your clone, pip install '.[openmdao]'", name=error.name) from None
 
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.base.errors import InputError
 
 UNFIT = re.compile(r"[.*?!\[\]]")
 """Letters that OpenMDAO refuses in names."""

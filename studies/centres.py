@@ -8,23 +8,23 @@ from pathlib import Path
 
 import numpy as np
 
+from sdm_deflect.base.arrays import FloatArray, IndexArray
+from sdm_deflect.base.files import replacing
 from sdm_deflect.cases.aircraft.case import Case
 from sdm_deflect.cases.aircraft.job import fuselage_cylinder, panel_of
 from sdm_deflect.cases.aircraft.pipeline import mesh_of_case
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.output import write_table
 from sdm_deflect.cases.run.progress import Stopwatch
-from sdm_deflect.deform.base.arrays import FloatArray, IndexArray
-from sdm_deflect.deform.base.files import replacing
 from sdm_deflect.deform.confined import initial_centers
-from sdm_deflect.deform.mesh.axis import Cylinder
-from sdm_deflect.deform.mesh.edges import edges_of, polygons_of
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.rbf.data_sites import DataSites
 from sdm_deflect.deform.rbf.greedy import adapt
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.rbf.rules import GreedyOptions, Worst
 from sdm_deflect.geometry import datum
+from sdm_deflect.meshing.mesh.axis import Cylinder
+from sdm_deflect.meshing.mesh.edges import edges_of, polygons_of
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from studies.loop import Choice, Ended, Gmres, adapted, worst, worst_free
 from studies.measure import SiteGroups, scaled, sites_of, table_case, with_sites
 from studies.paper import Row, Table, paper

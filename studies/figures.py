@@ -13,6 +13,9 @@ from matplotlib.figure import Figure
 from numba import get_num_threads
 from scipy.spatial import cKDTree
 
+from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.files import hidden_folder, replacing
+from sdm_deflect.base.threads import Stage
 from sdm_deflect.cases.aircraft.case import Case, mesh_parameters
 from sdm_deflect.cases.aircraft.job import panel_of
 from sdm_deflect.cases.aircraft.metrics import Run
@@ -20,16 +23,13 @@ from sdm_deflect.cases.aircraft.pipeline import mesh_of_case, run_case
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.report.pictures import write_png
 from sdm_deflect.cases.run.progress import Stopwatch
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.files import hidden_folder, replacing
-from sdm_deflect.deform.base.threads import Stage
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import mean_ratio, signed_volumes
 from sdm_deflect.deform.options import RepairMode
 from sdm_deflect.deform.rbf.fitting import Strategy
 from sdm_deflect.deform.surface.blended import BlendedLaw
 from sdm_deflect.meshing.cache import cache_key
-from sdm_deflect.meshing.mesh import tets_of, touching
+from sdm_deflect.meshing.mesh.labelled import tets_of, touching
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.quality import mean_ratio, signed_volumes
 from studies import pictures as aircraft
 from studies.centres import write_trials
 from studies.files import read_curves, read_rows, write_csv, write_curves, write_plot

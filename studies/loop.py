@@ -10,8 +10,8 @@ from typing import Self
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray, IndexArray
-from sdm_deflect.deform.base.threads import single_threaded_blas
+from sdm_deflect.base.arrays import FloatArray, IndexArray
+from sdm_deflect.base.threads import single_threaded_blas
 from sdm_deflect.deform.rbf.data_sites import DataSites
 from sdm_deflect.deform.rbf.greedy import Stop
 from sdm_deflect.deform.rbf.interpolant import Solve, coefficient_matrix, direct

@@ -9,15 +9,14 @@ from typing import Self
 
 import numpy as np
 
+from sdm_deflect.base.arrays import IndexArray
+from sdm_deflect.base.threads import Progress, silent
 from sdm_deflect.cases.aircraft.case import Case, Confinement
 from sdm_deflect.cases.aircraft.job import job_of
 from sdm_deflect.cases.aircraft.pipeline import mesh_of_case
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.progress import Stopwatch
-from sdm_deflect.deform.base.arrays import IndexArray
-from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.confined import GROUPINGS, initial_centers
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.rbf.data_sites import DIRECTIONS, DataSites
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.greedy import Adaptation, Iteration, Stop, adapt
@@ -26,7 +25,8 @@ from sdm_deflect.deform.rbf.problem import Basis, Problem
 from sdm_deflect.deform.rbf.rules import GreedyOptions, Rule, Separated, Worst
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 from sdm_deflect.deform.volume.sites import Sites
-from sdm_deflect.meshing.mesh import tets_of
+from sdm_deflect.meshing.mesh.labelled import tets_of
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from studies.loop import DirectBasis, Gmres
 from studies.paper import Evaluation, Row, Setting, Size, Table, paper
 

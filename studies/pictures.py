@@ -7,17 +7,17 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.cases.aircraft.job import BLOCK, panel_of
 from sdm_deflect.cases.aircraft.metrics import Run
 from sdm_deflect.cases.report.figures import bars
 from sdm_deflect.cases.report.slices import BLUE, COMPONENTS, DARK, GREY, MAGENTA, ORANGE
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.geometry.confinement import block_corners, gap_faces
 from sdm_deflect.geometry.datum import ends, ribs
 from sdm_deflect.meshing.generate.attachment import cell_faces, edges_of
-from sdm_deflect.meshing.mesh import tets_of, touching, triangles_of
+from sdm_deflect.meshing.mesh.labelled import tets_of, touching, triangles_of
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.quality import mean_ratio
 from studies import rendering
 from studies.rendering import Layer, Picture, View, components_of, quality_rgb
 

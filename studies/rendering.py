@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from sdm_deflect.base.arrays import FloatArray, IntArray
 from sdm_deflect.cases.report.data import METRES, Length
 from sdm_deflect.cases.report.slices import (
     BOX_EDGES,
@@ -27,8 +28,7 @@ from sdm_deflect.cases.report.slices import (
     component,
     patch_colour,
 )
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 Image = NDArray[np.uint8]
 INCHES = 5.2

@@ -7,11 +7,11 @@ import pytest
 from filelock import FileLock
 from hypothesis import settings
 
+from sdm_deflect.base.compiled import CODE_VARIABLE, FOLDER_VARIABLE, code_folder
 from sdm_deflect.cases.aircraft.case import Case
 from sdm_deflect.cases.aircraft.pipeline import mesh_of_case
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.progress import Stopwatch
-from sdm_deflect.deform.base.compiled import CODE_VARIABLE, FOLDER_VARIABLE, code_folder
 from tests import calls, kept_meshes
 from tests.deform.blocks import annulus_with_fin, block_with_body
 from tests.meshing.formats.wing import FLAP, wing

@@ -9,9 +9,9 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
+from sdm_deflect.base.schema import GROUPS, Range, Setting, choices_of
 from sdm_deflect.cases.cli.options import settings_options
 from sdm_deflect.cases.settings.job_settings import BY_NAME, IN_PYTHON
-from sdm_deflect.deform.base.schema import GROUPS, Range, Setting, choices_of
 
 ROOT = Path(__file__).parents[1]
 KEYWORDS, GUIDE = ROOT / "cases" / "settings" / "keywords.py", ROOT / "docs" / "settings.md"

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PRODUCT = ("geometry", "meshing", "deform", "cases", "studies")
+PRODUCT = ("sdm_deflect/base", "geometry", "meshing", "deform", "cases", "studies")
 NOT_COPIED = shutil.ignore_patterns(".git", "_build", "__pycache__", ".*_cache", ".venv")
 
 
@@ -55,7 +55,7 @@ FAULTS = (
     Fault("the mean is not within what nodes may do", 'mean = np.einsum("gij,gj->gi", self.free, mean)',
           "mean = np.asarray(mean)", "tests/deform/volume/test_images.py"),
     Fault("layers may lie down", "share = now[2] / was[2]", "share = norm(now) / norm(was)",
-          "tests/deform/test_layers.py"),
+          "tests/meshing/mesh/test_layers.py"),
     Fault("sliding nodes may leave their shape", "ON_SHAPE = 1e-9", "ON_SHAPE = 1e-3",
           "tests/deform/test_checks.py tests/deform/volume/test_sliding.py"),
     Fault("fixed nodes are not looked at", '_check_still("fixed_surfaces_moved", moved[fixed]',
@@ -64,9 +64,9 @@ FAULTS = (
           "bad = inverted_of(deflection.points, block, rows, sign) & ~inverted_of(mesh.points, block, rows, sign)",
           "bad = inverted_of(deflection.points, block, rows, sign)", "tests/deform/test_inverted_before.py"),
     Fault("surfaces that crossed before are forgotten", "new = skin.new(now, skin.intersecting(mesh.points))",
-          "new = now", "tests/deform/test_crossing.py"),
+          "new = now", "tests/meshing/mesh/test_crossing.py"),
     Fault("flat cells are not inverted", "quality[i], inverted[i] = share, least <= 0.0",
-          "quality[i], inverted[i] = share, least < 0.0", "tests/deform/test_quality.py"),
+          "quality[i], inverted[i] = share, least < 0.0", "tests/meshing/mesh/test_quality.py"),
     Fault("a node is carried by another one", "offset[i] = places[q, i] - known[j, i]",
           "offset[i] = known[j, i] - places[q, i]", "tests/deform/around/test_near_wall.py"),
     Fault("nodes of a pyramid in another order", '"pyramid": (1, 0, 3, 4, 2)', '"pyramid": (0, 1, 3, 4, 2)',
@@ -148,10 +148,10 @@ FAULTS = (
     Fault("a spline that is not rescaled", "Rescaling(self, length**2, length**2 * float(np.log(length)))",
           "Rescaling(self, length**2, length**2)", "tests/deform/rbf/test_kernels.py"),
     Fault("a repair moves nodes that are held", "return np.flatnonzero(near & movable)", "return np.flatnonzero(near)",
-          "tests/deform/repair"),
+          "tests/meshing/repair"),
     Fault("a copy that stays behind", "hit = np.isfinite(gaps)", "hit = gaps < 0.0", "tests/cases/test_left_behind.py"),
     Fault("images may come apart", "limit = max(ON_IMAGE, WORSE * before, finest)", "limit = 1.0",
-          "tests/deform/volume/test_images.py tests/deform/test_checks.py tests/deform/test_pairing.py"),
+          "tests/deform/volume/test_images.py tests/deform/test_checks.py tests/meshing/mesh/test_pairing.py"),
     Fault("a limit is where cells fail", "low, high = (middle, high) if holds(at(middle)) else (low, middle)",
           "low, high = (middle, high)", "tests/cases/test_limit.py tests/cases/sdm/test_limit.py"),
     Fault("old polyhedra with sizes among their nodes",

@@ -19,10 +19,10 @@ import numpy as np
 from sdm_deflect.cases.aircraft.case import mesh_parameters
 from sdm_deflect.cases.aircraft.pipeline import background_parameters
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.cache import RECIPE, MeshCache, cache_key
 from sdm_deflect.meshing.formats.registry import FORMATS
-from sdm_deflect.meshing.mesh import CAD_FACE, ROW, VOLUME, Skin, skin, tetrahedral, tets_of, triangles_of
+from sdm_deflect.meshing.mesh.labelled import CAD_FACE, ROW, VOLUME, Skin, skin, tetrahedral, tets_of, triangles_of
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 FOLDER = Path(__file__).parent / "kept"
 NAMES = ("aileron", "aileron-free", "aileron-chimera", "background")

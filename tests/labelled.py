@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.mesh import Skin, skin, tetrahedral, tets_of
+from sdm_deflect.meshing.mesh.labelled import Skin, skin, tetrahedral, tets_of
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 
 def changed(mesh: Mesh, **change: Any) -> Mesh:

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from sdm_deflect.deform.base import threads
+from sdm_deflect.base import threads
 
 
 def limited(patch: pytest.MonkeyPatch, **changes: Any) -> None:

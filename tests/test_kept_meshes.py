@@ -12,7 +12,7 @@ from sdm_deflect.cases.aircraft.overset import finer_background
 from sdm_deflect.cases.aircraft.registry import case_named, resolve
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.meshing.cache import MeshCache, cache_key
-from sdm_deflect.meshing.mesh import tets_of
+from sdm_deflect.meshing.mesh.labelled import tets_of
 from tests.kept_meshes import FOLDER, NAMES, digest, parameters
 
 OTHERS = {name: own for name, own in VERSIONS.items() if version(name) != own}

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.cases.api import deflect, read
-from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 
 ROOT = Path(__file__).parents[1]

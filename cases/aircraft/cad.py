@@ -9,7 +9,7 @@ from sdm_deflect.geometry.deflected import CadTurn
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.generate.generation import Finer, Generated, generate
 from sdm_deflect.meshing.generate.parameters import MeshParameters
-from sdm_deflect.meshing.mesh import tets_of
+from sdm_deflect.meshing.mesh.labelled import tets_of
 
 from .case import Case
 

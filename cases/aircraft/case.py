@@ -5,8 +5,8 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.schema import INLINE, check_settings
+from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.schema import INLINE, check_settings
 from sdm_deflect.deform.options import Repair, RepairMode
 from sdm_deflect.deform.rbf.fitting import Fitting, Strategy
 from sdm_deflect.geometry.confinement import BlockParameters

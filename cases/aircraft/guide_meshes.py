@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.mesh import tets_of
+from sdm_deflect.meshing.mesh.labelled import tets_of
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 from .case import Case, mesh_parameters
 from .registry import case_named

@@ -5,14 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.base.errors import InputError, nearest
-from sdm_deflect.deform.base.threads import Progress, silent
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.base.errors import InputError, nearest
+from sdm_deflect.base.threads import Progress, silent
 from sdm_deflect.deform.box.automatic import Given
 from sdm_deflect.deform.box.hexahedron import Hexahedron
-from sdm_deflect.deform.mesh.axis import Axis, Cylinder
-from sdm_deflect.deform.mesh.edges import median_edge
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.options import Repair
 from sdm_deflect.deform.surface.blended import Blended, Rib
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation
@@ -24,6 +21,9 @@ from sdm_deflect.geometry import datum
 from sdm_deflect.geometry.confinement import Margins, gap_faces, hexahedron_corners, inward_face, rib_faces
 from sdm_deflect.geometry.datum import hinged
 from sdm_deflect.geometry.parameters import Fighter
+from sdm_deflect.meshing.mesh.axis import Axis, Cylinder
+from sdm_deflect.meshing.mesh.edges import median_edge
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 from .case import Case, SurfaceTurn
 

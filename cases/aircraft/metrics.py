@@ -7,11 +7,11 @@ from sdm_deflect.cases.run.metrics import Json, amounts, by_shape, deflection_fi
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.cases.settings.conversion import to_toml
 from sdm_deflect.deform.checks import Check
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import Quality, mean_ratio, summarise
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.plan import Plan
-from sdm_deflect.meshing.mesh import tets_of
+from sdm_deflect.meshing.mesh.labelled import tets_of
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.quality import Quality, mean_ratio, summarise
 
 from .case import Case
 from .guide_meshes import guide_text

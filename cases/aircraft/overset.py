@@ -5,12 +5,12 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, distinct
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, distinct
 from sdm_deflect.deform.checks import Check, worst
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.geometry.confinement import gap_faces
 from sdm_deflect.geometry.datum import ends, ribs
-from sdm_deflect.meshing.mesh import tets_of, touching
+from sdm_deflect.meshing.mesh.labelled import tets_of, touching
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 from .case import Case
 from .job import BLOCK, block_stations

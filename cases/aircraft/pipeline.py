@@ -9,23 +9,23 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
+from sdm_deflect.base.compiled import default_folder
+from sdm_deflect.base.errors import MeshFileError
+from sdm_deflect.base.threads import Progress
 from sdm_deflect.cases.report.folder import plan_around, written_plan
 from sdm_deflect.cases.run.deflect_file import held_plan
 from sdm_deflect.cases.run.limit import Search
 from sdm_deflect.cases.run.progress import Stopwatch
-from sdm_deflect.deform.base.compiled import default_folder
-from sdm_deflect.deform.base.errors import MeshFileError
-from sdm_deflect.deform.base.threads import Progress
 from sdm_deflect.deform.checks import tally
 from sdm_deflect.deform.loop import run as carried_out
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.options import RepairMode
 from sdm_deflect.deform.volume.deflection import Deflection, deflect
 from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.geometry.parameters import LARGEST_TURN
 from sdm_deflect.meshing.cache import MeshCache, cache_key
-from sdm_deflect.meshing.mesh import tets_of
+from sdm_deflect.meshing.mesh.labelled import tets_of
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.quality import Quality
 
 from .case import Case, mesh_parameters
 from .job import plan_of

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sdm_deflect import geometry
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.compiled import default_folder
-from sdm_deflect.deform.base.errors import MeshFileError
+from sdm_deflect.base.arrays import FloatArray, IntArray
+from sdm_deflect.base.compiled import default_folder
+from sdm_deflect.base.errors import MeshFileError
 from sdm_deflect.geometry.datum import hinged
 from sdm_deflect.geometry.deflected import CadTurn
 from sdm_deflect.geometry.quantity import CadError

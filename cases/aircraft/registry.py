@@ -5,8 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from sdm_deflect.base.errors import InputError, nearest
 from sdm_deflect.cases.settings.conversion import Nested, merge, parse_assignments, read_toml, with_values
-from sdm_deflect.deform.base.errors import InputError, nearest
 from sdm_deflect.geometry.parameters import Aileron, Fighter
 from sdm_deflect.meshing.generate.parameters import BACKGROUND_SCALES, BLOCK_SCALES, SCALES
 

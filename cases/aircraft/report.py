@@ -12,12 +12,12 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.base.schema import Range, Setting, settings_in
 from sdm_deflect.cases.report.data import METRES, Box, FitRows, MovedSurface, ReportData, Rows, as_text, before_repair
 from sdm_deflect.cases.report.pictures import Exhibit, save_figure
 from sdm_deflect.cases.report.slices import triangles_of
 from sdm_deflect.cases.run.metrics import amounts
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.base.schema import Range, Setting, settings_in
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 from sdm_deflect.meshing.generate.parameters import FAR_FIELD

@@ -11,16 +11,16 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import RBFInterpolator
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, farthest
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, farthest
 from sdm_deflect.deform.checks import Check, Judgement, worst
-from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.closest import Triangles
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.surface.appendix_a import STRIP_SITES
 from sdm_deflect.deform.surface.tail_root import RootRegion
 from sdm_deflect.deform.volume.plan import BoxPlan
 from sdm_deflect.geometry import datum
-from sdm_deflect.meshing.mesh import nodes_by_face, triangles_of
+from sdm_deflect.meshing.mesh.axis import Axis
+from sdm_deflect.meshing.mesh.closest import Triangles
+from sdm_deflect.meshing.mesh.labelled import nodes_by_face, triangles_of
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 from .case import Case, Law
 from .job import Wedge, apex_of, axis_of, fuselage_cylinder, panel_of

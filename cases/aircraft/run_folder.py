@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.cases.report.data import FitRows, ReportData, read_figures, stored_checks
 from sdm_deflect.cases.report.finished import FinishedRun, moved_by_repair
 from sdm_deflect.cases.report.folder import write_arrays
 from sdm_deflect.cases.run.output import lacks
-from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.checks import Check, checks_of
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.meshing.formats.vtu import read_vtu, write_vtu
-from sdm_deflect.meshing.mesh import skin, tets_of
+from sdm_deflect.meshing.mesh.labelled import skin, tets_of
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 from .case import Case
 from .job import plan_of

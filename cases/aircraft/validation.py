@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray, distinct, union
+from sdm_deflect.base.arrays import FloatArray, IntArray, distinct, union
 from sdm_deflect.deform.checks import Check, slid_nodes, with_surface, worst
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.meshing.generate.attachment import boundary_failures
 from sdm_deflect.meshing.generate.parameters import FAR_FIELD, MeshParameters
 from sdm_deflect.meshing.generate.verify import verify
-from sdm_deflect.meshing.mesh import FREE_FORM, nodes_by_face, skin, tets_of, triangles_of
+from sdm_deflect.meshing.mesh.labelled import FREE_FORM, nodes_by_face, skin, tets_of, triangles_of
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.quality import mean_ratio
 
 from .case import Case
 from .job import Wedge, fuselage_cylinder, panel_of

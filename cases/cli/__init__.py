@@ -6,7 +6,7 @@ import sys
 from contextlib import suppress
 from typing import NoReturn
 
-from sdm_deflect.deform.base.errors import REQUESTS
+from sdm_deflect.base.errors import REQUESTS
 
 
 def main() -> NoReturn:
@@ -24,7 +24,7 @@ def main() -> NoReturn:
             raise
     if came:
         code = 128 + came[0]
-        files = sys.modules.get("sdm_deflect.deform.base.files")
+        files = sys.modules.get("sdm_deflect.base.files")
         placed = ", ".join(map(str, files.placed)) if files else ""
         became = f"{placed} written already, and whole" if placed else "earlier results are as they were"
         with suppress(OSError, AttributeError):

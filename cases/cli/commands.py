@@ -43,7 +43,7 @@ def cli() -> None:
 @options.json_option
 def cache(clear: bool, as_json: bool) -> None:
     """Show or clear the cached meshes and compiled code."""
-    from sdm_deflect.deform.base.compiled import default_folder
+    from sdm_deflect.base.compiled import default_folder
     from sdm_deflect.meshing.cache import MeshCache, clear_code, code_bytes
 
     store = MeshCache(default_folder())
@@ -124,8 +124,8 @@ def carry_out(commands: click.Command = cli, name: str = "sdm") -> NoReturn:
             raise
         code = _complain(sentence)
     except (ValueError, RuntimeError) as error:
+        from sdm_deflect.base.errors import LostError
         from sdm_deflect.cases.errors import is_reported
-        from sdm_deflect.deform.base.errors import LostError
 
         if not is_reported(error):
             raise
@@ -170,7 +170,7 @@ def _drop(out: TextIO | None) -> None:
 
 
 def _complain(message: str) -> int:
-    from sdm_deflect.deform.base.errors import printable
+    from sdm_deflect.base.errors import printable
 
     click.echo("sdm: " + printable(" ".join(message.split())), err=True)
     return options.UNUSABLE

@@ -10,6 +10,8 @@ from rich.console import Console, Group
 from rich.table import Table
 from rich.text import Text
 
+from sdm_deflect.base.arrays import union
+from sdm_deflect.base.errors import printable, short_list
 from sdm_deflect.cases.run.inspection import NAMES
 from sdm_deflect.cases.run.metrics import (
     Json,
@@ -26,12 +28,10 @@ from sdm_deflect.cases.run.metrics import (
     travels,
     warnings_of,
 )
-from sdm_deflect.deform.base.arrays import union
-from sdm_deflect.deform.base.errors import printable, short_list
 from sdm_deflect.deform.checks import Check, Verdict, verdict
-from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.surface.tail_root import Root
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
+from sdm_deflect.meshing.mesh.quality import Quality
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.run.deflect_file import Outcome, PoseSummary

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from sdm_deflect.base.errors import InputError, short_list
 from sdm_deflect.cases.settings.job_settings import (
     BY_NAME,
     JobSettings,
@@ -20,15 +21,14 @@ from sdm_deflect.cases.settings.job_settings import (
     with_options,
 )
 from sdm_deflect.cases.settings.spellings import selections_of
-from sdm_deflect.deform.base.errors import InputError, short_list
 
 from . import options
 
 if TYPE_CHECKING:
+    from sdm_deflect.base.threads import Runner
     from sdm_deflect.cases.run.limit import Search
     from sdm_deflect.cases.run.mesh_files import Targets
     from sdm_deflect.cases.run.progress import Stopwatch
-    from sdm_deflect.deform.base.threads import Runner
     from sdm_deflect.deform.options import RepairMode
     from sdm_deflect.deform.volume.plan import Plan
 
@@ -279,7 +279,7 @@ def example(folder: Path, fighter: bool, layers: bool) -> None:
 
     The file is naca.su2, layers.su2, or fighter.su2 and fighter.toml, in FOLDER or here.
     """
-    from sdm_deflect.deform.base.files import fresh
+    from sdm_deflect.base.files import fresh
 
     if fighter and layers:
         raise InputError("--fighter and --layers are two examples: give one of them")
@@ -383,7 +383,7 @@ def _search_of_mesh(name: str, watch: "Stopwatch", given: dict[str, Any]) -> Fou
 
 
 def _runner(helpers: Mapping[str, Any], *where: Any) -> AbstractContextManager["Runner"]:
-    from sdm_deflect.deform.base.threads import HERE
+    from sdm_deflect.base.threads import HERE
 
     if not any(helpers.values()):
         return nullcontext(HERE)

@@ -16,10 +16,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from time import time
 
+from sdm_deflect.base.compiled import CODE_VARIABLE, FOLDER_VARIABLE, code_complaint, code_folder, default_folder
+from sdm_deflect.base.errors import MeshFileError, short_list
+from sdm_deflect.base.files import END, LOCK, NAME, NOTE, OLD, UNLOCKED
 from sdm_deflect.cases.run.output import EXTRAS, LIBRARIES, lacks, usable_cores, versions
-from sdm_deflect.deform.base.compiled import CODE_VARIABLE, FOLDER_VARIABLE, code_complaint, code_folder, default_folder
-from sdm_deflect.deform.base.errors import MeshFileError, short_list
-from sdm_deflect.deform.base.files import END, LOCK, NAME, NOTE, OLD, UNLOCKED
 from sdm_deflect.meshing.cache import MeshCache
 
 PACKAGES = "libgl1 libegl1 libopengl0 libgomp1 libglu1-mesa libxcursor1 libxft2 libxinerama1 libxrender1"

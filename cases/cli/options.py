@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any, get_args, get_origin
 import click
 from click.shell_completion import CompletionItem
 
+from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.schema import GROUPS, ONLY_SET, Setting, choices_of, kind_of
 from sdm_deflect.cases.settings.conversion import parse_spelling
 from sdm_deflect.cases.settings.job_settings import BY_NAME, GONE
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.schema import GROUPS, ONLY_SET, Setting, choices_of, kind_of
 from sdm_deflect.meshing.formats.known import writable
 
 if TYPE_CHECKING:

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.cases.settings.job_settings import BY_NAME
-from sdm_deflect.deform.base.errors import InputError
 
 from . import options
 
@@ -94,8 +94,8 @@ def geometry(out: Path, case: str | None, angle: float | None, binary: bool, **g
 
     --angle deflects it (default: 0). Faces in a .step and solids in an .stl have the names of the patches.
     """
+    from sdm_deflect.base.errors import InputError
     from sdm_deflect.cases.aircraft.registry import resolve
-    from sdm_deflect.deform.base.errors import InputError
 
     if out.suffix not in (".step", ".brep", ".stl"):
         raise InputError(f"--out {out}: the suffix must be .step, .brep or .stl")
@@ -105,8 +105,8 @@ def geometry(out: Path, case: str | None, angle: float | None, binary: bool, **g
     name = case or ("" if given["config"] else "aileron")
     resolved = resolve(name, angle=angle or 0.0, **given)
 
+    from sdm_deflect.base.files import fresh
     from sdm_deflect.cases.aircraft.cad import deflected_cad, undeflected_cad
-    from sdm_deflect.deform.base.files import fresh
 
     with options.watch(quiet, verbose) as watch, watch.stage("geometry"):
         model = deflected_cad(resolved) if resolved.angle else undeflected_cad(resolved)

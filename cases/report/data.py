@@ -12,24 +12,24 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sdm_deflect.base.arrays import FloatArray, IntArray
+from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.unpacking import damaged, read_arrays
 from sdm_deflect.cases.run.metrics import Json, width_setting
 from sdm_deflect.cases.run.output import text_of
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.unpacking import damaged, read_arrays
 from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.held import HeldPlan
-from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import MEASURES, Quality, quality_of
-from sdm_deflect.deform.mesh.standard import parts_of
-from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.rbf.data_sites import DIRECTIONS
 from sdm_deflect.deform.surface.surface import name_of
 from sdm_deflect.deform.volume.deflection import BoxDeflection
 from sdm_deflect.deform.volume.job import Amounts
 from sdm_deflect.deform.volume.plan import BoxPlan
+from sdm_deflect.meshing.mesh.axis import Axis
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.quality import MEASURES, Quality, quality_of
+from sdm_deflect.meshing.mesh.standard import parts_of
+from sdm_deflect.meshing.mesh.touched import TouchedCells
 
 from .near import with_near_cells
 

@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.mesh.quality import MEASURES
+from sdm_deflect.base.arrays import FloatArray
+from sdm_deflect.meshing.mesh.quality import MEASURES
 
 from .data import Box, ReportData, qualities
 

@@ -8,20 +8,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sdm_deflect.base.arrays import FloatArray
+from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.unpacking import damaged
 from sdm_deflect.cases.run.mesh_files import SETTINGS, difference, precision_of
 from sdm_deflect.cases.run.output import PAGE, output_files
 from sdm_deflect.cases.settings.job_settings import job_settings, read_job
 from sdm_deflect.cases.settings.jobs import jobs_of
-from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.unpacking import damaged
 from sdm_deflect.deform.checks import Check, checks_of
 from sdm_deflect.deform.held import HeldPlan
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.meshing.formats.registry import format_of, read
 from sdm_deflect.meshing.formats.vtu import vtu_arrays
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 from .data import RUN, FitRows, ReportData, read_figures, read_json, stored_checks
 from .folder import PLAN, job_data, part_of

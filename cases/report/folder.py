@@ -14,6 +14,10 @@ from typing import Any
 import numpy as np
 import tomli_w
 
+from sdm_deflect.base import threads
+from sdm_deflect.base.arrays import FloatArray, IntArray, union
+from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.threads import Progress, silent
 from sdm_deflect.cases.run.mesh_files import SETTINGS
 from sdm_deflect.cases.run.metrics import (
     Json,
@@ -31,16 +35,8 @@ from sdm_deflect.cases.run.metrics import (
 )
 from sdm_deflect.cases.run.output import lacks, write_convergence, write_interpolants
 from sdm_deflect.cases.settings.conversion import table_of
-from sdm_deflect.deform.base import threads
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray, union
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.held import HeldPlan
-from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.cells import Cells, Faces, Patch, Polyhedra, take_faces
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import quality_of
 from sdm_deflect.deform.options import JobOptions
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
@@ -53,6 +49,10 @@ from sdm_deflect.deform.volume.job import Amounts, Sliding
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 from sdm_deflect.meshing.formats.registry import ending
 from sdm_deflect.meshing.formats.vtu import write_vtu
+from sdm_deflect.meshing.mesh.axis import Axis
+from sdm_deflect.meshing.mesh.cells import Cells, Faces, Patch, Polyhedra, take_faces
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.quality import quality_of
 
 from .data import MESH_UNITS, Box, FitRows, ReportData, before_repair, in_view, rows_of
 from .near import some_cells

@@ -1,5 +1,5 @@
 "use strict";
-// The quality of cells by their type, as deform/mesh/compiled_quality.py measures it; -1 counts nodes left-handed.
+// The quality of cells by their type, as meshing/mesh/compiled_quality.py measures it; -1 counts nodes left-handed.
 const measured = (() => {
   const CORNERS = {
     quad: [[0, 1, 3], [1, 2, 0], [2, 3, 1], [3, 0, 2]],

@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from sdm_deflect.deform.base.files import fresh, permitted_as
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.base.files import fresh, permitted_as
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 from .data import MESH_UNITS, ReportData, diagonal
 from .page import HERE, picture, templates

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray, union
-from sdm_deflect.deform.mesh.cells import Cells, Polyhedra, Volume, take_faces
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.touched import TouchedCells
+from sdm_deflect.base.arrays import FloatArray, IntArray, union
 from sdm_deflect.meshing.formats.shapes import turn_faces
+from sdm_deflect.meshing.mesh.cells import Cells, Polyhedra, Volume, take_faces
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.touched import TouchedCells
 
 EVERY_SIDE = 0b111111
 

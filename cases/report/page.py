@@ -13,12 +13,12 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, TemplateError
 from markupsafe import Markup
 from PIL import Image
 
+from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.unpacking import damaged
 from sdm_deflect.cases.run.metrics import Json, face_rows, kernel_text
 from sdm_deflect.cases.run.output import surroundings, versions
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.unpacking import damaged
 from sdm_deflect.deform.checks import verdict
-from sdm_deflect.deform.mesh.quality import Quality
+from sdm_deflect.meshing.mesh.quality import Quality
 
 from .data import ReportData, measure_in_words
 from .pictures import Exhibit, Gallery

@@ -17,14 +17,14 @@ from matplotlib.colors import Normalize, to_rgb
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.box import hexahedron
-from sdm_deflect.deform.mesh.cells import PLANE, Cells, Faces, Volume
-from sdm_deflect.deform.mesh.edges import are_lines, edges_of, polygons_of
-from sdm_deflect.deform.mesh.faces import FACES
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.polyhedra import corner_edges
-from sdm_deflect.deform.mesh.quality import quality_of
+from sdm_deflect.meshing.mesh.cells import PLANE, Cells, Faces, Volume
+from sdm_deflect.meshing.mesh.edges import are_lines, edges_of, polygons_of
+from sdm_deflect.meshing.mesh.faces import FACES
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.polyhedra import corner_edges
+from sdm_deflect.meshing.mesh.quality import quality_of
 
 from .data import Box, MovedSurface, ReportData, measure_in_words
 

@@ -11,17 +11,17 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
+from sdm_deflect.base.arrays import FloatArray, IntArray, distinct, union
 from sdm_deflect.cases.run.metrics import Json
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray, distinct, union
-from sdm_deflect.deform.mesh.cells import Cells, Patch, Polyhedra, Volume
-from sdm_deflect.deform.mesh.edges import area_vectors, edges_of, polygons_of, sharp_edges, unit
-from sdm_deflect.deform.mesh.faces import FACES
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import quality_of
-from sdm_deflect.deform.mesh.standard import parts_of
 from sdm_deflect.deform.surface.motions import Fixed, Powers, Turn
 from sdm_deflect.deform.volume.modes import Control, Modes
 from sdm_deflect.meshing.formats.polyhedra import faces_by_cell
+from sdm_deflect.meshing.mesh.cells import Cells, Patch, Polyhedra, Volume
+from sdm_deflect.meshing.mesh.edges import area_vectors, edges_of, polygons_of, sharp_edges, unit
+from sdm_deflect.meshing.mesh.faces import FACES
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.quality import quality_of
+from sdm_deflect.meshing.mesh.standard import parts_of
 
 from .data import Box, ReportData, measure_in_words
 from .slices import (

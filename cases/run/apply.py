@@ -8,17 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.errors import InputError, MeshFileError, short_list
-from sdm_deflect.deform.base.files import permitted_as
-from sdm_deflect.deform.base.states import check_unchanged, states_of
-from sdm_deflect.deform.base.threads import Progress, silent
+from sdm_deflect.base.arrays import FloatArray
+from sdm_deflect.base.errors import InputError, MeshFileError, short_list
+from sdm_deflect.base.files import permitted_as
+from sdm_deflect.base.states import check_unchanged, states_of
+from sdm_deflect.base.threads import Progress, silent
 from sdm_deflect.deform.held import HeldPlan, unit_hint
-from sdm_deflect.deform.mesh.cells import Zone, bounded
-from sdm_deflect.deform.mesh.precision import DOUBLE
 from sdm_deflect.deform.volume.checksum import Checksum, Keys, place_keys
 from sdm_deflect.meshing.formats.openfoam_case import are_all_parts, is_part, move_parts
 from sdm_deflect.meshing.formats.registry import files_of, format_of
+from sdm_deflect.meshing.mesh.cells import Zone, bounded
+from sdm_deflect.meshing.mesh.precision import DOUBLE
 
 from .mesh_files import Targets
 from .output import output_files

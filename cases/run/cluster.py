@@ -18,9 +18,9 @@ from pathlib import Path
 from time import monotonic, sleep
 from typing import Any
 
-from sdm_deflect.deform.base.errors import InputError, LostError
-from sdm_deflect.deform.base.files import hidden_folder
-from sdm_deflect.deform.base.threads import Runner
+from sdm_deflect.base.errors import InputError, LostError
+from sdm_deflect.base.files import hidden_folder
+from sdm_deflect.base.threads import Runner
 
 from .output import check_installed
 from .progress import Stopwatch

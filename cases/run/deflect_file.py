@@ -5,19 +5,19 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sdm_deflect.deform.base import threads
-from sdm_deflect.deform.base.errors import InputError, short_list
-from sdm_deflect.deform.base.files import permitted_as
-from sdm_deflect.deform.base.states import check_unchanged, hold_open
-from sdm_deflect.deform.base.threads import HERE, Progress, Runner, Stage
+from sdm_deflect.base import threads
+from sdm_deflect.base.errors import InputError, short_list
+from sdm_deflect.base.files import permitted_as
+from sdm_deflect.base.states import check_unchanged, hold_open
+from sdm_deflect.base.threads import HERE, Progress, Runner, Stage
 from sdm_deflect.deform.checks import Check, verdict
 from sdm_deflect.deform.loop import run
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.job import Amounts, Job
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 from sdm_deflect.meshing.formats.registry import FORMATS, files_of, format_of, in_pieces, read, size_of
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.quality import Quality
 
 from .mesh_files import Targets, check_written, write_mesh, write_sensitivity
 from .metrics import (

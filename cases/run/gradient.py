@@ -7,15 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.base.errors import InputError, short_list
-from sdm_deflect.deform.base.threads import Progress, silent
-from sdm_deflect.deform.base.unpacking import PLACES, columns_of, damaged, read_arrays, read_titles, refuse_device
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.base.errors import InputError, short_list
+from sdm_deflect.base.threads import Progress, silent
+from sdm_deflect.base.unpacking import PLACES, columns_of, damaged, read_arrays, read_titles, refuse_device
 from sdm_deflect.deform.held import HeldPlan
-from sdm_deflect.deform.mesh.cells import Zone
 from sdm_deflect.deform.volume.field import POINTS_AT_A_TIME
 from sdm_deflect.deform.volume.modes import Modes
-from sdm_deflect.meshing.formats.format import about
+from sdm_deflect.meshing.errors import about
+from sdm_deflect.meshing.mesh.cells import Zone
 
 from .apply import compare, deforming, points_of
 

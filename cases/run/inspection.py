@@ -8,16 +8,16 @@ from typing import Any
 
 import numpy as np
 
+from sdm_deflect.base.arrays import FloatArray
+from sdm_deflect.base.errors import InputError, printable
 from sdm_deflect.cases.settings.jobs import selection
-from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.errors import InputError, printable
-from sdm_deflect.deform.mesh.cells import Polyhedra
-from sdm_deflect.deform.mesh.mesh import MARK, Mesh
-from sdm_deflect.deform.mesh.quality import by_shape, check_most, find_orientation
-from sdm_deflect.deform.mesh.selection import Part, with_selections
-from sdm_deflect.deform.mesh.standard import POLYHEDRON
 from sdm_deflect.deform.surface.hinges import candidates, ends_text
 from sdm_deflect.meshing.formats.registry import read
+from sdm_deflect.meshing.mesh.cells import Polyhedra
+from sdm_deflect.meshing.mesh.mesh import MARK, Mesh
+from sdm_deflect.meshing.mesh.quality import by_shape, check_most, find_orientation
+from sdm_deflect.meshing.mesh.selection import Part, with_selections
+from sdm_deflect.meshing.mesh.standard import POLYHEDRON
 
 Json = dict[str, Any]
 
@@ -221,7 +221,7 @@ def _face_quality(mesh: Mesh) -> Json | None:
     """Return what checkMesh says of the faces of polyhedra; None without any."""
     if not any(isinstance(block, Polyhedra) for block in mesh.cells):
         return None
-    from sdm_deflect.deform.mesh.orthogonality import face_quality  # loads the compiler
+    from sdm_deflect.meshing.mesh.orthogonality import face_quality  # loads the compiler
 
     found = face_quality(mesh)
     return found.as_dict() if found else None

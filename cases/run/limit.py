@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.table import Table
 
-from sdm_deflect.deform.base.errors import InputError, short_list
-from sdm_deflect.deform.base.threads import Progress
+from sdm_deflect.base.errors import InputError, short_list
+from sdm_deflect.base.threads import Progress
 from sdm_deflect.deform.loop import run
-from sdm_deflect.deform.mesh.cells import Polyhedra
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.polyhedra import nodes_of
-from sdm_deflect.deform.mesh.precision import EVERY_BIT, Precision
-from sdm_deflect.deform.mesh.quality import quality_and_inverted
 from sdm_deflect.deform.options import LARGEST_ANGLE, RepairMode
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.job import Job, by_job, in_proportion
 from sdm_deflect.deform.volume.plan import Plan
+from sdm_deflect.meshing.mesh.cells import Polyhedra
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.polyhedra import nodes_of
+from sdm_deflect.meshing.mesh.precision import EVERY_BIT, Precision
+from sdm_deflect.meshing.mesh.quality import quality_and_inverted
 
 from .output import lacks, write_table
 

@@ -12,16 +12,16 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.errors import InputError, MeshFileError, printable
-from sdm_deflect.deform.base.states import check_unchanged
-from sdm_deflect.deform.base.threads import HERE, Progress, Runner, silent
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.pieces import gather_points
-from sdm_deflect.deform.mesh.precision import DOUBLE, EVERY_BIT, Precision
+from sdm_deflect.base.arrays import FloatArray
+from sdm_deflect.base.errors import InputError, MeshFileError, printable
+from sdm_deflect.base.states import check_unchanged
+from sdm_deflect.base.threads import HERE, Progress, Runner, silent
 from sdm_deflect.deform.volume.job import Amounts
-from sdm_deflect.meshing.formats.format import only_rewritten
+from sdm_deflect.meshing.errors import only_rewritten
 from sdm_deflect.meshing.formats.registry import ending, format_of, in_pieces
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.pieces import gather_points
+from sdm_deflect.meshing.mesh.precision import DOUBLE, EVERY_BIT, Precision
 
 SENSITIVITY = "d_points_d_angle"
 SETTINGS = "settings.toml"

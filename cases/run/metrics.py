@@ -7,10 +7,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.base.arrays import FloatArray
 from sdm_deflect.deform.checks import Check, verdict
-from sdm_deflect.deform.mesh.mesh import Warned
-from sdm_deflect.deform.mesh.quality import SEVERE, SKEW, Quality
 from sdm_deflect.deform.rbf.data_sites import DIRECTIONS
 from sdm_deflect.deform.rbf.fitting import KERNELS, ORDERS
 from sdm_deflect.deform.surface.blended import Blended
@@ -20,6 +18,8 @@ from sdm_deflect.deform.surface.tail_root import Root
 from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection
 from sdm_deflect.deform.volume.job import Amounts
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
+from sdm_deflect.meshing.mesh.mesh import Warned
+from sdm_deflect.meshing.mesh.quality import SEVERE, SKEW, Quality
 
 Json = dict[str, Any]
 REACHED = 0.9

@@ -15,8 +15,8 @@ from platform import machine, platform, python_version
 import numpy as np
 from threadpoolctl import threadpool_info  # type: ignore[import-untyped, unused-ignore]
 
-from sdm_deflect.deform.base.errors import FULL, InputError
-from sdm_deflect.deform.base.files import replacing, replacing_files
+from sdm_deflect.base.errors import FULL, InputError
+from sdm_deflect.base.files import replacing, replacing_files
 from sdm_deflect.deform.rbf.data_sites import DIRECTIONS
 from sdm_deflect.deform.rbf.kernels import arrays_of
 from sdm_deflect.deform.volume.deflection import BoxDeflection

@@ -12,8 +12,8 @@ from threading import Event, Thread
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from sdm_deflect.deform.base.errors import printable
-from sdm_deflect.deform.base.threads import Progress, Stage, silent, unseen
+from sdm_deflect.base.errors import printable
+from sdm_deflect.base.threads import Progress, Stage, silent, unseen
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -17,8 +17,8 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 
 import tomli_w
 
-from sdm_deflect.deform.base.errors import InputError, nearest, shortened
-from sdm_deflect.deform.base.schema import Setting, inline_in, settings_in
+from sdm_deflect.base.errors import InputError, nearest, shortened
+from sdm_deflect.base.schema import Setting, inline_in, settings_in
 
 T = TypeVar("T")
 Nested = dict[str, Any]

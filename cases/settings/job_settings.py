@@ -6,8 +6,8 @@ from math import floor, inf, isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, runtime_checkable
 
-from sdm_deflect.deform.base.errors import InputError, nearest, shortened
-from sdm_deflect.deform.base.schema import ONLY_SET, Doc, Option, Range, Spelling, check_settings, settings_in
+from sdm_deflect.base.errors import InputError, nearest, shortened
+from sdm_deflect.base.schema import ONLY_SET, Doc, Option, Range, Spelling, check_settings, settings_in
 from sdm_deflect.deform.options import LARGEST_ANGLE, JobOptions
 
 from .conversion import Nested, parse_assignments, parse_spelling, read_toml, structure

@@ -14,14 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.errors import InputError, shortened
-from sdm_deflect.deform.base.unpacking import columns_of, damaged, read_rows
+from sdm_deflect.base.arrays import FloatArray
+from sdm_deflect.base.errors import InputError, shortened
+from sdm_deflect.base.unpacking import columns_of, damaged, read_rows
 from sdm_deflect.deform.box.automatic import Automatic, BoxRule, Given, Outline
 from sdm_deflect.deform.box.hexahedron import Hexahedron
-from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.cells import real
-from sdm_deflect.deform.mesh.images import PeriodicPatches
 from sdm_deflect.deform.options import JobOptions
 from sdm_deflect.deform.surface.blended import Blended, Rib
 from sdm_deflect.deform.surface.hinges import rise
@@ -29,6 +26,9 @@ from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, SoughtH
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, TrailingEdge
 from sdm_deflect.deform.surface.tail_root import Root
 from sdm_deflect.deform.volume.job import Amounts, Job, Section, Sliding, in_proportion
+from sdm_deflect.meshing.mesh.axis import Axis
+from sdm_deflect.meshing.mesh.cells import real
+from sdm_deflect.meshing.mesh.images import PeriodicPatches
 
 from .conversion import read_toml, structure
 from .job_settings import (
@@ -44,7 +44,7 @@ from .job_settings import (
 from .spellings import SELECTION
 
 if TYPE_CHECKING:
-    from sdm_deflect.deform.mesh.selection import Condition, Selection
+    from sdm_deflect.meshing.mesh.selection import Condition, Selection
 
 Point = tuple[float, float, float]
 SHARP = "sharp"
@@ -63,14 +63,14 @@ def selection(name: str, text: str) -> "Selection":
         raise InputError(f"select.{name} = {text}: a quotation mark is not closed") from None
     if not words:
         raise InputError(f"select.{name} is empty; it must be {SELECTION}")
-    from sdm_deflect.deform.mesh.selection import Selection
+    from sdm_deflect.meshing.mesh.selection import Selection
 
     sharp = _degrees(name, words.pop()) if words[-1].startswith(f"{SHARP}:") and len(words) > 1 else None
     return Selection(name, words[0], tuple(_condition(name, word) for word in words[1:]), sharp, text)
 
 
 def _condition(name: str, word: str) -> "Condition":
-    from sdm_deflect.deform.mesh.selection import Before, Component, Within
+    from sdm_deflect.meshing.mesh.selection import Before, Component, Within
 
     kind, _, rest = word.partition(":")
     if word[0] == "#" and word[1:].isascii() and word[1:].isdigit():

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from sdm_deflect.deform.base.errors import InputError, shortened
+from sdm_deflect.base.errors import InputError, shortened
 
 from .conversion import Nested, read_toml
 
@@ -56,8 +56,8 @@ def table_of_arrays(value: Any) -> Any:
         raise InputError(f"{shortened(value)}: must be a file, or points (P, 3) and displacements (P, 3)")
     import numpy as np
 
-    from sdm_deflect.deform.mesh.cells import bounded
     from sdm_deflect.deform.surface.motions import Table
+    from sdm_deflect.meshing.mesh.cells import bounded
 
     points, vectors = (bounded(one, "table") for one in value)
     plane = points.ndim == vectors.ndim == 2 and points.shape[1] == vectors.shape[1] == 2

@@ -8,10 +8,10 @@ nodes, then one for the free nodes.
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.box.hexahedron import Hexahedron
-from sdm_deflect.deform.mesh.sliding import SlidingSurface
 from sdm_deflect.deform.rbf.data_sites import DataSites
+from sdm_deflect.meshing.mesh.sliding import SlidingSurface
 
 
 class Acting:

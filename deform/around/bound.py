@@ -5,13 +5,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.box.face_sites import border_sites
 from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.confined import zero_sites
-from sdm_deflect.deform.mesh.images import Images
-from sdm_deflect.deform.mesh.sliding import Plane, SlidingSurface
 from sdm_deflect.deform.rbf.data_sites import DataSites
+from sdm_deflect.meshing.mesh.images import Images
+from sdm_deflect.meshing.mesh.sliding import Plane, SlidingSurface
 
 from .addition import Acting, Addition, Kept
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.base.arrays import FloatArray, IntArray
 
 DEGENERATE = 1e-6
 """Ratio of the second singular value to the first, below which the edges determine no rotation."""

@@ -33,8 +33,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray, union
-from sdm_deflect.deform.base.compiled import compiled_exactly
+from sdm_deflect.base.arrays import FloatArray, IntArray, union
+from sdm_deflect.base.compiled import compiled_exactly
 from sdm_deflect.deform.rbf.data_sites import DataSites
 
 from .addition import Acting, Addition

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
 
 from .addition import Acting, Addition, Kept
 

@@ -5,10 +5,10 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.cells import LARGEST, bounded
+from sdm_deflect.base.arrays import FloatArray
+from sdm_deflect.base.errors import InputError
+from sdm_deflect.meshing.mesh.axis import Axis
+from sdm_deflect.meshing.mesh.cells import LARGEST, bounded
 
 from .hexahedron import FACES, Hexahedron, box
 

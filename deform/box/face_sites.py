@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.base.arrays import FloatArray
 
 CLEARANCE = 0.5  # of the spacing: inner points nearer to an edge are left out
 

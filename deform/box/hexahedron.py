@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.base.arrays import FloatArray, first_coincident
-from sdm_deflect.deform.base.compiled import compiled
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.threads import in_chunks
-from sdm_deflect.deform.mesh.cells import bounded
+from sdm_deflect.base.arrays import FloatArray, first_coincident
+from sdm_deflect.base.compiled import compiled
+from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.threads import in_chunks
 from sdm_deflect.deform.rbf.kernels import check_points
+from sdm_deflect.meshing.mesh.cells import bounded
 
 from .face_sites import border_sites, inner_sites, polygon_sites
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray, IndexArray, first_coincident
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.base.arrays import FloatArray, IndexArray, first_coincident
+from sdm_deflect.base.errors import InputError
 
 from .interpolant import check_finite
 

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri
 from scipy.sparse.linalg import LinearOperator, onenormest
 
-from sdm_deflect.deform.base.arrays import FloatArray, IndexArray
+from sdm_deflect.base.arrays import FloatArray, IndexArray
 
 from .interpolant import SolveError
 from .problem import Coefficients, Problem, ReducedKernel

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Annotated, Literal, NamedTuple
 
-from sdm_deflect.deform.base.errors import InputError, shortened
-from sdm_deflect.deform.base.schema import ONLY_SET, Doc, Option, Range, Spelling, check_settings
+from sdm_deflect.base.errors import InputError, shortened
+from sdm_deflect.base.schema import ONLY_SET, Doc, Option, Range, Spelling, check_settings
 
 Strategy = Literal["squv", "mv"]
 RuleName = Literal["separated", "worst"]

@@ -7,8 +7,8 @@ from time import perf_counter
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray, IndexArray, first_coincident
-from sdm_deflect.deform.base.threads import Progress, silent, single_threaded_blas
+from sdm_deflect.base.arrays import FloatArray, IndexArray, first_coincident
+from sdm_deflect.base.threads import Progress, silent, single_threaded_blas
 
 from .data_sites import DataSites
 from .factor import CholeskyBasis

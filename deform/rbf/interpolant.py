@@ -7,8 +7,8 @@ from typing import Self
 import numpy as np
 from scipy.linalg.lapack import dsysv
 
-from sdm_deflect.deform.base.arrays import FloatArray, first_coincident
-from sdm_deflect.deform.base.threads import Progress, silent, single_threaded_blas
+from sdm_deflect.base.arrays import FloatArray, first_coincident
+from sdm_deflect.base.threads import Progress, silent, single_threaded_blas
 
 from .fitting import Polynomial
 from .kernels import Kernel, kernel_matrix, kernel_sum

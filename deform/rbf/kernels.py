@@ -19,9 +19,9 @@ from numba.extending import overload
 from numpy.typing import NDArray
 from scipy.special import xlogy
 
-from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.compiled import compiled, for_code, prefer_wide_vectors
-from sdm_deflect.deform.base.threads import Progress, in_chunks, silent
+from sdm_deflect.base.arrays import FloatArray
+from sdm_deflect.base.compiled import compiled, for_code, prefer_wide_vectors
+from sdm_deflect.base.threads import Progress, in_chunks, silent
 
 from .fitting import KernelName
 

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.linalg import qr
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.base.arrays import FloatArray, IndexArray
+from sdm_deflect.base.arrays import FloatArray, IndexArray
 
 from .data_sites import DataSites
 from .fitting import Polynomial

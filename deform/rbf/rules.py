@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.base.arrays import FloatArray, IndexArray
-from sdm_deflect.deform.base.compiled import compiled
+from sdm_deflect.base.arrays import FloatArray, IndexArray
+from sdm_deflect.base.compiled import compiled
 
 from .fitting import Polynomial
 from .problem import Basis, Coefficients, Problem

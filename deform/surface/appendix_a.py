@@ -6,11 +6,11 @@ All functions take and return arrays, with lengths in one unit; none knows a mes
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.base.arrays import FloatArray, farthest, first_coincident
-from sdm_deflect.deform.mesh.axis import Cylinder
+from sdm_deflect.base.arrays import FloatArray, farthest, first_coincident
 from sdm_deflect.deform.rbf.data_sites import DataSites, fixed_sites, join
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import Kernel, Multiquadric, ThinPlateSpline
+from sdm_deflect.meshing.mesh.axis import Cylinder
 
 LINEAR = Multiquadric(1e4)  # the paper's value, in 1/m: linear in r down to 0.1 mm
 DEFAULT_PANEL = ThinPlateSpline()

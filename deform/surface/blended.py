@@ -5,10 +5,10 @@ from numbers import Real
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, farthest
-from sdm_deflect.deform.base.errors import InputError, shortened
-from sdm_deflect.deform.mesh.axis import Axis
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, farthest
+from sdm_deflect.base.errors import InputError, shortened
 from sdm_deflect.deform.rbf.kernels import Multiquadric
+from sdm_deflect.meshing.mesh.axis import Axis
 
 from .appendix_a import blend, blend_strip
 from .motions import Functions, Motion, MotionLaw, SoughtHinge

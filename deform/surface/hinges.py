@@ -5,13 +5,13 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray, distinct
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.cells import Polygons, take_faces
-from sdm_deflect.deform.mesh.edges import Joints, are_lines, area_vectors, edges_of, polygons_of, unit
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.selection import Before, Selection
+from sdm_deflect.base.arrays import FloatArray, IntArray, distinct
+from sdm_deflect.base.errors import InputError
+from sdm_deflect.meshing.mesh.axis import Axis
+from sdm_deflect.meshing.mesh.cells import Polygons, take_faces
+from sdm_deflect.meshing.mesh.edges import Joints, are_lines, area_vectors, edges_of, polygons_of, unit
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.selection import Before, Selection
 
 SMOOTH = 40.0
 """Degrees: two skins that meet at a smaller angle go on across a hinge; a root or a gap turns by more."""

@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, farthest, first_coincident
-from sdm_deflect.deform.base.errors import InputError, shortened
-from sdm_deflect.deform.base.unpacking import PLACES, columns_of, damaged, read_arrays, read_rows
-from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.cells import bounded
+from sdm_deflect.base.arrays import BoolArray, FloatArray, farthest, first_coincident
+from sdm_deflect.base.errors import InputError, shortened
+from sdm_deflect.base.unpacking import PLACES, columns_of, damaged, read_arrays, read_rows
 from sdm_deflect.deform.options import LARGEST_ANGLE
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
+from sdm_deflect.meshing.mesh.axis import Axis
+from sdm_deflect.meshing.mesh.cells import bounded
 
 from .surface import Surface
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.axis import Axis
+from sdm_deflect.base.arrays import FloatArray
+from sdm_deflect.base.errors import InputError
+from sdm_deflect.meshing.mesh.axis import Axis
 
 from .motions import MOST, OWN, Table
 from .surface import Surface

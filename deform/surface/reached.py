@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray
-from sdm_deflect.deform.mesh.axis import Axis
+from sdm_deflect.base.arrays import BoolArray, FloatArray
+from sdm_deflect.meshing.mesh.axis import Axis
 
 from .blended import BlendedLaw
 from .motions import MotionLaw

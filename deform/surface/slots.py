@@ -10,11 +10,11 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray, distinct
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.edges import polygons_of, sharp_edges
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.base.arrays import FloatArray, distinct
+from sdm_deflect.base.errors import InputError
+from sdm_deflect.meshing.mesh.axis import Axis
+from sdm_deflect.meshing.mesh.edges import polygons_of, sharp_edges
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 from .motions import TRACK_UNIT, Hinged
 from .surface import Surface

@@ -9,13 +9,13 @@ from typing import Protocol
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, distinct
-from sdm_deflect.deform.base.errors import InputError, shortened
-from sdm_deflect.deform.base.unpacking import damaged
-from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.cells import whole
-from sdm_deflect.deform.mesh.edges import polygons_of, sharp_edges
-from sdm_deflect.deform.mesh.mesh import REGION, Mesh
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, distinct
+from sdm_deflect.base.errors import InputError, shortened
+from sdm_deflect.base.unpacking import damaged
+from sdm_deflect.meshing.mesh.axis import Axis
+from sdm_deflect.meshing.mesh.cells import whole
+from sdm_deflect.meshing.mesh.edges import polygons_of, sharp_edges
+from sdm_deflect.meshing.mesh.mesh import REGION, Mesh
 
 FAR = 0.5  # of the largest distance from the hinge: sharp edges beyond are on the trailing edge
 ALONG = 0.5  # cosine between an edge and the hinge, above which the edge runs along it

@@ -9,23 +9,23 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, distinct, farthest
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, distinct, farthest
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.deform.box.hexahedron import Hexahedron, box
-from sdm_deflect.deform.mesh.axis import Axis, Cylinder
-from sdm_deflect.deform.mesh.edges import area_vectors, polygons_of, unit
-from sdm_deflect.deform.mesh.mesh import REGION, Mesh
-from sdm_deflect.deform.mesh.sliding import CylinderWall
 from sdm_deflect.deform.rbf.data_sites import DataSites, fixed_sites, join
 from sdm_deflect.deform.rbf.interpolant import Interpolant, fit
 from sdm_deflect.deform.rbf.kernels import Multiquadric, ThinPlateSpline
+from sdm_deflect.meshing.mesh.axis import Axis, Cylinder
+from sdm_deflect.meshing.mesh.edges import area_vectors, polygons_of, unit
+from sdm_deflect.meshing.mesh.mesh import REGION, Mesh
+from sdm_deflect.meshing.mesh.sliding import CylinderWall
 
 from .appendix_a import elongate, slide_panel
 from .motions import Functions, Hinged, Powers, Smooth
 from .surface import Surface
 
 if TYPE_CHECKING:
-    from sdm_deflect.deform.mesh.selection import Part
+    from sdm_deflect.meshing.mesh.selection import Part
 
 CHORDS = 0.5
 """Reach of the panel beyond the root, and depth of the lengthened part of a tail, in chords of the root."""
@@ -74,7 +74,7 @@ class Root(Hinged):
 
         Raises InputError if tail and body share no node, or if the panel is a whole patch.
         """
-        from sdm_deflect.deform.mesh.selection import with_parts
+        from sdm_deflect.meshing.mesh.selection import with_parts
 
         names = mesh.expand(self.on, "on")
         root = np.intersect1d(mesh.on(*mesh.expand([self.tail], "the surface")), mesh.on(*names))
@@ -91,7 +91,7 @@ class Root(Hinged):
         self, mesh: Mesh, names: Sequence[str], root: IntArray, chords: float, cosine: float
     ) -> "Iterator[Part]":
         """Yield the faces of patches within some chords of the root, turned little from the mean normal at it."""
-        from sdm_deflect.deform.mesh.selection import Part
+        from sdm_deflect.meshing.mesh.selection import Part
 
         ends, faces = mesh.points[root], polygons_of(mesh.faces_of(names))
         low, high, reach = ends.min(axis=0), ends.max(axis=0), chords * np.ptp(ends, axis=0).max()

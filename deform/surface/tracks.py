@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator, make_interp_spline
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray
-from sdm_deflect.deform.base.errors import InputError, shortened
-from sdm_deflect.deform.base.unpacking import columns_of, damaged, read_rows
-from sdm_deflect.deform.mesh.axis import Axis, cross_matrix
-from sdm_deflect.deform.mesh.cells import bounded
+from sdm_deflect.base.arrays import BoolArray, FloatArray
+from sdm_deflect.base.errors import InputError, shortened
+from sdm_deflect.base.unpacking import columns_of, damaged, read_rows
 from sdm_deflect.deform.options import LARGEST_ANGLE
+from sdm_deflect.meshing.mesh.axis import Axis, cross_matrix
+from sdm_deflect.meshing.mesh.cells import bounded
 
 from .motions import TRACK_UNIT, Functions, Hinged, Smooth
 from .surface import Surface

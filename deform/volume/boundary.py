@@ -6,13 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, union
-from sdm_deflect.deform.base.errors import InputError, nearest
-from sdm_deflect.deform.mesh.edges import median_edge
-from sdm_deflect.deform.mesh.faces import node_keys, patch_keys
-from sdm_deflect.deform.mesh.images import THIN, Images, plane_of
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.sliding import Plane, SlidingPatch, fit_shape
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, union
+from sdm_deflect.base.errors import InputError, nearest
 from sdm_deflect.deform.rbf.data_sites import XYZ
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import TRACK_UNIT, MotionLaw, Table
@@ -20,11 +15,16 @@ from sdm_deflect.deform.surface.placement import Placement, TablePlacement, chec
 from sdm_deflect.deform.surface.reached import Reached
 from sdm_deflect.deform.surface.surface import Surface
 from sdm_deflect.deform.surface.tail_root import Root
+from sdm_deflect.meshing.mesh.edges import median_edge
+from sdm_deflect.meshing.mesh.faces import node_keys, patch_keys
+from sdm_deflect.meshing.mesh.images import THIN, Images, plane_of
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.sliding import Plane, SlidingPatch, fit_shape
 
 from .job import Amounts, Job
 
 if TYPE_CHECKING:
-    from sdm_deflect.deform.mesh.thin import ThinMesh
+    from sdm_deflect.meshing.mesh.thin import ThinMesh
 
 ZERO_LENGTH = 1e-9  # of the moving surfaces' size: lengths below are zero
 LEAST = 1e-8  # length of the moving surfaces, as a share of the largest coordinate or of 1
@@ -310,7 +310,7 @@ def _thin(mesh: Mesh, job: Job) -> "tuple[ThinMesh | None, Mesh]":
     """Return the mesh one cell thick, or None, and the mesh in which displacements are interpolated."""
     if job.sections or not any(pair.thin for pair in mesh.periodic):
         return None, mesh
-    from sdm_deflect.deform.mesh.thin import ThinMesh
+    from sdm_deflect.meshing.mesh.thin import ThinMesh
 
     thin = ThinMesh.of(mesh, job.fixed)
     return thin, thin.mesh if thin else mesh

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.base.arrays import FloatArray, distinct
+from sdm_deflect.base.arrays import FloatArray, distinct
 
 Keys = NDArray[np.uint64]
 FACTORS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)

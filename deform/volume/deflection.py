@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.threads import Progress, silent, single_threaded_blas
-from sdm_deflect.deform.mesh.cells import Polygons
-from sdm_deflect.deform.mesh.edges import are_lines, edges_of, polygons_of
-from sdm_deflect.deform.mesh.precision import Precision
-from sdm_deflect.deform.mesh.quality import Quality
-from sdm_deflect.deform.mesh.touched import Least, TouchedCells
+from sdm_deflect.base.arrays import FloatArray
+from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.threads import Progress, silent, single_threaded_blas
 from sdm_deflect.deform.rbf.interpolant import SolveError
-from sdm_deflect.deform.repair.patch import RepairResult
-from sdm_deflect.deform.repair.repair import repair_cells
+from sdm_deflect.meshing.mesh.cells import Polygons
+from sdm_deflect.meshing.mesh.edges import are_lines, edges_of, polygons_of
+from sdm_deflect.meshing.mesh.precision import Precision
+from sdm_deflect.meshing.mesh.quality import Quality
+from sdm_deflect.meshing.mesh.touched import Least, TouchedCells
+from sdm_deflect.meshing.repair.patch import RepairResult
+from sdm_deflect.meshing.repair.repair import repair_cells
 
 from .boundary import PrescribedNodes
 from .job import Amounts
@@ -26,7 +26,7 @@ from .plan import BoxPlan, Plan
 from .step import Step, take
 
 if TYPE_CHECKING:
-    from sdm_deflect.deform.mesh.orthogonality import State
+    from sdm_deflect.meshing.mesh.orthogonality import State
 
 DEGREES, SHARE = 0.05, 1e-3
 """Step of the fourth-order difference, in degrees or as a share of a table; relative error of the derivative 1e-11."""

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 
-from sdm_deflect.deform.base import threads
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, distinct, union
-from sdm_deflect.deform.base.errors import InputError, short_list
-from sdm_deflect.deform.base.threads import Progress, Runner, silent
+from sdm_deflect.base import threads
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, distinct, union
+from sdm_deflect.base.errors import InputError, short_list
+from sdm_deflect.base.threads import Progress, Runner, silent
 from sdm_deflect.deform.box.hexahedron import Hexahedron
-from sdm_deflect.deform.mesh.cells import CORNERS, LARGEST, Cells, Faces, Patch, Polyhedra, Volume
-from sdm_deflect.deform.mesh.faces import (
+from sdm_deflect.meshing.mesh.cells import CORNERS, LARGEST, Cells, Faces, Patch, Polyhedra, Volume
+from sdm_deflect.meshing.mesh.faces import (
     Keys,
     cell_face_keys,
     corners_in_order,
@@ -24,19 +24,19 @@ from sdm_deflect.deform.mesh.faces import (
     on_boundary,
     patch_keys,
 )  # fmt: skip
-from sdm_deflect.deform.mesh.mesh import FOLLOWS, Mesh
-from sdm_deflect.deform.mesh.pieces import MeshInPieces, Pieces, Whole, gather_points
-from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra, join_polyhedra
-from sdm_deflect.deform.mesh.quality import inverted_of, other_hand, other_handed
-from sdm_deflect.deform.mesh.standard import POLYHEDRON
-from sdm_deflect.deform.mesh.touched import touching
+from sdm_deflect.meshing.mesh.mesh import FOLLOWS, Mesh
+from sdm_deflect.meshing.mesh.pieces import MeshInPieces, Pieces, Whole, gather_points
+from sdm_deflect.meshing.mesh.polyhedra import SomePolyhedra, join_polyhedra
+from sdm_deflect.meshing.mesh.quality import inverted_of, other_hand, other_handed
+from sdm_deflect.meshing.mesh.standard import POLYHEDRON
+from sdm_deflect.meshing.mesh.touched import touching
 
 from .boundary import PrescribedNodes
 from .job import Amounts, Job, pose_of, poses_of, prepare, unnamed
 from .region import confining_box
 
 if TYPE_CHECKING:
-    from sdm_deflect.deform.mesh.thin import Halfway
+    from sdm_deflect.meshing.mesh.thin import Halfway
 
 PROBES, PROBED = 8, 1 << 14
 """Number of places in a block of cells where their numbering is tested, and cells at each."""

@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.threads import Progress, silent
 from sdm_deflect.deform.around.near_wall import FollowingWalls, Nearby, NearWall
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.threads import Progress, silent
 from sdm_deflect.deform.box.hexahedron import Hexahedron
-from sdm_deflect.deform.mesh.cells import bounded
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.rbf.kernels import arrays_of, stored_kernel
+from sdm_deflect.meshing.mesh.cells import bounded
 
 from .deflection import BoxDeflection
 from .plan import BoxPlan
@@ -27,7 +27,7 @@ from .region import ON_FACE
 from .step import Step
 
 if TYPE_CHECKING:
-    from sdm_deflect.deform.mesh.thin import Halfway
+    from sdm_deflect.meshing.mesh.thin import Halfway
 
 POINTS_AT_A_TIME = 1 << 18
 """Nodes moved at a time."""
@@ -248,7 +248,7 @@ def _box(stored: Mapping[str, Any], tag: str) -> FieldBox:
     zones = tuple(names.tolist())
     halfway = None
     if f"halfway{tag}" in stored:
-        from sdm_deflect.deform.mesh.thin import Halfway
+        from sdm_deflect.meshing.mesh.thin import Halfway
 
         halfway = Halfway.from_numbers(bounded(stored[f"halfway{tag}"], "halfway"))
     return FieldBox(Hexahedron(stored[f"corners{tag}"]), zones, steps, places, ends, planes.reshape(-1, 3), halfway)

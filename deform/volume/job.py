@@ -9,22 +9,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray, distinct
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.base.arrays import FloatArray, distinct
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.deform.box.automatic import Automatic, BoxRule
-from sdm_deflect.deform.mesh.faces import inner_patches
-from sdm_deflect.deform.mesh.images import PeriodicPatches, pair_patches, plane_of
-from sdm_deflect.deform.mesh.mesh import MARK, Mesh, meant
-from sdm_deflect.deform.mesh.quality import one_hand
-from sdm_deflect.deform.mesh.sliding import NAMES, SHAPES
 from sdm_deflect.deform.options import JobOptions
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import TRACK_UNIT, Motion, Moving, Rotation, SoughtHinge
 from sdm_deflect.deform.surface.surface import OnPatches
 from sdm_deflect.deform.surface.tail_root import Root
+from sdm_deflect.meshing.mesh.faces import inner_patches
+from sdm_deflect.meshing.mesh.images import PeriodicPatches, pair_patches, plane_of
+from sdm_deflect.meshing.mesh.mesh import MARK, Mesh, meant
+from sdm_deflect.meshing.mesh.quality import one_hand
+from sdm_deflect.meshing.mesh.sliding import NAMES, SHAPES
 
 if TYPE_CHECKING:
-    from sdm_deflect.deform.mesh.selection import Selection
+    from sdm_deflect.meshing.mesh.selection import Selection
 
 
 Amounts = tuple[float, ...]
@@ -197,14 +197,14 @@ def prepare(mesh: Mesh, jobs: Sequence[Job]) -> tuple[Mesh, tuple[Job, ...]]:
     mesh, jobs = _with_devices(mesh, jobs)
     names = tuple(dict.fromkeys(name for job in jobs for name in (*job.names, *_in_planes(mesh, job))))
     if jobs[0].selections or any(MARK in name for name in names):
-        from sdm_deflect.deform.mesh.selection import with_selections
+        from sdm_deflect.meshing.mesh.selection import with_selections
 
         mesh = with_selections(mesh, jobs[0].selections, names)
     mesh = pair_patches(mesh, jobs[0].periodic) if jobs[0].periodic or mesh.periodic else mesh
     mesh = _with_panels(mesh, jobs)
     planes = set.intersection(*(_planes(mesh, job) for job in jobs))
     if len(planes) > 1:
-        from sdm_deflect.deform.mesh.thin import with_sides
+        from sdm_deflect.meshing.mesh.thin import with_sides
 
         mesh = with_sides(mesh, planes)
     return mesh if mesh.is_part else _of_one_hand(_without_inner(mesh, jobs)), jobs
@@ -277,7 +277,7 @@ def _in_planes(mesh: Mesh, job: Job) -> Iterator[str]:
     for patch in mesh.patches:
         wanted = any(meant(text, patch.name) for text in slide) or patch.constraint == "symmetry"
         if wanted and len(patch) and not plane_of(mesh, patch.nodes):
-            from sdm_deflect.deform.mesh.selection import Part
+            from sdm_deflect.meshing.mesh.selection import Part
 
             whole = Part.of(mesh, patch)
             parts = whole.cut(whole.components(), MARK)

@@ -6,13 +6,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.base.arrays import FloatArray, IntArray
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.deform.box.automatic import Given
 from sdm_deflect.deform.box.hexahedron import Hexahedron
-from sdm_deflect.deform.mesh.edges import polygons_of
-from sdm_deflect.deform.mesh.mesh import Mesh, Warned
-from sdm_deflect.deform.mesh.sliding import Triangulated
+from sdm_deflect.meshing.mesh.edges import polygons_of
+from sdm_deflect.meshing.mesh.mesh import Mesh, Warned
+from sdm_deflect.meshing.mesh.sliding import Triangulated
 
 from .job import Job
 

@@ -14,12 +14,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.errors import InputError, nearest, short_list, shortened
-from sdm_deflect.deform.base.threads import Progress, silent
-from sdm_deflect.deform.mesh.cells import LARGEST, bounded
-from sdm_deflect.deform.mesh.sliding import Plane
+from sdm_deflect.base.arrays import FloatArray, IntArray
+from sdm_deflect.base.errors import InputError, nearest, short_list, shortened
+from sdm_deflect.base.threads import Progress, silent
 from sdm_deflect.deform.surface.motions import Fixed, Functions
+from sdm_deflect.meshing.mesh.cells import LARGEST, bounded
+from sdm_deflect.meshing.mesh.sliding import Plane
 
 from .deflection import BoxDeflection, deflect_box, deflect_in_steps
 from .job import Amounts

@@ -8,25 +8,25 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, union
+from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.threads import HERE, Progress, Runner, silent
 from sdm_deflect.deform.around.addition import Addition
 from sdm_deflect.deform.around.near_wall import RIGID, Nearby
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, union
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.threads import HERE, Progress, Runner, silent
 from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.confined import Choice
-from sdm_deflect.deform.mesh.cells import Polyhedra
-from sdm_deflect.deform.mesh.faces import BoundaryGaps
-from sdm_deflect.deform.mesh.layers import LayerColumns
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.precision import EVERY_BIT, Precision
-from sdm_deflect.deform.mesh.quality import Quality
-from sdm_deflect.deform.mesh.sliding import SlidingSurface
-from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.rbf.rules import GreedyOptions
-from sdm_deflect.deform.repair.freedom import FreeNodes
 from sdm_deflect.deform.surface.motions import Moving
 from sdm_deflect.deform.surface.surface import Surface
+from sdm_deflect.meshing.mesh.cells import Polyhedra
+from sdm_deflect.meshing.mesh.faces import BoundaryGaps
+from sdm_deflect.meshing.mesh.layers import LayerColumns
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.precision import EVERY_BIT, Precision
+from sdm_deflect.meshing.mesh.quality import Quality
+from sdm_deflect.meshing.mesh.sliding import SlidingSurface
+from sdm_deflect.meshing.mesh.touched import TouchedCells
+from sdm_deflect.meshing.repair.freedom import FreeNodes
 
 from .boundary import PrescribedNodes
 from .job import Amounts, Job, by_job, pose_of, poses_of, prepare
@@ -35,7 +35,7 @@ from .sites import Sites
 from .step import Start
 
 if TYPE_CHECKING:
-    from sdm_deflect.deform.mesh.orthogonality import TouchedFaces
+    from sdm_deflect.meshing.mesh.orthogonality import TouchedFaces
 
     from .mirror import Mirror
 
@@ -411,6 +411,6 @@ class Plan:
         """Faces of touched cells, measured as OpenFOAM's checkMesh does; None without polyhedra."""
         if not any(isinstance(block, Polyhedra) for block in self.mesh.cells):
             return None
-        from sdm_deflect.deform.mesh.orthogonality import TouchedFaces
+        from sdm_deflect.meshing.mesh.orthogonality import TouchedFaces
 
         return TouchedFaces.of(self.touched)

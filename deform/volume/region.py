@@ -7,14 +7,14 @@ from time import perf_counter
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, union
-from sdm_deflect.deform.base.errors import InputError, short_list
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, union
+from sdm_deflect.base.errors import InputError, short_list
 from sdm_deflect.deform.box.automatic import BoxScene, Chosen
 from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.confined import inside
-from sdm_deflect.deform.mesh.cells import Patch, Zone
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.surface.motions import TRACK_UNIT
+from sdm_deflect.meshing.mesh.cells import Patch, Zone
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 from .boundary import ZERO_LENGTH, PrescribedNodes
 from .job import Amounts, Section

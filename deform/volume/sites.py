@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, distinct, first_coincident, union
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.deform.around.addition import Addition, Kept
 from sdm_deflect.deform.around.local_rotation import LocalRotation
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, distinct, first_coincident, union
-from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.box.face_sites import border_sites, polygon_sites
 from sdm_deflect.deform.box.hexahedron import FACES
 from sdm_deflect.deform.confined import zero_sites
-from sdm_deflect.deform.mesh.edges import edges_of, median_edge, polygons_of
-from sdm_deflect.deform.mesh.images import PLANE_TOLERANCE
-from sdm_deflect.deform.mesh.sliding import Plane
 from sdm_deflect.deform.rbf.data_sites import DataSites, fixed_sites
 from sdm_deflect.deform.rbf.fitting import KERNELS, Fitting
 from sdm_deflect.deform.rbf.kernels import Kernel, kernel_of
+from sdm_deflect.meshing.mesh.edges import edges_of, median_edge, polygons_of
+from sdm_deflect.meshing.mesh.images import PLANE_TOLERANCE
+from sdm_deflect.meshing.mesh.sliding import Plane
 
 from .boundary import TOLERANCE, ZERO_LENGTH, PrescribedNodes
 from .region import BoxNodes

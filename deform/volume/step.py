@@ -5,10 +5,10 @@ from time import perf_counter
 
 import numpy as np
 
+from sdm_deflect.base import threads
+from sdm_deflect.base.arrays import FloatArray, IntArray
+from sdm_deflect.base.threads import HERE, Progress, Runner, silent
 from sdm_deflect.deform.around.addition import Acting
-from sdm_deflect.deform.base import threads
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.threads import HERE, Progress, Runner, silent
 from sdm_deflect.deform.confined import Choice, Confined
 from sdm_deflect.deform.rbf.data_sites import DataSites
 from sdm_deflect.deform.rbf.interpolant import Interpolant

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 import sdm_deflect as sdm
 from sdm_deflect import Result
 from sdm_deflect.cases.report.pictures import write_png
-from sdm_deflect.deform.mesh.quality import quality_of
+from sdm_deflect.meshing.mesh.quality import quality_of
 
 SHADES = Normalize(0.4, 1.0)
 WINDOWS = {"naca0012": (0.6, 1.1, -0.16, 0.14), "three_elements": (0.62, 1.12, -0.26, 0.04)}

@@ -6,11 +6,11 @@ The wedge's hinge edges stay, its trailing edge turns. At the rib y = 0 it is jo
 import numpy as np
 from matplotlib.figure import Figure
 
-from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.mesh.axis import Axis
+from sdm_deflect.base.arrays import FloatArray
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import Kernel, Multiquadric, ThinPlateSpline
 from sdm_deflect.deform.surface.appendix_a import blend, blend_strip
+from sdm_deflect.meshing.mesh.axis import Axis
 
 CHORD, SPAN, HALF, STRIP, ANGLE = 0.020, 0.120, 0.003, 0.020, -12.0
 KERNELS: dict[str, Kernel] = {

@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from sdm_deflect.deform.base.arrays import FloatArray, farthest
+from sdm_deflect.base.arrays import FloatArray, farthest
 from sdm_deflect.deform.rbf.data_sites import DataSites
 from sdm_deflect.deform.rbf.greedy import Adaptation, adapt
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline

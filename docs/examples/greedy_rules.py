@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from point_cloud import HINGE, REGION, flap
 
-from sdm_deflect.deform.base.arrays import farthest
+from sdm_deflect.base.arrays import farthest
 from sdm_deflect.deform.rbf.data_sites import DataSites, fixed_sites, join
 from sdm_deflect.deform.rbf.greedy import Adaptation, adapt
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline

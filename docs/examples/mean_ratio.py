@@ -3,8 +3,8 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.mesh.quality import mean_ratio
+from sdm_deflect.base.arrays import FloatArray
+from sdm_deflect.meshing.mesh.quality import mean_ratio
 
 REGULAR = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
 BLUE, RED = "#0072B2", "#D55E00"

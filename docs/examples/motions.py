@@ -4,13 +4,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.base.arrays import FloatArray
 from sdm_deflect.deform.surface.appendix_a import blend
 from sdm_deflect.deform.surface.slots import Slot
 from sdm_deflect.deform.surface.tracks import Track, TrackLaw
+from sdm_deflect.meshing.mesh.axis import Axis
+from sdm_deflect.meshing.mesh.cells import Cells, Patch
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 GREY, BLUE, RED = "0.55", "#0072B2", "#D55E00"
 OUT_OF_PLANE = np.array([0.0, 0.0, 1.0])

@@ -7,19 +7,19 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.deform.base.errors import MeshFileError
-from sdm_deflect.deform.base.files import fresh
-from sdm_deflect.deform.base.threads import Progress, silent
-from sdm_deflect.deform.mesh.cells import Cells, Patch, Zone
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.pieces import MeshInPieces
-from sdm_deflect.meshing.formats.format import about
+from sdm_deflect.base.errors import MeshFileError
+from sdm_deflect.base.files import fresh
+from sdm_deflect.base.threads import Progress, silent
+from sdm_deflect.meshing.errors import about
 from sdm_deflect.meshing.formats.known import registered
 from sdm_deflect.meshing.formats.layout import Format
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.shapes import refuse_plane, simple_faces
 from sdm_deflect.meshing.formats.table_pieces import CellTable, PointRange, TablePieces
 from sdm_deflect.meshing.formats.tables import FileTable
+from sdm_deflect.meshing.mesh.cells import Cells, Patch, Zone
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.pieces import MeshInPieces
 
 HEADER = np.dtype([("mark", "S4"), ("points", "<i4"), ("tets", "<i4"), ("faces", "<i4"), ("names", "<i4")])
 """Mark of the format, then how many points, tetrahedra, boundary triangles and letters of names there are."""

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray, farthest
+from sdm_deflect.base.arrays import FloatArray, farthest
 from sdm_deflect.deform.rbf.data_sites import DataSites
 from sdm_deflect.deform.rbf.greedy import Adaptation, adapt
 from sdm_deflect.deform.rbf.kernels import Kernel, Rescaling, ThinPlateSpline

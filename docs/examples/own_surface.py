@@ -11,19 +11,19 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray
+from sdm_deflect.base.arrays import BoolArray, FloatArray
 from sdm_deflect.deform.box.automatic import Given
 from sdm_deflect.deform.box.hexahedron import box
-from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import mean_ratio, signed_volumes
 from sdm_deflect.deform.surface.motions import Moving
 from sdm_deflect.deform.surface.surface import Surface
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.meshing.formats.vtu import read_vtu
-from sdm_deflect.meshing.mesh import tets_of
+from sdm_deflect.meshing.mesh.axis import Axis
+from sdm_deflect.meshing.mesh.labelled import tets_of
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.quality import mean_ratio, signed_volumes
 
 BEND, TOP = 0.125, 0.2133
 """Heights (m) above which the fin bends, and of its tip."""

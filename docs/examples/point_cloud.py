@@ -8,9 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import sdm_deflect as sd
-from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.base.arrays import FloatArray
 from sdm_deflect.deform.box.hexahedron import box
-from sdm_deflect.deform.mesh.axis import Axis
+from sdm_deflect.meshing.mesh.axis import Axis
 
 CHORD, SPAN = 0.10, 0.30
 HINGE = Axis(np.zeros(3), np.array([0.0, 1.0, 0.0]))

@@ -3,12 +3,12 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.mesh.axis import Axis, Cylinder
+from sdm_deflect.base.arrays import FloatArray
 from sdm_deflect.deform.rbf.data_sites import DataSites, fixed_sites, join
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.surface.appendix_a import slide_panel
+from sdm_deflect.meshing.mesh.axis import Axis, Cylinder
 
 FUSELAGE = Cylinder(Axis(np.zeros(3), np.array([1.0, 0.0, 0.0])), 0.067)
 PIVOT = Axis(np.array([0.080, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))

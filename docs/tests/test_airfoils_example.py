@@ -11,8 +11,8 @@ from scipy.spatial import cKDTree
 
 from sdm_deflect.cases.report.finished import FinishedRun
 from sdm_deflect.cases.report.turnable import turnable
-from sdm_deflect.deform.mesh.quality import inverted_of
 from sdm_deflect.meshing.formats.registry import read
+from sdm_deflect.meshing.mesh.quality import inverted_of
 from tests.calls import sdm
 
 EXAMPLES = Path(__file__).parents[1] / "examples"

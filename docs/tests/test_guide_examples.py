@@ -23,9 +23,9 @@ from PIL import Image
 
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.deform.box.hexahedron import Hexahedron
-from sdm_deflect.deform.mesh.quality import mean_ratio, signed_volumes
 from sdm_deflect.meshing.formats.vtu import write_vtu
-from sdm_deflect.meshing.mesh import tets_of
+from sdm_deflect.meshing.mesh.labelled import tets_of
+from sdm_deflect.meshing.mesh.quality import mean_ratio, signed_volumes
 from tests.pictures import differing, inked, pixels, shades, share
 
 EXAMPLES = Path(pictures.__file__).parent

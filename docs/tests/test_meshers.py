@@ -5,10 +5,10 @@ import pytest
 import sdm_gmsh
 import sdm_snappy
 
-from sdm_deflect.deform.mesh.edges import area_vectors, polygons_of
 from sdm_deflect.geometry.aircraft import build
 from sdm_deflect.geometry.parameters import Fighter
 from sdm_deflect.meshing.formats.registry import read
+from sdm_deflect.meshing.mesh.edges import area_vectors, polygons_of
 from tests.cases import foam
 
 

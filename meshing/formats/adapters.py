@@ -8,12 +8,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.errors import InputError, MeshFileError
-from sdm_deflect.deform.mesh.cells import CORNERS, PLANE, VOLUMES, Cells, Patch, whole
-from sdm_deflect.deform.mesh.faces import corners_in_order
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import quality_of
+from sdm_deflect.base.arrays import FloatArray, IntArray
+from sdm_deflect.base.errors import InputError, MeshFileError
+from sdm_deflect.meshing.mesh.cells import CORNERS, PLANE, VOLUMES, Cells, Patch, whole
+from sdm_deflect.meshing.mesh.faces import corners_in_order
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.quality import quality_of
 
 from .polyhedra import standard_cells
 from .shapes import simple_faces

@@ -16,21 +16,21 @@ from typing import TYPE_CHECKING, Any
 import h5py
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.errors import MeshFileError
-from sdm_deflect.deform.base.files import fresh
-from sdm_deflect.deform.base.threads import Progress, silent
-from sdm_deflect.deform.mesh.cells import MIRRORED, VOLUMES, Polyhedra, Zone
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.pieces import MeshInPieces
-from sdm_deflect.deform.mesh.precision import DOUBLE
+from sdm_deflect.base.arrays import FloatArray, IntArray
+from sdm_deflect.base.errors import MeshFileError
+from sdm_deflect.base.files import fresh
+from sdm_deflect.base.threads import Progress, silent
+from sdm_deflect.meshing.errors import about, check_points
+from sdm_deflect.meshing.mesh.cells import MIRRORED, VOLUMES, Polyhedra, Zone
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.pieces import MeshInPieces
+from sdm_deflect.meshing.mesh.precision import DOUBLE, fewest_bits
 
 from .cgns_boundary import NumberedFaces, notes_of, without, zone_border
 from .cgns_elements import MIXED, NFACE, NGON, SHAPES, SIZES, ElementSection, blocks, sections
 from .cgns_nodes import DATA, child, data
 from .cgns_read import Base, base_of, coordinate_data, coordinates_beside, may_fit, read_base
 from .cgns_write import write_base
-from .format import about, check_points, fewest_bits
 from .hdf5 import Replaced, Replacement, damage, spans
 from .known import registered
 from .layout import Format

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.base.errors import MeshFileError
-from sdm_deflect.deform.mesh.cells import Cells, Constraint, Patch
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.base.errors import MeshFileError
+from sdm_deflect.meshing.mesh.cells import Cells, Constraint, Patch
 
 from .cgns_boundary import Border, Fault, as_faults, check_range, constraint, location, named_conditions, place_of
 from .cgns_nodes import check_taken, child, integers

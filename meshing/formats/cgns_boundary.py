@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import BoolArray, IntArray
-from sdm_deflect.deform.base.errors import MeshFileError, sentence
-from sdm_deflect.deform.mesh.cells import Cells, Constraint, Patch, Polygons
-from sdm_deflect.deform.mesh.mesh import ABSENT
+from sdm_deflect.base.arrays import BoolArray, IntArray
+from sdm_deflect.base.errors import MeshFileError, sentence
+from sdm_deflect.meshing.mesh.cells import Cells, Constraint, Patch, Polygons
+from sdm_deflect.meshing.mesh.mesh import ABSENT
 
 from .cgns_nodes import child, children, has, integers, text
 from .shapes import all_of, chosen

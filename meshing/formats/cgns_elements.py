@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import BoolArray, IntArray
-from sdm_deflect.deform.base.errors import MeshFileError
-from sdm_deflect.deform.mesh.cells import CORNERS, PLANE, VOLUMES, Cells, Polygons, Polyhedra, take_faces
+from sdm_deflect.base.arrays import BoolArray, IntArray
+from sdm_deflect.base.errors import MeshFileError
+from sdm_deflect.meshing.mesh.cells import CORNERS, PLANE, VOLUMES, Cells, Polygons, Polyhedra, take_faces
 
 from .cgns_nodes import child, children, has, integers
 from .shapes import mirror_nodes, places, polygons, turn_faces

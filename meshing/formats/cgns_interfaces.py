@@ -16,11 +16,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.errors import MeshFileError
-from sdm_deflect.deform.mesh.cells import LARGEST, Cells, Periodic
-from sdm_deflect.deform.mesh.images import TOLERANCE, RigidMotion
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.base.arrays import FloatArray, IntArray
+from sdm_deflect.base.errors import MeshFileError
+from sdm_deflect.meshing.mesh.cells import LARGEST, Cells, Periodic
+from sdm_deflect.meshing.mesh.images import TOLERANCE, RigidMotion
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 from .cgns_blocks import Size, bounds, check_face, donors_of, faces_at, points_in, strides
 from .cgns_boundary import Fault, NumberedFaces, location

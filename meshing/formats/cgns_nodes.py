@@ -7,9 +7,9 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.base.arrays import IntArray
-from sdm_deflect.deform.base.errors import MeshFileError
-from sdm_deflect.deform.base.unpacking import check_unpacked
+from sdm_deflect.base.arrays import IntArray
+from sdm_deflect.base.errors import MeshFileError
+from sdm_deflect.base.unpacking import check_unpacked
 
 from .hdf5 import check_stored, is_real
 

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.errors import MeshFileError, short_list
-from sdm_deflect.deform.mesh.cells import Cells, Polyhedra
-from sdm_deflect.deform.mesh.mesh import Mesh, Warned
+from sdm_deflect.base.arrays import FloatArray, IntArray
+from sdm_deflect.base.errors import MeshFileError, short_list
+from sdm_deflect.meshing.mesh.cells import Cells, Polyhedra
+from sdm_deflect.meshing.mesh.mesh import Mesh, Warned
 
 from .cgns_blocks import Size, block_border, cells, equal_neighbours, no_cells, size_of, wide
 from .cgns_boundary import PART, Fault, NumberedFaces, notes_of, without, zone_border

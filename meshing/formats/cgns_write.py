@@ -7,11 +7,11 @@ from typing import Any
 import h5py
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import IntArray
-from sdm_deflect.deform.base.errors import MeshFileError
-from sdm_deflect.deform.mesh.cells import Cells, Constraint, Polygons, Polyhedra
-from sdm_deflect.deform.mesh.faces import face_keys, node_keys, patch_keys
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.base.arrays import IntArray
+from sdm_deflect.base.errors import MeshFileError
+from sdm_deflect.meshing.mesh.cells import Cells, Constraint, Polygons, Polyhedra
+from sdm_deflect.meshing.mesh.faces import face_keys, node_keys, patch_keys
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 from .cgns_elements import NFACE, NGON, SHAPES
 from .cgns_interfaces import write_pairs

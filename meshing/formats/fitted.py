@@ -13,10 +13,10 @@ from typing import TypeVar
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import BoolArray, IntArray, distinct
-from sdm_deflect.deform.mesh.cells import Cells, Constraint, Faces, Patch, Polygons, Polyhedra, Volume, Zone
-from sdm_deflect.deform.mesh.faces import cell_face_keys, face_keys, node_keys
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.base.arrays import BoolArray, IntArray, distinct
+from sdm_deflect.meshing.mesh.cells import Cells, Constraint, Faces, Patch, Polygons, Polyhedra, Volume, Zone
+from sdm_deflect.meshing.mesh.faces import cell_face_keys, face_keys, node_keys
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 from .shapes import chosen, places
 from .zones import common_constraints, renumber

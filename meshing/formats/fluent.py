@@ -12,15 +12,16 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.errors import InputError, MeshFileError
-from sdm_deflect.deform.base.threads import Progress, silent
-from sdm_deflect.deform.mesh.cells import Cells, Patch, Periodic, Polygons, Polyhedra, take_faces
-from sdm_deflect.deform.mesh.images import PeriodicPatches, pair_of
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.polyhedra import face_centres_and_areas
+from sdm_deflect.base.arrays import FloatArray, IntArray
+from sdm_deflect.base.errors import InputError, MeshFileError
+from sdm_deflect.base.threads import Progress, silent
+from sdm_deflect.meshing.errors import about, check_points
+from sdm_deflect.meshing.mesh.cells import Cells, Patch, Periodic, Polygons, Polyhedra, take_faces
+from sdm_deflect.meshing.mesh.images import PeriodicPatches, pair_of
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.polyhedra import face_centres_and_areas
+from sdm_deflect.meshing.mesh.precision import fewest_bits
 
-from .format import about, check_points, fewest_bits
 from .hdf5 import Replaced, dataset, integers, member, number, open_hdf5, spans
 from .known import registered
 from .layout import Format

@@ -11,21 +11,21 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.errors import MeshFileError
-from sdm_deflect.deform.base.files import fresh
-from sdm_deflect.deform.base.threads import Progress, silent
-from sdm_deflect.deform.base.unpacking import check_unpacked
-from sdm_deflect.deform.mesh.cells import MIRRORED, Cells, Patch, Periodic, Zone
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.pieces import MeshInPieces
-from sdm_deflect.deform.mesh.precision import DOUBLE
-from sdm_deflect.meshing.mesh import VOLUME
+from sdm_deflect.base.arrays import FloatArray, IntArray
+from sdm_deflect.base.errors import MeshFileError
+from sdm_deflect.base.files import fresh
+from sdm_deflect.base.threads import Progress, silent
+from sdm_deflect.base.unpacking import check_unpacked
+from sdm_deflect.meshing.errors import about, check_points
+from sdm_deflect.meshing.mesh.cells import MIRRORED, Cells, Patch, Periodic, Zone
+from sdm_deflect.meshing.mesh.labelled import VOLUME
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.pieces import MeshInPieces
+from sdm_deflect.meshing.mesh.precision import DOUBLE
 
-from .format import about, check_points, fitting_names
 from .gmsh_file import ByteCursor, Cursor, GmshFile, Nodes, TextCursor, gmsh_file, nodes, periodic
 from .known import registered
-from .layout import Format
+from .layout import Format, fitting_names
 from .numbers import NumberLines, Placed, copy_text
 from .polyhedra import standard_cells
 from .shapes import mirror_nodes, simple_faces

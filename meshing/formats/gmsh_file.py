@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.base.arrays import IntArray, distinct
-from sdm_deflect.deform.base.errors import MeshFileError
+from sdm_deflect.base.arrays import IntArray, distinct
+from sdm_deflect.base.errors import MeshFileError
+from sdm_deflect.meshing.errors import FLUENT
 
-from .format import FLUENT
 from .numbers import NumberLines, Placed, numbers
 from .shapes import places
 from .tables import FileTable, Held

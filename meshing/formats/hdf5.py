@@ -13,10 +13,10 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.base.errors import FULL, MeshFileError
-from sdm_deflect.deform.base.threads import Progress
-from sdm_deflect.deform.base.unpacking import check_unpacked
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.base.errors import FULL, MeshFileError
+from sdm_deflect.base.threads import Progress
+from sdm_deflect.base.unpacking import check_unpacked
 
 from .rewriting import Change, rewritten
 from .tables import FileTable

@@ -1,6 +1,7 @@
 """What a mesh format is: the layout of its files, and what follows from that."""
 
-from collections.abc import Callable, Iterable
+import re
+from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -8,15 +9,15 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.threads import Progress, silent
-from sdm_deflect.deform.mesh.cells import PLANE, Cells, Zone
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.pieces import MeshInPieces
-from sdm_deflect.deform.mesh.precision import DOUBLE
+from sdm_deflect.base.arrays import FloatArray
+from sdm_deflect.base.threads import Progress, silent
+from sdm_deflect.meshing.errors import about, check_points, only_rewritten
+from sdm_deflect.meshing.mesh.cells import PLANE, Cells, Zone
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.pieces import MeshInPieces
+from sdm_deflect.meshing.mesh.precision import DOUBLE, fewest_bits
 
 from .fitted import simple, true_shapes
-from .format import about, check_points, fewest_bits, only_rewritten
 from .shapes import check_faces, orient
 from .table_pieces import ROWS, TablePieces
 
@@ -184,3 +185,14 @@ def whole(mesh: MeshInPieces, report: Callable[[float], None]) -> Mesh:
     found = Mesh(points, tuple(blocks), patches, mesh.zones, notes=mesh.notes, periodic=mesh.periodic)
     check_faces(found)
     return found
+
+
+def fitting_names(names: Sequence[str], unfit: str, reserved: Container[str] = ()) -> dict[str, str]:
+    """Name of each patch in a file: its own where nothing in it matches `unfit`, else one that is not taken."""
+    fitted: dict[str, str] = {}
+    for name in names:
+        fitting = re.sub(unfit, "_", name) or "_"
+        while fitting in reserved or (fitting != name and (fitting in names or fitting in fitted.values())):
+            fitting += "_"
+        fitted[name] = fitting
+    return fitted

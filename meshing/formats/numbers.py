@@ -18,10 +18,10 @@ from typing import Any, BinaryIO, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.compiled import compiled_exactly
-from sdm_deflect.deform.base.errors import MeshFileError
-from sdm_deflect.deform.base.threads import available_threads
+from sdm_deflect.base.arrays import FloatArray, IntArray
+from sdm_deflect.base.compiled import compiled_exactly
+from sdm_deflect.base.errors import MeshFileError
+from sdm_deflect.base.threads import available_threads
 
 SPACE = 32
 """Bytes up to this one separate numbers."""

@@ -12,18 +12,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.base.files import fresh_folder
-from sdm_deflect.deform.base.threads import Progress, silent
-from sdm_deflect.deform.mesh.cells import Polyhedra, Zone
-from sdm_deflect.deform.mesh.images import THIN
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.pieces import MeshInPieces
-from sdm_deflect.deform.mesh.precision import DOUBLE
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.base.files import fresh_folder
+from sdm_deflect.base.threads import Progress, silent
+from sdm_deflect.meshing.errors import about
+from sdm_deflect.meshing.mesh.cells import Polyhedra, Zone
+from sdm_deflect.meshing.mesh.images import THIN
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.pieces import MeshInPieces
+from sdm_deflect.meshing.mesh.precision import DOUBLE, fewest_bits
 
-from .format import about, fewest_bits, fitting_names
 from .known import registered
-from .layout import Format
+from .layout import Format, fitting_names
 from .openfoam_case import (
     case_folder,
     copy_case,

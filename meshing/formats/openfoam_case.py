@@ -19,14 +19,15 @@ from typing import Any, TypeVar
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray, distinct, union
-from sdm_deflect.deform.base.errors import InputError, MeshFileError, short_list
-from sdm_deflect.deform.base.files import fresh_folder
-from sdm_deflect.deform.base.threads import Progress
-from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.cells import Constraint, Patch, Periodic, Polygons, take_faces
-from sdm_deflect.deform.mesh.edges import polygons_of
-from sdm_deflect.deform.mesh.images import (
+from sdm_deflect.base.arrays import FloatArray, IntArray, distinct, union
+from sdm_deflect.base.errors import InputError, MeshFileError, short_list
+from sdm_deflect.base.files import fresh_folder
+from sdm_deflect.base.threads import Progress
+from sdm_deflect.meshing.errors import about, check_points
+from sdm_deflect.meshing.mesh.axis import Axis
+from sdm_deflect.meshing.mesh.cells import Constraint, Patch, Periodic, Polygons, take_faces
+from sdm_deflect.meshing.mesh.edges import polygons_of
+from sdm_deflect.meshing.mesh.images import (
     RigidMotion,
     images_of_faces,
     nearest_rotation,
@@ -34,10 +35,9 @@ from sdm_deflect.deform.mesh.images import (
     rotation_of,
     translation_between,
 )
-from sdm_deflect.deform.mesh.mesh import Warned
-from sdm_deflect.deform.mesh.sliding import Plane
+from sdm_deflect.meshing.mesh.mesh import Warned
+from sdm_deflect.meshing.mesh.sliding import Plane
 
-from .format import about, check_points
 from .openfoam_files import MESH, FoamFile, FoamPatch, open_foam, parse, vectors
 
 CONSTRAINTS: dict[str, Constraint] = {

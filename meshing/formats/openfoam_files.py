@@ -11,10 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.errors import MeshFileError
-from sdm_deflect.deform.base.unpacking import check_unpacked, unpack_limit
-from sdm_deflect.deform.mesh.cells import Polygons
+from sdm_deflect.base.arrays import FloatArray, IntArray
+from sdm_deflect.base.errors import MeshFileError
+from sdm_deflect.base.unpacking import check_unpacked, unpack_limit
+from sdm_deflect.meshing.mesh.cells import Polygons
 
 from .numbers import Placed, numbers
 from .shapes import polygons

@@ -11,16 +11,16 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.base.errors import MeshFileError
-from sdm_deflect.deform.base.states import check_unchanged
-from sdm_deflect.deform.base.threads import HERE, Progress, Runner, silent
-from sdm_deflect.deform.mesh.cells import OWNERS, RISING, Cells, Polygons, Polyhedra, Zone, take_faces
-from sdm_deflect.deform.mesh.pieces import MeshInPieces
-from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra, join_polyhedra
-from sdm_deflect.deform.mesh.standard import POLYHEDRON
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.base.errors import MeshFileError
+from sdm_deflect.base.states import check_unchanged
+from sdm_deflect.base.threads import HERE, Progress, Runner, silent
+from sdm_deflect.meshing.errors import about
+from sdm_deflect.meshing.mesh.cells import OWNERS, RISING, Cells, Polygons, Polyhedra, Zone, take_faces
+from sdm_deflect.meshing.mesh.pieces import MeshInPieces
+from sdm_deflect.meshing.mesh.polyhedra import SomePolyhedra, join_polyhedra
+from sdm_deflect.meshing.mesh.standard import POLYHEDRON
 
-from .format import about
 from .openfoam_case import case_folder, copy_case, mesh_folder, meshes_beside, pairs_of, patches_of, read_foam
 from .openfoam_files import COMPACT, FoamFile, locate_list, parse, read_header
 from .polyhedra import FEWEST, check_labels, check_sides

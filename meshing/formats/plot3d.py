@@ -16,17 +16,18 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.errors import MeshFileError
-from sdm_deflect.deform.base.files import fresh
-from sdm_deflect.deform.base.threads import Progress, silent
-from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.base.arrays import FloatArray, IntArray
+from sdm_deflect.base.errors import MeshFileError
+from sdm_deflect.base.files import fresh
+from sdm_deflect.base.threads import Progress, silent
+from sdm_deflect.meshing.errors import about, check_points
+from sdm_deflect.meshing.mesh.cells import Cells, Patch
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.precision import fewest_bits
 
 from .cgns_blocks import AXES, BlockFace, Size, cells, equal_neighbours, faces, points_in
 from .cgns_interfaces import NEAR, meeting
 from .fitted import Fitted, ZoneMesh, fit_zones
-from .format import about, check_points, fewest_bits
 from .known import registered
 from .layout import Format
 from .numbers import Placed, chunks, copy_text, numbers

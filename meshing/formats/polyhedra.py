@@ -5,12 +5,12 @@ from itertools import chain
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import IntArray
-from sdm_deflect.deform.base.errors import MeshFileError
-from sdm_deflect.deform.mesh.cells import Cells, Polygons, Polyhedra, take_faces
-from sdm_deflect.deform.mesh.faces import FACES, Keys, face_keys, node_keys, patch_keys
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.standard import parts_of
+from sdm_deflect.base.arrays import IntArray
+from sdm_deflect.base.errors import MeshFileError
+from sdm_deflect.meshing.mesh.cells import Cells, Polygons, Polyhedra, take_faces
+from sdm_deflect.meshing.mesh.faces import FACES, Keys, face_keys, node_keys, patch_keys
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.standard import parts_of
 
 from .shapes import polygons, turn_faces
 

@@ -7,15 +7,15 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 
-from sdm_deflect.deform.base.errors import MeshFileError
-from sdm_deflect.deform.base.files import hidden_folder
-from sdm_deflect.deform.base.states import states_of
-from sdm_deflect.deform.base.threads import Progress, silent
-from sdm_deflect.deform.mesh.faces import corners_in_order
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.pieces import MeshInPieces
+from sdm_deflect.base.errors import MeshFileError
+from sdm_deflect.base.files import hidden_folder
+from sdm_deflect.base.states import states_of
+from sdm_deflect.base.threads import Progress, silent
+from sdm_deflect.meshing.errors import FLUENT
+from sdm_deflect.meshing.mesh.faces import corners_in_order
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.pieces import MeshInPieces
 
-from .format import FLUENT
 from .known import Registration, entries
 from .layout import Format
 

@@ -9,12 +9,12 @@ from typing import BinaryIO
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.errors import MeshFileError, write_errors
-from sdm_deflect.deform.base.files import fresh
-from sdm_deflect.deform.base.threads import HERE, Progress, Runner, silent
+from sdm_deflect.base.arrays import FloatArray, IntArray
+from sdm_deflect.base.errors import MeshFileError, write_errors
+from sdm_deflect.base.files import fresh
+from sdm_deflect.base.threads import HERE, Progress, Runner, silent
+from sdm_deflect.meshing.errors import about
 
-from .format import about
 from .tables import SHORTER, FileTable
 
 RANGE = 1 << 23

@@ -7,11 +7,11 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, distinct
-from sdm_deflect.deform.base.errors import MeshFileError, short_list
-from sdm_deflect.deform.mesh.cells import MIRRORED, PLANE, Cells, Patch, Polygons, take_faces
-from sdm_deflect.deform.mesh.faces import cell_face_keys, node_keys, patch_keys
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, distinct
+from sdm_deflect.base.errors import MeshFileError, short_list
+from sdm_deflect.meshing.mesh.cells import MIRRORED, PLANE, Cells, Patch, Polygons, take_faces
+from sdm_deflect.meshing.mesh.faces import cell_face_keys, node_keys, patch_keys
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 AXES = {"tetra": (1, 2, 3), "pyramid": (1, 3, 4), "wedge": (2, 1, 3), "hexahedron": (1, 3, 4)}
 """Corners whose edges from corner 0 are right-handed in a cell that is not inverted."""

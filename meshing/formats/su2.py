@@ -11,18 +11,18 @@ from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.errors import MeshFileError, short_list
-from sdm_deflect.deform.base.files import fresh
-from sdm_deflect.deform.base.threads import HERE, Progress, Runner, silent
-from sdm_deflect.deform.mesh.cells import CORNERS, Cells, Patch, Polyhedra, Zone
-from sdm_deflect.deform.mesh.mesh import Mesh, Warned
-from sdm_deflect.deform.mesh.pieces import MeshInPieces
-from sdm_deflect.deform.mesh.precision import DOUBLE
+from sdm_deflect.base.arrays import FloatArray, IntArray
+from sdm_deflect.base.errors import MeshFileError, short_list
+from sdm_deflect.base.files import fresh
+from sdm_deflect.base.threads import HERE, Progress, Runner, silent
+from sdm_deflect.meshing.errors import about, check_points
+from sdm_deflect.meshing.mesh.cells import CORNERS, Cells, Patch, Polyhedra, Zone
+from sdm_deflect.meshing.mesh.mesh import Mesh, Warned
+from sdm_deflect.meshing.mesh.pieces import MeshInPieces
+from sdm_deflect.meshing.mesh.precision import DOUBLE
 
-from .format import about, check_points, fitting_names
 from .known import registered
-from .layout import Format, whole
+from .layout import Format, fitting_names, whole
 from .numbers import CHUNK, COMMENT, NumberLines, Placed, chunks, copy_text, numbers, table
 from .shapes import simple_faces
 from .table_pieces import CellTable, PointRange, TablePieces

@@ -7,14 +7,14 @@ from typing import Self
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.errors import MeshFileError
-from sdm_deflect.deform.base.states import States, check_unchanged
-from sdm_deflect.deform.base.threads import HERE, Progress, Runner, silent
-from sdm_deflect.deform.mesh.cells import CORNERS, MIRRORED, PLANE, Cells
-from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra
+from sdm_deflect.base.arrays import FloatArray, IntArray
+from sdm_deflect.base.errors import MeshFileError
+from sdm_deflect.base.states import States, check_unchanged
+from sdm_deflect.base.threads import HERE, Progress, Runner, silent
+from sdm_deflect.meshing.errors import about
+from sdm_deflect.meshing.mesh.cells import CORNERS, MIRRORED, PLANE, Cells
+from sdm_deflect.meshing.mesh.polyhedra import SomePolyhedra
 
-from .format import about
 from .rewriting import Change, rewritten
 from .shapes import AXES, SAMPLE, left_handed
 from .tables import Array, FileTable, Held, Joined

@@ -10,10 +10,9 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.base.arrays import IntArray
-from sdm_deflect.deform.base.errors import MeshFileError, write_errors
-
-from .format import about
+from sdm_deflect.base.arrays import IntArray
+from sdm_deflect.base.errors import MeshFileError, write_errors
+from sdm_deflect.meshing.errors import about
 
 SMALL = 1 << 26
 """Largest bytes of a table that is read whole even for a few rows."""

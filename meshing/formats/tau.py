@@ -12,15 +12,15 @@ from typing import Any, NamedTuple
 import h5py
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.errors import MeshFileError
-from sdm_deflect.deform.base.files import fresh
-from sdm_deflect.deform.base.threads import Progress, silent
-from sdm_deflect.deform.mesh.cells import CORNERS, MIRRORED, Cells, Patch, Zone
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.pieces import MeshInPieces
+from sdm_deflect.base.arrays import FloatArray, IntArray
+from sdm_deflect.base.errors import MeshFileError
+from sdm_deflect.base.files import fresh
+from sdm_deflect.base.threads import Progress, silent
+from sdm_deflect.meshing.errors import about, check_points
+from sdm_deflect.meshing.mesh.cells import CORNERS, MIRRORED, Cells, Patch, Zone
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.pieces import MeshInPieces
 
-from .format import about, check_points
 from .hdf5 import DAMAGE, Replaced, Span, damage, dataset, spans
 from .known import registered
 from .layout import Format

@@ -11,17 +11,18 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.errors import MeshFileError
-from sdm_deflect.deform.base.files import fresh
-from sdm_deflect.deform.base.threads import HERE, Progress, Runner, silent
-from sdm_deflect.deform.mesh.cells import CORNERS, MIRRORED, Cells, Patch, Zone
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.pieces import MeshInPieces
+from sdm_deflect.base.arrays import FloatArray, IntArray
+from sdm_deflect.base.errors import MeshFileError
+from sdm_deflect.base.files import fresh
+from sdm_deflect.base.threads import HERE, Progress, Runner, silent
+from sdm_deflect.meshing.errors import about, check_points
+from sdm_deflect.meshing.mesh.cells import CORNERS, MIRRORED, Cells, Patch, Zone
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.pieces import MeshInPieces
+from sdm_deflect.meshing.mesh.precision import fewest_bits
 
-from .format import about, check_points, fewest_bits, fitting_names
 from .known import registered
-from .layout import Format
+from .layout import Format, fitting_names
 from .numbers import copy_text
 from .polyhedra import standard_cells
 from .shapes import refuse_plane, simple_faces

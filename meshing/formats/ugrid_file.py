@@ -15,9 +15,9 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.errors import MeshFileError
-from sdm_deflect.deform.mesh.cells import CORNERS
+from sdm_deflect.base.arrays import FloatArray
+from sdm_deflect.base.errors import MeshFileError
+from sdm_deflect.meshing.mesh.cells import CORNERS
 
 from .numbers import NumberLines, Placed, chunks, numbers, table
 from .tables import FileTable, Held

@@ -16,17 +16,17 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray, distinct
-from sdm_deflect.deform.base.errors import MeshFileError, short_list
-from sdm_deflect.deform.base.files import fresh
-from sdm_deflect.deform.base.threads import Progress, silent
-from sdm_deflect.deform.base.unpacking import check_unpacked
-from sdm_deflect.deform.mesh.cells import CORNERS, Cells, Patch, Polygons, Polyhedra
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import quality_of
-from sdm_deflect.meshing.mesh import CAD_FACE, VOLUME, Skin, skin, tetrahedral
+from sdm_deflect.base.arrays import FloatArray, IntArray, distinct
+from sdm_deflect.base.errors import MeshFileError, short_list
+from sdm_deflect.base.files import fresh
+from sdm_deflect.base.threads import Progress, silent
+from sdm_deflect.base.unpacking import check_unpacked
+from sdm_deflect.meshing.errors import about, check_points
+from sdm_deflect.meshing.mesh.cells import CORNERS, Cells, Patch, Polygons, Polyhedra
+from sdm_deflect.meshing.mesh.labelled import CAD_FACE, VOLUME, Skin, skin, tetrahedral
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.quality import quality_of
 
-from .format import about, check_points
 from .known import registered
 from .layout import Format
 from .polyhedra import faces_by_cell, polyhedra

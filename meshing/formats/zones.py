@@ -10,11 +10,11 @@ from typing import TypeVar
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray, union
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.cells import Cells, Constraint, Patch, Periodic, Polygons, Polyhedra, Zone, take_faces
-from sdm_deflect.deform.mesh.images import fit_motion, tolerance
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, union
+from sdm_deflect.base.errors import InputError
+from sdm_deflect.meshing.mesh.cells import Cells, Constraint, Patch, Periodic, Polygons, Polyhedra, Zone, take_faces
+from sdm_deflect.meshing.mesh.images import fit_motion, tolerance
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 from .shapes import Faces, chosen
 

@@ -9,12 +9,12 @@ from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkCommonCore import VTK_ID_TYPE, reference, vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkGenericCell, vtkPolyData, vtkStaticCellLocator
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import signed_volumes
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.child import MeshingError
-from sdm_deflect.meshing.mesh import Skin, tetrahedral
+from sdm_deflect.meshing.mesh.labelled import Skin, tetrahedral
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.quality import signed_volumes
 
 from .attachment import TRIANGLE_EDGES, CellFaces, attach, cell_faces, snap
 from .parameters import FAR_FIELD

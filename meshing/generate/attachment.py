@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.mesh import skin, tets_of
+from sdm_deflect.base.arrays import FloatArray, IntArray
+from sdm_deflect.meshing.mesh.labelled import skin, tets_of
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 if TYPE_CHECKING:
     from sdm_deflect.geometry.model import CadModel

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.threads import Progress, silent
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.base.arrays import FloatArray, IntArray
+from sdm_deflect.base.threads import Progress, silent
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.child import LateError, MeshingError
-from sdm_deflect.meshing.mesh import Skin, skin, tetrahedral, tets_of
+from sdm_deflect.meshing.mesh.labelled import Skin, skin, tetrahedral, tets_of
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 from .assembly import assemble
 from .attachment import TET_EDGES, TRIANGLE_EDGES, attach, encode, snap

@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import signed_volumes
+from sdm_deflect.base.arrays import FloatArray, IntArray
 from sdm_deflect.meshing import child
 from sdm_deflect.meshing.child import MeshingError
-from sdm_deflect.meshing.mesh import skin, tets_of
+from sdm_deflect.meshing.mesh.labelled import skin, tets_of
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.quality import signed_volumes
 
 if TYPE_CHECKING:
     from sdm_deflect.geometry.model import CadModel

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pymeshlab
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.meshing.child import Arrays, serve
 
 Question = Mapping[str, Any]

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import Delaunay, cKDTree
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.mesh.quality import signed_volumes
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.geometry.model import CadFace, CadModel
+from sdm_deflect.meshing.mesh.quality import signed_volumes
 
 from .parameters import MeshParameters
 

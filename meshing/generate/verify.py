@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import Quality, mean_ratio, summarise
-from sdm_deflect.meshing.mesh import FREE_FORM, skin, tets_of
+from sdm_deflect.base.arrays import FloatArray
+from sdm_deflect.meshing.mesh.labelled import FREE_FORM, skin, tets_of
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.quality import Quality, mean_ratio, summarise
 
 from .attachment import Attachment, attach, boundary_failures
 from .meshlab import meshlab_failures

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.errors import write_errors
-from sdm_deflect.deform.base.files import hidden_folder
-from sdm_deflect.deform.mesh.quality import signed_volumes
+from sdm_deflect.base.arrays import FloatArray, IntArray
+from sdm_deflect.base.errors import write_errors
+from sdm_deflect.base.files import hidden_folder
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing import child
 from sdm_deflect.meshing.child import MeshingError
+from sdm_deflect.meshing.mesh.quality import signed_volumes
 
 from .parameters import MeshParameters
 from .sizing import SizeField, background, seeds

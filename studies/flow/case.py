@@ -3,13 +3,13 @@
 from dataclasses import replace
 from pathlib import Path
 
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.geometry.datum import SURFACES, hinge_line
 from sdm_deflect.geometry.parameters import Fighter, reference_values
-from sdm_deflect.meshing.formats.format import fitting_names
+from sdm_deflect.meshing.formats.layout import fitting_names
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of
 from sdm_deflect.meshing.formats.su2 import PARALLEL, UNFIT
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from studies.flow.openfoam import write_case
 from studies.flow.setup import FreeStream, Hinge, Setup
 from studies.flow.su2 import check_name, configuration

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import KDTree
 
-from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.base.arrays import FloatArray
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.meshing.formats.openfoam import CLASSES, header
 
 STARTED = ("U", "p", "T")

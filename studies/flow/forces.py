@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.base.arrays import FloatArray, IntArray
+from sdm_deflect.base.errors import InputError
 from studies.flow.setup import Hinge, Setup
 
 REPORTS = Path("postProcessing")

@@ -6,21 +6,21 @@ from pathlib import Path
 
 import numpy as np
 
+from sdm_deflect.base.arrays import FloatArray
+from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.threads import Progress
 from sdm_deflect.cases.aircraft.case import Case
 from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.pipeline import cached_mesh, mesh_of_case
 from sdm_deflect.cases.aircraft.reference import surface_turns
 from sdm_deflect.cases.run.progress import Stopwatch
-from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.threads import Progress
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.options import RepairMode
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.geometry.deflected import CadTurn
 from sdm_deflect.geometry.parameters import LARGEST_TURN
-from sdm_deflect.meshing.mesh import tets_of
+from sdm_deflect.meshing.mesh.labelled import tets_of
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.quality import mean_ratio
 from studies.flow.case import setup_of
 from studies.flow.openfoam import write_case
 from studies.flow.setup import FreeStream, Setup

@@ -10,7 +10,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.base.arrays import FloatArray, IntArray
 from sdm_deflect.meshing.formats.openfoam_files import MESH, faces, labels, open_foam, parse, vectors
 from studies.flow.fields import iterations_done, read_field
 from studies.flow.forces import Forces, coefficients

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy import stats
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.base.arrays import FloatArray, IntArray
 from studies.flow.forces import LIFT, PITCH, ROLL, YAW, Forces, coefficients, hinge_moment
 from studies.flow.members import DEFLECTED, FRESH, FRESH_DEFLECTED, REPAIRED, UNDEFLECTED, FlowStudy, Member
 from studies.flow.openfoam import WHOLE

@@ -7,10 +7,10 @@ from typing import Literal
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.base.arrays import FloatArray, IntArray
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.meshing.formats.openfoam import FLAT, count_sides, kind_of, touches_sides
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 GAMMA, GAS = 1.4, 287.058
 """Ratio of specific heats, and the gas constant (J/kg/K), of air."""

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
+from sdm_deflect.base.arrays import FloatArray
+from sdm_deflect.base.errors import InputError, LostError
+from sdm_deflect.base.files import replacing
+from sdm_deflect.base.threads import Progress
 from sdm_deflect.cases.run.progress import Stopwatch
-from sdm_deflect.deform.base.arrays import FloatArray
-from sdm_deflect.deform.base.errors import InputError, LostError
-from sdm_deflect.deform.base.files import replacing
-from sdm_deflect.deform.base.threads import Progress
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.mesh import tets_of
+from sdm_deflect.meshing.mesh.labelled import tets_of
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from studies.flow.fields import iterations_done, start_from
 from studies.flow.members import (
     DEFLECTED,

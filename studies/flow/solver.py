@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from sdm_deflect.deform.base.errors import InputError, LostError
+from sdm_deflect.base.errors import InputError, LostError
 from sdm_deflect.meshing.child import CHILD
 
 HOME = "/usr/share/openfoam"

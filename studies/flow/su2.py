@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.base.errors import InputError
 from studies.flow.setup import Hinge, Kind, Setup
 
 CONFIG = """% Written by sdm-deflect. Run: SU2_CFD {config}; in parallel: mpirun -np 2 SU2_CFD {config}

@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.threads import silent
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.progress import Stopwatch
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.threads import silent
-from sdm_deflect.deform.mesh.axis import Axis, Cylinder
 from sdm_deflect.deform.rbf.data_sites import DataSites
 from sdm_deflect.deform.rbf.greedy import Stop, adapt
 from sdm_deflect.deform.rbf.interpolant import direct
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.rbf.rules import GreedyOptions, Worst
+from sdm_deflect.meshing.mesh.axis import Axis, Cylinder
 from studies import centres, figures
 from studies.figures import judged
 from studies.files import read_rows

@@ -8,8 +8,8 @@ import pytest
 
 from sdm_deflect.cases.report.pictures import write_png
 from sdm_deflect.cases.report.slices import BLUE, MAGENTA, ORANGE, QUALITY_RANGE, patch_colour
-from sdm_deflect.deform.mesh.quality import signed_volumes
-from sdm_deflect.meshing.mesh import tets_of
+from sdm_deflect.meshing.mesh.labelled import tets_of
+from sdm_deflect.meshing.mesh.quality import signed_volumes
 from studies import pictures as aircraft
 from studies.pictures import cells_by_quality, histograms, shell
 from studies.rendering import figure_of, quality_rgb, rendered

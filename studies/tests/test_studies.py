@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from sdm_deflect.base.threads import silent
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.deform.base.threads import silent
 from sdm_deflect.deform.rbf.data_sites import DataSites
 from sdm_deflect.deform.rbf.rules import GreedyOptions
 from studies.files import FIELDS, sizes, write_study

@@ -7,8 +7,8 @@ import pytest
 
 import sdm_deflect
 from sdm_deflect import Blended, Hexahedron, InputError, OnPatches, Rotation, deflect
-from sdm_deflect.deform.mesh.cells import Cells
 from sdm_deflect.meshing.formats.registry import format_of
+from sdm_deflect.meshing.mesh.cells import Cells
 from tests.limits import limited
 
 HINGE = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]

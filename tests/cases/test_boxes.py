@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import sdm_deflect
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.cases.cli.commands import carry_out as main
 from sdm_deflect.cases.report.finished import FinishedRun
-from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.meshing.formats.registry import format_of
 from tests.deform.blocks import two_bodies
 

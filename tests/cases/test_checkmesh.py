@@ -10,13 +10,13 @@ from scipy.spatial.transform import Rotation
 from sdm_deflect.cases.run.inspection import file_figures, inspect
 from sdm_deflect.cases.run.metrics import deflection_figures, face_rows
 from sdm_deflect.deform.checks import checks_of
-from sdm_deflect.deform.mesh.cells import Cells, Patch, Periodic
-from sdm_deflect.deform.mesh.faces import FACES as OF_SHAPES
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.orthogonality import TouchedFaces, face_quality
-from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.polyhedra import polyhedral_cells
+from sdm_deflect.meshing.mesh.cells import Cells, Patch, Periodic
+from sdm_deflect.meshing.mesh.faces import FACES as OF_SHAPES
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.orthogonality import TouchedFaces, face_quality
+from sdm_deflect.meshing.mesh.touched import TouchedCells
 from tests.cases import foam
 from tests.cases.snappy import CONTROL
 from tests.deform.blocks import block_with_body, grid

@@ -23,11 +23,11 @@ import pytest
 from distributed import Client, Security
 
 from benchmarks.large_block import write_block
+from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.threads import HERE
 from sdm_deflect.cases.run import cluster, deflect_file
 from sdm_deflect.cases.run.cluster import Cluster, workers
 from sdm_deflect.cases.run.progress import Stopwatch
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.threads import HERE
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.volume.step import evaluate

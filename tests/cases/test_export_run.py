@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from click import BadParameter
 
+from sdm_deflect.base.errors import MeshFileError
 from sdm_deflect.cases.cli.commands import cli
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.finished import export_run
-from sdm_deflect.deform.base.errors import MeshFileError
-from sdm_deflect.deform.mesh.cells import Polyhedra
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.known import writable
 from sdm_deflect.meshing.formats.openfoam import MESH
 from sdm_deflect.meshing.formats.registry import FORMATS
-from sdm_deflect.meshing.mesh import Skin, tetrahedral
+from sdm_deflect.meshing.mesh.cells import Polyhedra
+from sdm_deflect.meshing.mesh.labelled import Skin, tetrahedral
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.calls import files_of_at_most
 from tests.deform.blocks import block_with_body
 

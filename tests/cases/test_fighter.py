@@ -11,9 +11,9 @@ from sdm_deflect import read
 from sdm_deflect.cases.aircraft.pipeline import mesh_of_case
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.progress import Stopwatch
-from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.geometry import datum
-from sdm_deflect.meshing.mesh import tets_of, triangles_of
+from sdm_deflect.meshing.mesh.labelled import tets_of, triangles_of
+from sdm_deflect.meshing.mesh.quality import mean_ratio
 from tests import calls
 from tests.kept_meshes import EXAMPLE
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from sdm_deflect import plan
-from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.openfoam import OpenFoam, write_files, write_list
+from sdm_deflect.meshing.mesh.cells import Cells, Patch
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.cases import foam
 
 REYNOLDS, INCIDENCE, ANGLE, STEP = 200, 3.0, 1.0, 0.25

@@ -7,9 +7,9 @@ import shutil
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.registry import format_of
+from sdm_deflect.meshing.mesh.cells import Cells, Patch
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.deform.blocks import block_with_body
 from tests.deform.plates import plate
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.mesh.cells import MIRRORED, Cells
-from sdm_deflect.deform.mesh.quality import one_hand
+from sdm_deflect.meshing.mesh.cells import MIRRORED, Cells
+from sdm_deflect.meshing.mesh.quality import one_hand
 from tests.deform.blocks import block_with_body
 from tests.deform.jobs import turn
 

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.threads import Threads
-from sdm_deflect.deform.mesh import polyhedra
-from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.base.threads import Threads
 from sdm_deflect.deform.volume import excerpt
 from sdm_deflect.meshing.formats import openfoam_pieces, rewriting, tables
 from sdm_deflect.meshing.formats.registry import format_of, in_pieces
 from sdm_deflect.meshing.formats.shapes import mirror_nodes
+from sdm_deflect.meshing.mesh import polyhedra
+from sdm_deflect.meshing.mesh.cells import Cells, Patch
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.deform.blocks import two_bodies
 from tests.limits import limited
 from tests.meshing.formats.gmsh_files import gmsh_data

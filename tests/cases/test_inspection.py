@@ -7,14 +7,14 @@ import re
 import numpy as np
 import pytest
 
+from sdm_deflect.base.errors import InputError, MeshFileError
 from sdm_deflect.cases.run.inspection import file_figures, inspect
-from sdm_deflect.deform.base.errors import InputError, MeshFileError
-from sdm_deflect.deform.mesh.cells import Cells
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import MEASURES, mean_ratio
 from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.known import writable
 from sdm_deflect.meshing.formats.registry import FORMATS, read
+from sdm_deflect.meshing.mesh.cells import Cells
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.quality import MEASURES, mean_ratio
 from tests.meshing.formats.examples import grid, hybrid, polyhedral
 
 SHAPES = (("tetrahedra", 4), ("hexahedra", 1), ("prisms", 1), ("pyramids", 1))

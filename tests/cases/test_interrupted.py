@@ -10,7 +10,7 @@ import time
 
 import pytest
 
-from sdm_deflect.deform.base.errors import REQUESTS
+from sdm_deflect.base.errors import REQUESTS
 
 UNCHANGED = "interrupted; earlier results are as they were\n"
 
@@ -22,7 +22,7 @@ import sys, time
 from pathlib import Path
 from sdm_deflect.cases import cli
 from sdm_deflect.cases.cli import commands
-from sdm_deflect.deform.base import files
+from sdm_deflect.base import files
 
 def work():
     print(1, flush=True)

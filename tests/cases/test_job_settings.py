@@ -6,6 +6,7 @@ from tomllib import loads
 import numpy as np
 import pytest
 
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.cases.settings.conversion import structure, to_toml
 from sdm_deflect.cases.settings.job_settings import (
     JobSettings,
@@ -16,7 +17,6 @@ from sdm_deflect.cases.settings.job_settings import (
     with_options,
 )
 from sdm_deflect.cases.settings.jobs import jobs_of, swept
-from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.box.automatic import Automatic
 from sdm_deflect.deform.box.hexahedron import box
 from sdm_deflect.deform.surface.blended import Blended

@@ -10,12 +10,12 @@ import pytest
 from scipy.io import netcdf_file
 
 from sdm_deflect import deflect, read
+from sdm_deflect.base.errors import InputError, MeshFileError
 from sdm_deflect.cases.run import deflect_file as command
 from sdm_deflect.cases.run.mesh_files import Targets
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.cases.settings.job_settings import settings_of
 from sdm_deflect.cases.settings.jobs import jobs_of
-from sdm_deflect.deform.base.errors import InputError, MeshFileError
 from sdm_deflect.deform.checks import layer_change
 from sdm_deflect.meshing.formats.openfoam import MESH, write_list
 from sdm_deflect.meshing.formats.registry import format_of, known_format

@@ -7,9 +7,9 @@ import h5py
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.registry import format_of
+from sdm_deflect.meshing.mesh.cells import Cells, Patch
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.deform.blocks import FACES, SIDES, block_with_body, grid, joined
 
 TURN = ["--hinge", "0,-0.5,0", "0,0.5,0", "--angle", "5", "--no-report", "--json"]

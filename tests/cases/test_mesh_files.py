@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import pyvista as pv
 
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.cases.run.mesh_files import Targets, inputs_of, write_mesh, write_sensitivity
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.quality import quality_of
 from sdm_deflect.meshing.formats.registry import FORMATS, read
+from sdm_deflect.meshing.mesh.quality import quality_of
 from tests.meshing.formats.examples import hybrid
 
 

@@ -10,6 +10,7 @@ from itertools import chain
 import numpy as np
 import pytest
 
+from sdm_deflect.base.errors import InputError, MeshFileError
 from sdm_deflect.cases.report import folder as folders
 from sdm_deflect.cases.report.data import MESH_UNITS, METRES, in_view
 from sdm_deflect.cases.report.finished import FinishedRun
@@ -20,17 +21,16 @@ from sdm_deflect.cases.report.slices import CutPlane, by_size, cut_cells, cut_wa
 from sdm_deflect.cases.report.turnable import TABLES, _corners, turnable
 from sdm_deflect.cases.run.output import RUN, check_installed
 from sdm_deflect.cases.settings.jobs import jobs_of
-from sdm_deflect.deform.base.errors import InputError, MeshFileError
 from sdm_deflect.deform.checks import checks_of
-from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import quality_of
 from sdm_deflect.deform.surface.motions import Moving, Rotation
 from sdm_deflect.deform.surface.surface import name_of
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.meshing.formats.registry import format_of
+from sdm_deflect.meshing.mesh.cells import Cells, Patch
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.quality import quality_of
 from tests.deform.blocks import block_with_body
 from tests.limits import limited
 from tests.meshing.formats.examples import hybrid, polyhedral

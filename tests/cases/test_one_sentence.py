@@ -8,8 +8,8 @@ import pytest
 import sdm_deflect as sd
 from sdm_deflect import InputError
 from sdm_deflect.cases.run.metrics import travels
-from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.cells import Cells, Patch
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.deform.blocks import block_with_body, joined, two_bodies
 from tests.deform.test_held import SLAT_AND_FLAP
 

@@ -6,8 +6,8 @@ import os
 import numpy as np
 import pytest
 
+from sdm_deflect.base import files
 from sdm_deflect.cases.cli import examination as doctor
-from sdm_deflect.deform.base import files
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.registry import FORMATS
 from tests.deform.blocks import block_with_body

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.mesh.images import PeriodicPatches
-from sdm_deflect.deform.mesh.images import pair_patches as with_pairs
 from sdm_deflect.meshing.formats.registry import FORMATS, read
+from sdm_deflect.meshing.mesh.images import PeriodicPatches
+from sdm_deflect.meshing.mesh.images import pair_patches as with_pairs
 from tests.calls import sdm
 from tests.deform import paired
 

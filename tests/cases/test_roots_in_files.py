@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import sdm_deflect as sd
-from sdm_deflect.deform.mesh.cells import Cells, Patch
 from sdm_deflect.meshing.formats.known import writable
 from sdm_deflect.meshing.formats.registry import FORMATS
+from sdm_deflect.meshing.mesh.cells import Cells, Patch
 from tests.deform.blocks import annulus_with_fin
 
 RADIAL = np.array([np.cos(0.8), np.sin(0.8), 0.0])

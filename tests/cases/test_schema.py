@@ -10,14 +10,14 @@ import pytest
 from click.testing import CliRunner
 
 import sdm_deflect
+from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.schema import GROUPS, Doc, Range, Spelling, check_settings, describe, settings_in
 from sdm_deflect.cases.aircraft.registry import resolve
 from sdm_deflect.cases.api import Options
 from sdm_deflect.cases.cli.commands import cli
 from sdm_deflect.cases.cli.options import DeflectCommand, settings_options
 from sdm_deflect.cases.settings.conversion import structure, table_of, to_toml
 from sdm_deflect.cases.settings.job_settings import BY_NAME, IN_PYTHON, JobSettings, job_settings, read_job
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.schema import GROUPS, Doc, Range, Spelling, check_settings, describe, settings_in
 from tests.derived import GUIDE, KEYWORDS, ROOT, guide, keywords
 
 MISSPELT = """

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 import sdm_deflect
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.cases.report.finished import FinishedRun
 from sdm_deflect.cases.run.inspection import file_figures, inspect
 from sdm_deflect.cases.settings.job_settings import job_settings
 from sdm_deflect.cases.settings.jobs import jobs_of, selection
 from sdm_deflect.cases.settings.spellings import selections_of
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.selection import Before, Component, Within
 from sdm_deflect.meshing.formats.registry import FORMATS, read
+from sdm_deflect.meshing.mesh.cells import Cells, Patch
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.selection import Before, Component, Within
 from tests.deform.blocks import two_bodies
 
 HINGE = ["--hinge", "1.25,-1,0", "1.25,1,0", "--angle", "6", "--quiet"]

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.cases.aircraft.registry import CASES, case_named, resolve
 from sdm_deflect.cases.settings.conversion import parse_assignments, structure, to_toml, with_values
-from sdm_deflect.deform.base.errors import InputError
 
 AILERON = CASES["aileron"]
 

@@ -10,12 +10,12 @@ import pytest
 
 from sdm_deflect.cases.api import deflect
 from sdm_deflect.cases.run.inspection import file_figures
-from sdm_deflect.deform.mesh.polyhedra import pyramids_of
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.geometry.datum import hinge_line
 from sdm_deflect.geometry.parameters import Fighter
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
+from sdm_deflect.meshing.mesh.polyhedra import pyramids_of
 from tests.cases import foam, snappy
 from tests.cases.snappy import SURFACE
 

@@ -6,13 +6,13 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.threads import unseen
 from sdm_deflect.cases.cli.console import WIDTH, check_table, console
 from sdm_deflect.cases.cli.options import print_tables
 from sdm_deflect.cases.cli.run import case_table
 from sdm_deflect.cases.finished import read_run
 from sdm_deflect.cases.run.progress import Stopwatch, lines, show_stages
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.threads import unseen
 from sdm_deflect.deform.checks import Check
 
 ESCAPE = "\x1b"

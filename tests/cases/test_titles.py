@@ -12,12 +12,12 @@ from sdm_deflect import InputError, deflect, read
 from sdm_deflect import plan as make_plan
 from sdm_deflect.cases.settings.job_settings import settings_of
 from sdm_deflect.cases.settings.jobs import swept
-from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.surface.motions import Table
 from sdm_deflect.deform.surface.tracks import Track
 from sdm_deflect.meshing.formats.cgns_nodes import create
 from sdm_deflect.meshing.formats.cgns_read import base_of
 from sdm_deflect.meshing.formats.registry import FORMATS
+from sdm_deflect.meshing.mesh.axis import Axis
 from tests.cases.test_gradient import exact, folder, objective, refused, to_table  # noqa: F401
 from tests.deform.blocks import block_with_body, joined, two_bodies
 from tests.deform.plates import plate

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.cases.api import deflect, plan, sweep
 from sdm_deflect.cases.cli.commands import cli
 from sdm_deflect.cases.settings.job_settings import settings_of
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.surface.tracks import Track, TrackLaw
 from sdm_deflect.meshing.formats.registry import FORMATS, read
+from sdm_deflect.meshing.mesh.axis import Axis
 from tests.deform.plates import plate
 
 HINGE = (0.0, -0.7)

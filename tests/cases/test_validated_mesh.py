@@ -6,9 +6,9 @@ import shutil
 import numpy as np
 import pytest
 
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.cases.cli.commands import carry_out as main
 from sdm_deflect.cases.finished import read_run
-from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.meshing.formats.registry import format_of
 from tests.limits import limited
 from tests.meshing.formats.wing import wing

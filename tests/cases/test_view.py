@@ -10,8 +10,8 @@ import pytest
 
 from sdm_deflect import deflect, plan
 from sdm_deflect.cases.run.mesh_files import write_mesh
-from sdm_deflect.deform.mesh.cells import Cells
-from sdm_deflect.deform.mesh.quality import quality_of
+from sdm_deflect.meshing.mesh.cells import Cells
+from sdm_deflect.meshing.mesh.quality import quality_of
 from tests.cases.accessible import found, grave, rules
 from tests.deform.blocks import two_bodies
 from tests.deform.plates import plate

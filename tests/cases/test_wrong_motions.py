@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.cases.api import deflect, plan, sweep
-from sdm_deflect.deform.base.errors import InputError
 from tests.deform.blocks import two_bodies
 from tests.deform.plates import plate
 

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 
 import sdm_deflect as sd
+from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.schema import inline_in, settings_in
 from sdm_deflect.cases.aircraft.registry import case_named, resolve
 from sdm_deflect.cases.api import deflect, read, sweep
 from sdm_deflect.cases.cli.deflect import deflect as command
 from sdm_deflect.cases.run import cluster
 from sdm_deflect.cases.settings.conversion import to_toml
 from sdm_deflect.cases.settings.job_settings import BY_NAME, SectionSettings, read_job
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.schema import inline_in, settings_in
-from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.registry import FORMATS
+from sdm_deflect.meshing.mesh.cells import Cells, Patch
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 HINGE = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
 NAN, INF = float("nan"), float("inf")

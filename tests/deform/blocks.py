@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from sdm_deflect.deform.mesh.cells import Cells, Patch, Zone
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.cells import Cells, Patch, Zone
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 
 def grid(low, high, counts):

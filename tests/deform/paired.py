@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import KDTree
 
-from sdm_deflect.deform.mesh.cells import Cells, Patch, Periodic
-from sdm_deflect.deform.mesh.images import THIN
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.openfoam import BARE, write_files, write_mesh
 from sdm_deflect.meshing.formats.openfoam_files import MESH
+from sdm_deflect.meshing.mesh.cells import Cells, Patch, Periodic
+from sdm_deflect.meshing.mesh.images import THIN
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.deform.blocks import FACES, grid
 
 

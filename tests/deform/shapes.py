@@ -4,12 +4,12 @@ from itertools import permutations
 
 import numpy as np
 
-from sdm_deflect.deform.mesh.cells import Cells, Patch, Polygons, Polyhedra
-from sdm_deflect.deform.mesh.faces import FACE_SHAPES, FACES
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.cells import Cells, Patch, Polygons, Polyhedra
+from sdm_deflect.meshing.mesh.faces import FACE_SHAPES, FACES
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.deform.blocks import SIDES, block_with_body
-from tests.deform.repair.meshes import CORNER
 from tests.meshing.formats.examples import polyhedral
+from tests.meshing.repair.meshes import CORNER
 
 HALVES = [[0, 1, 2, 4, 5, 6], [0, 2, 3, 4, 6, 7]]
 SHAPES = ("tetra", "hexahedron", "wedge", "pyramid", "polyhedron")

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.faces import FACE_SHAPES, FACES
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.cells import Cells, Patch
+from sdm_deflect.meshing.mesh.faces import FACE_SHAPES, FACES
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 
 def inner_faces(mesh: Mesh, inside) -> Cells:

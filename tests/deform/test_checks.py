@@ -8,15 +8,15 @@ import pytest
 
 from sdm_deflect.deform.checks import Check, checks_of, site_error, worst
 from sdm_deflect.deform.checks import verdict as total_verdict
-from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.quality import inverted_of
 from sdm_deflect.deform.rbf.fitting import Fitting
 from sdm_deflect.deform.volume.deflection import Deflection, deflect
 from sdm_deflect.deform.volume.plan import Plan
+from sdm_deflect.meshing.mesh.cells import Cells, Patch
+from sdm_deflect.meshing.mesh.quality import inverted_of
 from tests.deform.blocks import block_with_body
 from tests.deform.jobs import WING, job, placed, turn
-from tests.deform.test_quality import as_polyhedra
 from tests.meshing.formats.wing import wing
+from tests.meshing.mesh.test_quality import as_polyhedra
 
 TIGHT = [[-1.2, -1.2, -1.2], [1.2, 1.2, 1.2]]
 

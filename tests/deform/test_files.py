@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from sdm_deflect.base import files
+from sdm_deflect.base.errors import REQUESTS, MeshFileError
+from sdm_deflect.base.files import END, NAME, fresh, hidden_folder, permitted_as, replacing, replacing_files
 from sdm_deflect.cases.cli import examination
-from sdm_deflect.deform.base import files
-from sdm_deflect.deform.base.errors import REQUESTS, MeshFileError
-from sdm_deflect.deform.base.files import END, NAME, fresh, hidden_folder, permitted_as, replacing, replacing_files
 
 STALE = ("page.html", "figures/old*.png")
 OLD = {"page.html": "old", "figures/old1.png": "old", "figures/mine.png": "mine", "notes.txt": "mine", "data": "old"}

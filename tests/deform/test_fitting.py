@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.schema import Range, settings_in
+from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.schema import Range, settings_in
 from sdm_deflect.deform.rbf.fitting import Fitting
 
 LEAST = {name: setting.note(Range).low for name, setting in settings_in(Fitting).items() if setting.note(Range)}

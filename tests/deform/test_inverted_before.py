@@ -7,15 +7,15 @@ import pytest
 
 from sdm_deflect.deform.box.automatic import Given
 from sdm_deflect.deform.checks import checks_of
-from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.compiled_quality import CORNERS
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.options import Repair
 from sdm_deflect.deform.surface.motions import Moving, Table
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.plan import Plan
+from sdm_deflect.meshing.mesh.cells import Cells, Patch
+from sdm_deflect.meshing.mesh.compiled_quality import CORNERS
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.deform.blocks import FACES, grid
 from tests.deform.jobs import placed
 from tests.deform.volume.test_excerpt import Elsewhere, in_pieces

@@ -7,8 +7,8 @@ import zipfile
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.unpacking import ALWAYS, RATIO_VARIABLE, check_unpacked, read_arrays, unpack_limit
+from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.unpacking import ALWAYS, RATIO_VARIABLE, check_unpacked, read_arrays, unpack_limit
 
 
 def test_data_of_a_file_may_take_so_much_memory_and_more_if_the_user_says_so(monkeypatch):

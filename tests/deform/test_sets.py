@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.arrays import count_distinct, distinct
+from sdm_deflect.base.arrays import count_distinct, distinct
 
 
 @pytest.mark.parametrize("size", [0, 1, 2, 50])

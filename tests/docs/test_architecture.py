@@ -32,7 +32,7 @@ def test_every_file_of_the_page_is_there():
 
 def test_every_room_is_on_the_map_and_is_there():
     named = {name for cell in rows(PAGE.partition("## One deflection")[0]) for name in re.findall(r"`([\w.]+)`", cell)}
-    places = {name: ROOT / name.replace(".", "/") for name in named}
+    places = {name: (ROOT if "." in name else ROOT / "sdm_deflect") / name.replace(".", "/") for name in named}
     assert [name for name, place in places.items() if not (place.is_dir() or place.with_suffix(".py").is_file())] == []
     folders = {
         f"{top}.{folder.name}"

@@ -5,7 +5,7 @@ import re
 
 from tests.docs.commands import ROOT
 
-PRODUCT = ("geometry", "meshing", "deform", "cases")
+PRODUCT = ("sdm_deflect", "geometry", "meshing", "deform", "cases")
 ERRORS = re.compile("[A-Za-z]+Error|KeyboardInterrupt")
 """Errors, which a docstring may name without backticks: they are what it raises."""
 TYPES = ("CadFace", "CadEdge")

@@ -18,7 +18,7 @@ from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Rotation, Table
 from sdm_deflect.deform.surface.surface import OnPatches
 from sdm_deflect.deform.volume.deflection import deflect as carried_out
-from sdm_deflect.meshing.mesh import Skin, tetrahedral
+from sdm_deflect.meshing.mesh.labelled import Skin, tetrahedral
 from tests.meshing.formats.wing import wing
 
 SAME = 1e-10  # m

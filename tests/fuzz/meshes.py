@@ -8,13 +8,13 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats import openfoam_files as foam
 from sdm_deflect.meshing.formats.cgns_nodes import create
 from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.formats.ugrid_file import ENCODINGS
 from sdm_deflect.meshing.formats.zones import with_pairs
+from sdm_deflect.meshing.mesh.cells import Cells, Patch
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.deform.blocks import block_with_body
 from tests.fuzz.inputs import Input, of_path
 from tests.meshing.formats.blocks import in_a_layer, two_blocks, write_blocks

@@ -18,7 +18,7 @@ from typing import Any
 
 import click
 
-from sdm_deflect.deform.base.schema import Range, settings_in
+from sdm_deflect.base.schema import Range, settings_in
 
 CASES = ("aileron", "tail")
 TABLES = ("fuselage", "canopy", "inlet", "pedestal", "strake", "wing", "aileron", "tail", "ventral", "fin", "rudder")

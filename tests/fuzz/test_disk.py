@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from sdm_deflect.deform.base.files import NAME
+from sdm_deflect.base.files import NAME
 from sdm_deflect.meshing.formats.known import writable
 from sdm_deflect.meshing.formats.registry import FORMATS
 from tests.meshing.formats.wing import wing

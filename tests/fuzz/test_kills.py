@@ -20,9 +20,9 @@ from random import Random
 import psutil
 import pytest
 
+from sdm_deflect.base.errors import REQUESTS
+from sdm_deflect.base.files import NAME, OLD
 from sdm_deflect.cases.cli import examination
-from sdm_deflect.deform.base.errors import REQUESTS
-from sdm_deflect.deform.base.files import NAME, OLD
 from sdm_deflect.meshing.formats.registry import FORMATS
 from tests.meshing.formats.wing import wing
 
@@ -45,7 +45,7 @@ COMMANDS = {
 ALONE = "from sdm_deflect.cases.cli import main; main()"
 WITHOUT = """
 from types import SimpleNamespace
-from sdm_deflect.deform.base import files
+from sdm_deflect.base import files
 files.ctypes = SimpleNamespace(CDLL=str)
 """
 EXCHANGES = {"exchange": "", "two renames": WITHOUT}

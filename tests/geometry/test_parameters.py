@@ -5,7 +5,7 @@ from math import inf
 
 import pytest
 
-from sdm_deflect.deform.base.schema import Range, settings_in
+from sdm_deflect.base.schema import Range, settings_in
 from sdm_deflect.geometry.parameters import (
     Aileron,
     Fighter,

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.registry import FORMATS
+from sdm_deflect.meshing.mesh.cells import Cells, Patch
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.deform import paired
 from tests.deform.blocks import block_with_body
 from tests.golden.commands import WRITTEN

@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.mesh import Skin, tetrahedral
+from sdm_deflect.meshing.mesh.labelled import Skin, tetrahedral
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 
 def grid_mesh(cells: int = 3) -> Mesh:

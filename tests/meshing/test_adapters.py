@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 import pyvista as pv
 
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.cases.api import deflect
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.adapters import accept
-from sdm_deflect.meshing.mesh import Skin, tetrahedral
+from sdm_deflect.meshing.mesh.labelled import Skin, tetrahedral
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.meshing.formats.examples import KINDS
 
 HINGE = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]

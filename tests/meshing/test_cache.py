@@ -4,11 +4,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.compiled import FOLDER_VARIABLE, default_folder
-from sdm_deflect.deform.base.errors import MeshFileError
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.base.compiled import FOLDER_VARIABLE, default_folder
+from sdm_deflect.base.errors import MeshFileError
 from sdm_deflect.meshing.cache import MeshCache, cache_key
-from sdm_deflect.meshing.mesh import skin, tets_of
+from sdm_deflect.meshing.mesh.labelled import skin, tets_of
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.calls import files_of_at_most
 
 

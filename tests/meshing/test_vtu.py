@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import pyvista as pv
 
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.meshing.formats.vtu import write_vtu
-from sdm_deflect.meshing.mesh import skin, tets_of
+from sdm_deflect.meshing.mesh.labelled import skin, tets_of
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.quality import mean_ratio
 
 
 def test_arrays_and_layout_are_those_of_the_contract(cube: Mesh, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import sdm_deflect
-from sdm_deflect.deform.base.errors import InputError, MeshFileError
+from sdm_deflect.base.errors import InputError, MeshFileError
 from sdm_deflect.geometry.datum import SURFACES, hinge_line
 from sdm_deflect.geometry.parameters import Fighter
 from sdm_deflect.meshing.formats.openfoam_files import MESH, open_foam, parse

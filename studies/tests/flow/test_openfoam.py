@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.errors import InputError, LostError, MeshFileError
+from sdm_deflect.base.errors import InputError, LostError, MeshFileError
 from studies.flow.fields import iterations_done, read_field, start_from
 from studies.flow.forces import Forces
 from studies.flow.openfoam import FIRST, SECOND, SOLVER, write_case, write_settings

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from scipy.stats import t
 
+from sdm_deflect.base.errors import InputError, LostError
+from sdm_deflect.base.threads import silent
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.progress import Stopwatch
-from sdm_deflect.deform.base.errors import InputError, LostError
-from sdm_deflect.deform.base.threads import silent
 from sdm_deflect.geometry.aircraft import build
 from sdm_deflect.meshing.child import MeshingError
-from sdm_deflect.meshing.mesh import triangles_of
+from sdm_deflect.meshing.mesh.labelled import triangles_of
 from studies.flow.forces import Forces
 from studies.flow.members import (
     DEFLECTED,

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.base.errors import InputError
 from studies.flow.setup import FreeStream, Hinge, Setup
 from studies.flow.su2 import check_name, configuration
 

@@ -13,9 +13,9 @@ import pyvista as pv
 
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.output import RUN
-from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.meshing.formats.vtu import read_vtu
-from sdm_deflect.meshing.mesh import tets_of
+from sdm_deflect.meshing.mesh.labelled import tets_of
+from sdm_deflect.meshing.mesh.quality import mean_ratio
 
 pytestmark = pytest.mark.mesher
 

@@ -13,7 +13,7 @@ from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.aircraft.run_folder import FinishedCase, undeflected_models
 from sdm_deflect.geometry.parameters import Aileron, Fighter
 from sdm_deflect.meshing.formats.vtu import write_vtu
-from sdm_deflect.meshing.mesh import tets_of
+from sdm_deflect.meshing.mesh.labelled import tets_of
 from tests.cases.sdm.deflected_cad import built
 from tests.labelled import changed
 

@@ -9,7 +9,7 @@ from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.aircraft.run_folder import FinishedCase, undeflected_models
 from sdm_deflect.cases.errors import is_reported
 from sdm_deflect.meshing.formats.vtu import read_vtu, write_vtu
-from sdm_deflect.meshing.mesh import tets_of
+from sdm_deflect.meshing.mesh.labelled import tets_of
 from tests.cases.sdm.deflected_cad import built
 from tests.labelled import changed
 

@@ -17,7 +17,7 @@ from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.registry import FORMATS
-from sdm_deflect.meshing.mesh import skin, tets_of
+from sdm_deflect.meshing.mesh.labelled import skin, tets_of
 from tests.cases import foam
 
 pytestmark = pytest.mark.mesher

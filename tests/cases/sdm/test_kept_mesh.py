@@ -9,7 +9,7 @@ import pytest
 from sdm_deflect.cases.aircraft import cad, pipeline
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.progress import Stopwatch
-from sdm_deflect.meshing.mesh import Skin, tetrahedral, tets_of
+from sdm_deflect.meshing.mesh.labelled import Skin, tetrahedral, tets_of
 
 
 @pytest.fixture

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sdm_deflect.base.threads import silent
 from sdm_deflect.cases.aircraft.pipeline import case_search
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.limit import STEPS, write_limits
-from sdm_deflect.deform.base.threads import silent
 from sdm_deflect.geometry.parameters import LARGEST_TURN
 from tests.pictures import pixels, share
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.cases.aircraft.case import Confinement
 from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.deform.base.errors import InputError
 
 
 @pytest.mark.mesher

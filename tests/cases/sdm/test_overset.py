@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial import Delaunay
 
 from sdm_deflect.cases.aircraft.overset import has_donor
-from sdm_deflect.meshing.mesh import Skin, tetrahedral
+from sdm_deflect.meshing.mesh.labelled import Skin, tetrahedral
 
 NOTHING = np.empty(0, dtype=np.intp)
 

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sdm_deflect.base.compiled import FOLDER_VARIABLE
+from sdm_deflect.base.errors import MeshFileError
 from sdm_deflect.cases.aircraft import reference as aircraft_reference
 from sdm_deflect.cases.aircraft.case import SurfaceTurn
 from sdm_deflect.cases.aircraft.reference import ReferenceFace, parameters, reference
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.deform.base.compiled import FOLDER_VARIABLE
-from sdm_deflect.deform.base.errors import MeshFileError
 from sdm_deflect.geometry.quantity import CadError
 from sdm_deflect.meshing.cache import cache_key
 from tests.cases.sdm.deflected_cad import built

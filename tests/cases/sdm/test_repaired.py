@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.aircraft.run_folder import FinishedCase, undeflected_models
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.meshing.formats.vtu import vtu_arrays, write_vtu
-from sdm_deflect.meshing.mesh import tets_of
+from sdm_deflect.meshing.mesh.labelled import tets_of
+from sdm_deflect.meshing.mesh.quality import mean_ratio
 from tests.cases.sdm.deflected_cad import built
 
 pytestmark = pytest.mark.mesher

@@ -10,7 +10,7 @@ from sdm_deflect.cases.aircraft.rigid import Shape, distance, parts_of
 from sdm_deflect.cases.aircraft.validation import plane_deviation, validate
 from sdm_deflect.deform.checks import Check, checks_of
 from sdm_deflect.deform.volume.deflection import Deflection, deflect
-from sdm_deflect.meshing.mesh import nodes_by_face
+from sdm_deflect.meshing.mesh.labelled import nodes_by_face
 from tests.cases.sdm.deflected_cad import built
 
 pytestmark = pytest.mark.mesher

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from sdm_deflect.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.around.addition import Acting, Addition, Kept
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.checks import checks_of
-from sdm_deflect.deform.mesh.sliding import Plane
 from sdm_deflect.deform.volume.deflection import Deflection, deflect_box
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
+from sdm_deflect.meshing.mesh.sliding import Plane
 from tests.deform.jobs import FLAP, blended, job
 
 

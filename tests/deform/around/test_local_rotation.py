@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sdm_deflect.deform.around.local_rotation import LocalRotation
-from sdm_deflect.deform.mesh.axis import Axis
+from sdm_deflect.meshing.mesh.axis import Axis
 
 rng = np.random.default_rng(4)
 POINTS = rng.random((40, 3))

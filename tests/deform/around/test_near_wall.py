@@ -5,7 +5,7 @@ import pytest
 
 from sdm_deflect.deform.around import near_wall
 from sdm_deflect.deform.around.near_wall import AROUND, RIGID, Nearby, NearWall, RigidFollow, layer_sites
-from sdm_deflect.deform.mesh.axis import Axis
+from sdm_deflect.meshing.mesh.axis import Axis
 
 rng = np.random.default_rng(6)
 BOUNDARY = rng.random((60, 3))

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.deform.box.automatic import Automatic, BoxScene, Given, frame
-from sdm_deflect.deform.mesh.axis import Axis
+from sdm_deflect.meshing.mesh.axis import Axis
 
 rng = np.random.default_rng(2)
 FLAP = rng.uniform([0, 0, -0.05], [1, 3, 0.05], (200, 3))

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.compiled import for_code
+from sdm_deflect.base.compiled import MARK, for_code
 from sdm_deflect.deform.rbf.kernels import (
     Kernel,
     MultiquadricCode,
@@ -21,6 +21,7 @@ from sdm_deflect.deform.rbf.kernels import (
 )
 
 ROOT = Path(__file__).parents[3]
+SOURCES = ("sdm_deflect", "cases", "deform", "geometry", "meshing")
 FOREIGN = """
 from typing import Any, NamedTuple
 import numpy as np
@@ -90,7 +91,9 @@ print(kernel_matrix(ThinPlateSpline(), x, x)[0, 1], sum(_matrix_rows.stats.cache
 def sums(tmp_path):
     """Run a program in a copy of the package: a sum, whether its loop was on disk, and files of compiled code there."""
     place = tmp_path / "place" / "sdm_deflect"
-    shutil.copytree(ROOT / "deform", place / "deform", ignore=shutil.ignore_patterns("__pycache__"))
+    for room in ("deform", "meshing"):
+        shutil.copytree(ROOT / room, place / room, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(ROOT / "sdm_deflect" / "base", place / "base")
     (place / "__init__.py").touch()
 
     def run(room=1 << 30, **given):
@@ -118,6 +121,43 @@ def test_machine_code_is_kept_in_the_cache_folder_for_the_sources_as_they_are(su
     kernels = sums.place / "deform" / "rbf" / "kernels.py"
     kernels.write_text(kernels.read_text().replace("return r2 * scaled_log(r2)", "return 3.0 * r2 * scaled_log(r2)"))
     assert sums() == (pytest.approx(3.0 * 2.7725887222397811), 0)
+
+
+FOLDER = """
+from sdm_deflect.base import compiled
+print(len([text for text in compiled._sources() if compiled.MARK in text]), compiled._folder())
+"""
+
+
+@pytest.mark.parametrize("tree", ["clone", "clone without links", "wheel"])
+def test_an_edit_of_a_called_function_changes_the_folder_of_machine_code(tree, tmp_path):
+    rooms = tmp_path / "sdm_deflect" if tree == "wheel" else tmp_path
+    for room in ("deform", "meshing"):
+        shutil.copytree(ROOT / room, rooms / room, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(ROOT / "sdm_deflect" / "base", tmp_path / "sdm_deflect" / "base")
+    shutil.copy(ROOT / "sdm_deflect" / "__init__.py", tmp_path / "sdm_deflect")
+    for room in ("deform", "meshing"):
+        link = tmp_path / "sdm_deflect" / room
+        if tree == "clone":
+            link.symlink_to(f"../{room}")
+        elif tree == "clone without links":
+            link.write_text(f"../{room}")
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "numba")}
+
+    def folder():
+        words = [sys.executable, "-c", FOLDER]
+        done = subprocess.run(words, env=environment, cwd=tmp_path, capture_output=True, text=True, check=True)
+        return done.stdout.split()
+
+    marked = [path for room in SOURCES for path in (ROOT / room).rglob("*.py") if MARK in path.read_bytes()]
+    folders = [folder()]
+    assert int(folders[0][0]) == len(marked) > 10
+    for file in ("deform/rbf/kernels.py", "meshing/mesh/compiled_quality.py", "meshing/mesh/layers.py"):
+        edited = rooms / file
+        assert MARK in edited.read_bytes()
+        edited.write_text(edited.read_text().replace("    return ", "    return 1.0 * ", 1))
+        folders.append(folder())
+        assert folders[-1] not in folders[:-1]
 
 
 def test_where_no_folder_can_be_written_functions_are_compiled_all_the_same(sums):

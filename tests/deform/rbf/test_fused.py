@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.arrays import farthest
+from sdm_deflect.base.arrays import farthest
 from sdm_deflect.deform.box.hexahedron import box
-from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.rbf.data_sites import DataSites, fixed_sites, join, multivariate, univariate
 from sdm_deflect.deform.rbf.greedy import adapt, fuse
 from sdm_deflect.deform.rbf.kernels import Multiquadric, ThinPlateSpline
 from sdm_deflect.deform.rbf.rules import GreedyOptions
+from sdm_deflect.meshing.mesh.axis import Axis
 
 REGION = box(np.array([0.0, -1.0, -1.0]), np.array([2.0, 2.0, 1.0]))
 OPTIONS = GreedyOptions(n_add=6, tol_add=1e-3, tol_stop=1e-3)

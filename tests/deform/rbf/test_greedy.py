@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.arrays import farthest
+from sdm_deflect.base.arrays import farthest
 from sdm_deflect.deform.rbf.data_sites import DataSites
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.greedy import Stop, adapt
@@ -139,7 +139,7 @@ def test_success_is_what_the_interpolant_in_metres_achieves():
 
 @pytest.mark.parametrize("rule", [Worst(), Separated()], ids=repr)
 def test_same_bits_for_any_number_of_threads(monkeypatch, rule):
-    monkeypatch.setattr("sdm_deflect.deform.base.threads.SERIAL_PAIRS", 100)
+    monkeypatch.setattr("sdm_deflect.base.threads.SERIAL_PAIRS", 100)
     sites = _sites()
     initial = farthest(sites.points, 10)
     results = []

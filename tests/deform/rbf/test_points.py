@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
 
-from sdm_deflect.deform.base import arrays as points
-from sdm_deflect.deform.base.arrays import farthest, first_coincident
+from sdm_deflect.base import arrays as points
+from sdm_deflect.base.arrays import farthest, first_coincident
 
 GRID = np.stack(np.meshgrid(*[np.arange(4.0)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.arrays import farthest
+from sdm_deflect.base.arrays import farthest
 from sdm_deflect.deform.rbf.data_sites import DataSites
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.fitting import KERNELS, ORDERS, Fitting

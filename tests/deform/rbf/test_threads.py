@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info
 
-from sdm_deflect.deform.base.threads import in_chunks, single_threaded_blas
+from sdm_deflect.base.threads import in_chunks, single_threaded_blas
 
 
 @pytest.mark.parametrize("threads", [1, 2, 5])

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.box.hexahedron import box
-from sdm_deflect.deform.mesh.axis import Axis, Cylinder
 from sdm_deflect.deform.surface.appendix_a import blend, blend_strip, elongate, slide_panel
+from sdm_deflect.meshing.mesh.axis import Axis, Cylinder
 
 SPAN, CHORD, TAPER, HALF = 0.19, 0.022, 0.327, 0.0047
 EPS = 1e-12

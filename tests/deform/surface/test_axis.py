@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
-from sdm_deflect.deform.mesh.axis import Axis, Cylinder
+from sdm_deflect.meshing.mesh.axis import Axis, Cylinder
 
 vectors = st.tuples(*[st.floats(-10, 10)] * 3).map(np.array)
 directions = vectors.filter(lambda v: np.linalg.norm(v) > 1e-3)

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.cells import Patch
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.deform.surface import blended
 from sdm_deflect.deform.surface.blended import Blended, Rib
 from sdm_deflect.deform.surface.motions import Rotation, Table
 from sdm_deflect.deform.surface.surface import Listed, OnPatches, Surface, TrailingEdge
+from sdm_deflect.meshing.mesh.cells import Patch
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 HINGE = Rotation.about([0.7, 0.0, 0.0], [0.7, 1.0, 0.0])
 ABOUT_Y = Rotation.about([0, 0, 0], [0, 1, 0])

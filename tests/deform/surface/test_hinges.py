@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.cases.api import deflect
 from sdm_deflect.cases.settings.job_settings import settings_of
 from sdm_deflect.cases.settings.jobs import jobs_of
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.surface.hinges import candidates, device, ends_text
 from sdm_deflect.deform.surface.surface import Surface
 from sdm_deflect.deform.volume.job import prepare
+from sdm_deflect.meshing.mesh.cells import Cells, Patch
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.deform.blocks import two_bodies
 from tests.deform.plates import plate
 

@@ -6,14 +6,14 @@ import re
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.cells import Patch
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.deform.surface import motions
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Moving, Powers, Rotation, Table, Turn
 from sdm_deflect.deform.surface.surface import Listed, Surface
+from sdm_deflect.meshing.mesh.axis import Axis
+from sdm_deflect.meshing.mesh.cells import Patch
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.deform.jobs import WING, turn
 
 rng = np.random.default_rng(11)

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 import sdm_deflect as sd
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.cases.run.metrics import farthest, travels, warnings_of
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.edges import median_edge
 from sdm_deflect.deform.rbf.fitting import Fitting
 from sdm_deflect.deform.surface import motions, placement
 from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.surface.placement import UNITS, Placement
 from sdm_deflect.deform.surface.surface import Surface
 from sdm_deflect.deform.volume.plan import Plan
+from sdm_deflect.meshing.mesh.cells import Cells, Patch
+from sdm_deflect.meshing.mesh.edges import median_edge
 from tests.deform.blocks import block_with_body
 from tests.deform.jobs import job
 from tests.deform.plates import plate

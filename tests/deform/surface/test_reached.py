@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases.run.metrics import deflection_figures, motions
-from sdm_deflect.deform.mesh.cells import Patch
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.surface.blended import Blended, Rib
 from sdm_deflect.deform.surface.motions import Rotation, Table
 from sdm_deflect.deform.surface.reached import Reached
 from sdm_deflect.deform.surface.surface import OnPatches, Surface
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.plan import Plan
+from sdm_deflect.meshing.mesh.cells import Patch
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.deform.jobs import blended, job
 
 SPAN, HALF, STATIONS = 2.0, 0.1, 81

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.deform.surface.slots import Slot, SlotSetting
 from sdm_deflect.deform.surface.surface import Surface
+from sdm_deflect.meshing.mesh.axis import Axis
+from sdm_deflect.meshing.mesh.cells import Cells, Patch
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 HINGE = Axis(np.array([0.9, -0.05, 0.0]), np.array([0.0, 0.0, 1.0]))
 MAIN = np.array([[0.0, 0.0], [0.5, 0.06], [1.0, 0.01], [1.0, 0.004], [0.5, -0.05]])

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.cells import Patch
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.deform.surface.surface import Listed, OnPatches, Surface, TrailingEdge
+from sdm_deflect.meshing.mesh.axis import Axis
+from sdm_deflect.meshing.mesh.cells import Patch
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 AXIS = Axis.through(np.array([0.7, 0.0, 0.0]), np.array([0.7, 1.0, 0.0]))
 

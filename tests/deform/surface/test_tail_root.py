@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from numpy.polynomial import chebyshev
 
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.deform.box.hexahedron import box
-from sdm_deflect.deform.mesh.axis import Axis, Cylinder
-from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.surface.surface import Surface
 from sdm_deflect.deform.surface.tail_root import Root, RootOnCylinder
+from sdm_deflect.meshing.mesh.axis import Axis, Cylinder
+from sdm_deflect.meshing.mesh.cells import Cells, Patch
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 RADIUS, DEPTH, AMOUNT = 0.067, 0.03, 9.0
 FUSELAGE = Cylinder(Axis(np.zeros(3), np.array([1.0, 0.0, 0.0])), RADIUS)

@@ -5,15 +5,15 @@ import pytest
 from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation as Turned
 
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.deform.box.automatic import Automatic
 from sdm_deflect.deform.held import HeldPlan
-from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.surface.motions import Moving
 from sdm_deflect.deform.surface.tracks import Places, Track, TrackLaw, shifts_of
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.plan import Plan
+from sdm_deflect.meshing.mesh.axis import Axis
 from tests.deform.plates import plate
 
 rng = np.random.default_rng(5)

@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.arrays import first_coincident
-from sdm_deflect.deform.base.threads import silent
-from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.cells import Polygons
-from sdm_deflect.deform.mesh.edges import polygons_of
+from sdm_deflect.base.arrays import first_coincident
+from sdm_deflect.base.threads import silent
 from sdm_deflect.deform.rbf.fitting import Fitting
 from sdm_deflect.deform.surface.appendix_a import blend
 from sdm_deflect.deform.volume import deflection as between
 from sdm_deflect.deform.volume.deflection import ErrorBetween, _corners, _means, deflect, deflect_in_steps
 from sdm_deflect.deform.volume.plan import Plan
+from sdm_deflect.meshing.mesh.axis import Axis
+from sdm_deflect.meshing.mesh.cells import Polygons
+from sdm_deflect.meshing.mesh.edges import polygons_of
 from tests.deform.blocks import block_with_body
 from tests.deform.jobs import FLAP, Y_AXIS, blended, box_plan, job, turn
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Moving, Rotation
 from sdm_deflect.deform.surface.surface import OnPatches, Surface

@@ -5,13 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.threads import silent
+from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.threads import silent
 from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.loop import run
-from sdm_deflect.deform.mesh.cells import Cells
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.touched import Least
 from sdm_deflect.deform.rbf.data_sites import CoincidentSitesError
 from sdm_deflect.deform.rbf.fitting import Fitting
 from sdm_deflect.deform.surface.motions import Table
@@ -19,6 +16,9 @@ from sdm_deflect.deform.volume import deflection
 from sdm_deflect.deform.volume.deflection import Deflection, deflect
 from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.deform.volume.step import take
+from sdm_deflect.meshing.mesh.cells import Cells
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.touched import Least
 from tests.deform.blocks import block_with_body, two_bodies
 from tests.deform.jobs import FLAP, blended, box_plan, job, sensitivity, turn
 

@@ -6,17 +6,17 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.threads import Threads
+from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.threads import Threads
 from sdm_deflect.deform.box.automatic import Automatic
 from sdm_deflect.deform.loop import run
-from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.deform.volume import excerpt
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.job import pose_of
 from sdm_deflect.deform.volume.plan import Plan
+from sdm_deflect.meshing.mesh.cells import Cells, Patch
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.pieces import MeshInPieces
 from tests.deform.blocks import block_with_body, joined, two_bodies
 from tests.deform.jobs import job
 from tests.limits import limited

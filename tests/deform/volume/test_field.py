@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from sdm_deflect import deflect
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.threads import silent
+from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.threads import silent
 from sdm_deflect.deform.volume.deflection import Deflection, deflect_in_steps
 from sdm_deflect.deform.volume.deflection import deflect as carried_out
 from sdm_deflect.deform.volume.field import Field

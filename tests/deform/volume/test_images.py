@@ -5,19 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.deform.box.automatic import Outline
 from sdm_deflect.deform.checks import checks_of
-from sdm_deflect.deform.mesh.cells import Cells, Patch, Periodic
-from sdm_deflect.deform.mesh.images import Images
-from sdm_deflect.deform.mesh.selection import Selection, Within, with_selections
-from sdm_deflect.deform.repair import patch as goal
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.surface.surface import OnPatches
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.field import Field
 from sdm_deflect.deform.volume.plan import Plan
+from sdm_deflect.meshing.mesh.cells import Cells, Patch, Periodic
+from sdm_deflect.meshing.mesh.images import Images
+from sdm_deflect.meshing.mesh.selection import Selection, Within, with_selections
+from sdm_deflect.meshing.repair import patch as goal
 from tests.deform.blocks import block_with_body
 from tests.deform.jobs import job, placed, sensitivity
 from tests.deform.paired import about_x, airfoil, bound, sector, wedge

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.held import HeldPlan
 from sdm_deflect.deform.loop import run

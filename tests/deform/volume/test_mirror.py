@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.threads import HERE
 from sdm_deflect.cases.api import deflect, plan, sweep
 from sdm_deflect.cases.cli.commands import cli
 from sdm_deflect.cases.settings.job_settings import settings_of
 from sdm_deflect.cases.settings.jobs import jobs_of
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.threads import HERE
 from sdm_deflect.deform.loop import run
 from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.job import pose_of

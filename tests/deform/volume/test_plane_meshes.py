@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 
 from sdm_deflect import deflect
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.deform.checks import checks_of
-from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.edges import polygons_of, rim, sharp_edges
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import Multiquadric, ThinPlateSpline
-from sdm_deflect.deform.repair.freedom import FreeNodes
-from sdm_deflect.deform.repair.repair import repair_cells
 from sdm_deflect.deform.surface.motions import Moving, Rotation
 from sdm_deflect.deform.volume.deflection import deflect as carried_out
 from sdm_deflect.deform.volume.job import Job, Sliding
 from sdm_deflect.deform.volume.plan import Plan
+from sdm_deflect.meshing.mesh.cells import Cells, Patch
+from sdm_deflect.meshing.mesh.edges import polygons_of, rim, sharp_edges
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.touched import TouchedCells
+from sdm_deflect.meshing.repair.freedom import FreeNodes
+from sdm_deflect.meshing.repair.repair import repair_cells
 from tests.deform.plates import plate
 
 BOX = [[-0.9, -0.9], [0.9, 0.9]]

@@ -8,18 +8,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.deform.box.automatic import Automatic
 from sdm_deflect.deform.box.hexahedron import Hexahedron, box
 from sdm_deflect.deform.checks import checks_of, left_behind
-from sdm_deflect.deform.mesh.cells import Cells, Patch, Zone
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.volume.boundary import PrescribedNodes
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.job import Section
 from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.deform.volume.region import check_disjoint, confining_box, shared_depth
+from sdm_deflect.meshing.mesh.cells import Cells, Patch, Zone
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.deform.blocks import block_with_body, joined
 from tests.deform.jobs import FLAP, Y_AXIS, job, turn
 

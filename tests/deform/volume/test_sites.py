@@ -4,19 +4,19 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
 
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.deform.around.near_wall import RIGID
-from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.box import hexahedron
 from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.confined import zero_sites
-from sdm_deflect.deform.mesh.cells import Patch
-from sdm_deflect.deform.mesh.edges import median_edge
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.rbf.fitting import Fitting
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.surface.surface import OnPatches
 from sdm_deflect.deform.volume import sites as places
+from sdm_deflect.meshing.mesh.cells import Patch
+from sdm_deflect.meshing.mesh.edges import median_edge
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.deform.jobs import FLAP, WING, blended, box_plan, job, turn
 from tests.deform.paired import airfoil
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.deform.checks import checks_of
-from sdm_deflect.deform.mesh.sliding import CylinderWall, Plane, SlidingPatch, fit_shape
 from sdm_deflect.deform.volume.job import Sliding
+from sdm_deflect.meshing.mesh.sliding import CylinderWall, Plane, SlidingPatch, fit_shape
 from tests.deform.jobs import WING, turn
 
 rng = np.random.default_rng(5)

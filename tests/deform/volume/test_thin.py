@@ -6,12 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.threads import HERE
+from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.threads import HERE
 from sdm_deflect.deform.checks import checks_of
-from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.thin import Halfway, ThinMesh
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.surface.surface import OnPatches
@@ -19,6 +16,9 @@ from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.field import Field
 from sdm_deflect.deform.volume.plan import Plan
+from sdm_deflect.meshing.mesh.cells import Cells, Patch
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.thin import Halfway, ThinMesh
 from tests.deform.blocks import block_with_body
 from tests.deform.jobs import job
 from tests.deform.paired import about_x, bound, section, wedge

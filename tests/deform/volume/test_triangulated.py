@@ -4,12 +4,12 @@ import numba
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.deform.checks import checks_of
-from sdm_deflect.deform.mesh.cells import Cells, Patch, Polygons
-from sdm_deflect.deform.mesh.closest import Triangles
-from sdm_deflect.deform.mesh.edges import polygons_of
-from sdm_deflect.deform.mesh.sliding import SlidingPatch, TriangleSet, Triangulated
+from sdm_deflect.meshing.mesh.cells import Cells, Patch, Polygons
+from sdm_deflect.meshing.mesh.closest import Triangles
+from sdm_deflect.meshing.mesh.edges import polygons_of
+from sdm_deflect.meshing.mesh.sliding import SlidingPatch, TriangleSet, Triangulated
 from tests.deform.blocks import block_with_body, grid
 from tests.deform.jobs import sensitivity, turn
 

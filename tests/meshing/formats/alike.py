@@ -3,8 +3,8 @@
 import h5py
 import numpy as np
 
-from sdm_deflect.deform.mesh.cells import Cells, Polygons, Polyhedra
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.cells import Cells, Polygons, Polyhedra
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 
 def rows(block: Cells | Polygons) -> list[tuple[int, ...]]:

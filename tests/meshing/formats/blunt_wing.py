@@ -12,10 +12,10 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.base.arrays import FloatArray, IntArray
 from sdm_deflect.meshing.formats.registry import FORMATS
+from sdm_deflect.meshing.mesh.cells import Cells, Patch
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 EXAMPLE = Path(__file__).parents[3] / "cases" / "layers.su2.xz"
 """The mesh of ``sdm example --layers``."""

@@ -5,9 +5,9 @@ import numpy as np
 import pyvista as pv
 from vtkmodules.vtkCommonDataModel import VTK_HEXAHEDRON, VTK_PYRAMID, VTK_TETRA, VTK_WEDGE
 
-from sdm_deflect.deform.mesh.cells import Cells, Patch, Polygons, Polyhedra, Zone
-from sdm_deflect.deform.mesh.faces import FACES
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.cells import Cells, Patch, Polygons, Polyhedra, Zone
+from sdm_deflect.meshing.mesh.faces import FACES
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 POINTS = np.array(
     [

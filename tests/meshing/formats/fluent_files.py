@@ -6,10 +6,10 @@ from typing import Any
 import h5py
 import numpy as np
 
-from sdm_deflect.deform.mesh.cells import Cells, Patch, Polyhedra
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.polyhedra import Bounded, polyhedral_cells
 from sdm_deflect.meshing.formats.shapes import polygons, turn_faces
+from sdm_deflect.meshing.mesh.cells import Cells, Patch, Polyhedra
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 TYPES = {"triangle": 1, "quad": 3, "tetra": 2, "hexahedron": 4, "pyramid": 5, "wedge": 6}
 """Fluent's numbers of the shapes of cells; polyhedra are 7."""

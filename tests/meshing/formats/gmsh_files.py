@@ -5,10 +5,10 @@ from struct import pack
 
 import numpy as np
 
-from sdm_deflect.deform.mesh.cells import Cells
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.gmsh import FACES, SOLIDS
 from sdm_deflect.meshing.formats.shapes import mirror_nodes
+from sdm_deflect.meshing.mesh.cells import Cells
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 VARIANTS = [(version, binary) for version in (2.2, 4.1) for binary in (0, 1)]
 KINDS = {shape: kind for kind, shape in {**SOLIDS, **FACES}.items()}

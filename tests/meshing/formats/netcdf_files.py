@@ -7,8 +7,8 @@ import h5py
 import numpy as np
 from scipy.io import netcdf_file
 
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.tau import Tau
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 CLASSIC = ("cdf1", "cdf2", "single")
 IN_HDF5 = ("hdf5", "chunks", "packed")

@@ -4,11 +4,11 @@ import h5py
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.faces import face_keys, node_keys
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.cgns_nodes import children, create
+from sdm_deflect.meshing.mesh.cells import Cells, Patch
+from sdm_deflect.meshing.mesh.faces import face_keys, node_keys
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.meshing.formats.alike import content, replace_data, rows, tree, zone_of
 from tests.meshing.formats.examples import hybrid, polyhedral
 

@@ -10,8 +10,8 @@ import pyvista as pv
 from vtkmodules.vtkIOCGNSReader import vtkCGNSReader
 
 import sdm_deflect
+from sdm_deflect.base.errors import MeshFileError
 from sdm_deflect.cases.run.inspection import file_figures, inspect
-from sdm_deflect.deform.base.errors import MeshFileError
 from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.cgns_nodes import AXES, create
 from sdm_deflect.meshing.formats.cgns_read import PLANE

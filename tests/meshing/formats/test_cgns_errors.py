@@ -4,7 +4,7 @@ import h5py
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.errors import InputError, MeshFileError
+from sdm_deflect.base.errors import InputError, MeshFileError
 from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.cgns_boundary import UNNAMED
 from sdm_deflect.meshing.formats.cgns_nodes import create, describe

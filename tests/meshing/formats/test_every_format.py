@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 import sdm_deflect
+from sdm_deflect.base.errors import MeshFileError
 from sdm_deflect.cases.run.mesh_files import Targets
-from sdm_deflect.deform.base.errors import MeshFileError
-from sdm_deflect.deform.mesh.cells import Polyhedra
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import by_shape, find_orientation
 from sdm_deflect.meshing.formats.known import entries
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of, read
 from sdm_deflect.meshing.formats.ugrid_file import ENCODINGS
+from sdm_deflect.meshing.mesh.cells import Polyhedra
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.quality import by_shape, find_orientation
 from tests.deform.blocks import block_with_body
 from tests.meshing.formats import fluent_files, netcdf_files, plot3d_files
 from tests.meshing.formats.alike import content

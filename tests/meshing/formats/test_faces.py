@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.mesh.cells import MIRRORED, Cells, Patch, Polygons, take_faces
-from sdm_deflect.deform.mesh.faces import FACES, face_keys, node_keys
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.shapes import loose_faces, mirror_nodes, orient, turn_faces
 from sdm_deflect.meshing.formats.zones import join_zones, part
+from sdm_deflect.meshing.mesh.cells import MIRRORED, Cells, Patch, Polygons, take_faces
+from sdm_deflect.meshing.mesh.faces import FACES, face_keys, node_keys
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.meshing.formats.alike import content
 from tests.meshing.formats.examples import hybrid
 

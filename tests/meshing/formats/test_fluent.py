@@ -8,13 +8,13 @@ import pytest
 import pyvista as pv
 
 import sdm_deflect as sdm
-from sdm_deflect.deform.mesh.cells import Patch
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import inverted_of
 from sdm_deflect.meshing.formats.fluent import Fluent
 from sdm_deflect.meshing.formats.polyhedra import faces_by_cell, standard_cells
 from sdm_deflect.meshing.formats.registry import read
 from sdm_deflect.meshing.formats.shapes import turn_faces
+from sdm_deflect.meshing.mesh.cells import Patch
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.quality import inverted_of
 from tests.meshing.formats.alike import rows, tree
 from tests.meshing.formats.examples import grid, hybrid, polyhedral
 from tests.meshing.formats.fluent_files import LAYOUTS, PACKED, ZONES, plane_mesh, written

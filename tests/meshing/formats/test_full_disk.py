@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.errors import MeshFileError
+from sdm_deflect.base.errors import MeshFileError
 from sdm_deflect.meshing.formats.known import writable
 from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.formats.vtu import write_vtu
-from sdm_deflect.meshing.mesh import Skin, tetrahedral
+from sdm_deflect.meshing.mesh.labelled import Skin, tetrahedral
 from tests.calls import files_of_at_most
 from tests.meshing.formats import fluent_files, plot3d_files
 from tests.meshing.formats.examples import hybrid

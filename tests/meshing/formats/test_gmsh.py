@@ -5,10 +5,10 @@ import meshio
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.errors import MeshFileError
-from sdm_deflect.deform.mesh.cells import Cells, Patch, Polygons
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.base.errors import MeshFileError
 from sdm_deflect.meshing.formats.gmsh import Gmsh
+from sdm_deflect.meshing.mesh.cells import Cells, Patch, Polygons
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.meshing.formats.alike import content
 from tests.meshing.formats.examples import hybrid
 from tests.meshing.formats.gmsh_files import VARIANTS, by_gmsh

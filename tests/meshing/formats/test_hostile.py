@@ -8,8 +8,8 @@ from time import process_time
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.errors import MeshFileError
-from sdm_deflect.deform.base.unpacking import RATIO_VARIABLE
+from sdm_deflect.base.errors import MeshFileError
+from sdm_deflect.base.unpacking import RATIO_VARIABLE
 from sdm_deflect.meshing.formats.gmsh import Gmsh
 from sdm_deflect.meshing.formats.openfoam import MESH, OpenFoam
 from sdm_deflect.meshing.formats.registry import FORMATS

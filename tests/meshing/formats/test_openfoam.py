@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.errors import MeshFileError
-from sdm_deflect.deform.mesh.cells import Polygons
-from sdm_deflect.deform.mesh.mesh import Warned
+from sdm_deflect.base.errors import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import MESH, OpenFoam, kind_of
 from sdm_deflect.meshing.formats.openfoam_files import open_foam, parse
 from sdm_deflect.meshing.formats.registry import format_of
+from sdm_deflect.meshing.mesh.cells import Polygons
+from sdm_deflect.meshing.mesh.mesh import Warned
 from tests.meshing.formats.examples import hybrid
 from tests.meshing.formats.wing import wing
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases.run.mesh_files import write_mesh
-from sdm_deflect.deform.mesh.cells import Cells, Patch
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.openfoam_case import pairs_of
 from sdm_deflect.meshing.formats.openfoam_files import MESH, FoamPatch
 from sdm_deflect.meshing.formats.openfoam_pieces import in_pieces
+from sdm_deflect.meshing.mesh.cells import Cells, Patch
 from tests.deform import paired
 
 SMALL = {"around": 16, "outwards": 4}

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.meshing.formats import openfoam, openfoam_pieces, rewriting, tables
 from sdm_deflect.meshing.formats.openfoam import MESH, OpenFoam
 from sdm_deflect.meshing.formats.openfoam_files import open_foam
 from sdm_deflect.meshing.formats.registry import in_pieces, read
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.meshing.formats.alike import content
 from tests.meshing.formats.examples import hybrid
 from tests.meshing.formats.wing import wing

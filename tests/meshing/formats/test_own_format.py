@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import sdm_deflect as sdm
-from sdm_deflect.deform.base.errors import MeshFileError
-from sdm_deflect.deform.mesh.cells import Cells, Patch
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.base.errors import MeshFileError
 from sdm_deflect.meshing.formats.known import entries, in_folder
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of, in_pieces, read
+from sdm_deflect.meshing.mesh.cells import Cells, Patch
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.deform.blocks import block_with_body
 from tests.meshing.formats.alike import content
 from tests.meshing.formats.test_hostile import complaint

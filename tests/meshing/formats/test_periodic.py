@@ -8,12 +8,12 @@ import h5py
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.cgns_nodes import create
 from sdm_deflect.meshing.formats.fluent import Fluent
 from sdm_deflect.meshing.formats.gmsh import Gmsh
 from sdm_deflect.meshing.formats.registry import FORMATS, in_pieces, read
+from sdm_deflect.meshing.mesh.axis import Axis
 from tests.meshing.formats import fluent_files
 from tests.meshing.formats.blocks import write_blocks
 from tests.meshing.formats.periodic_files import (

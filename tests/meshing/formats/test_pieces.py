@@ -6,10 +6,10 @@ import h5py
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.meshing.formats import rewriting, tables
 from sdm_deflect.meshing.formats.registry import format_of, in_pieces, read
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.meshing.formats.alike import content, replace_data, zone_of
 from tests.meshing.formats.examples import hybrid, with_gmsh
 from tests.meshing.formats.gmsh_files import by_gmsh, gmsh_data

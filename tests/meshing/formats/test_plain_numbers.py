@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sdm_deflect.deform.base.errors import MeshFileError
+from sdm_deflect.base.errors import MeshFileError
 from sdm_deflect.meshing.formats import numbers as module
 from sdm_deflect.meshing.formats import numbers as words
 from sdm_deflect.meshing.formats import su2

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from sdm_deflect import deflect
+from sdm_deflect.base.errors import MeshFileError
 from sdm_deflect.cases.run.inspection import file_figures
 from sdm_deflect.cases.run.mesh_files import write_mesh
-from sdm_deflect.deform.base.errors import MeshFileError
-from sdm_deflect.deform.mesh.cells import Cells
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of, read
+from sdm_deflect.meshing.mesh.cells import Cells
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.deform.plates import plate
 from tests.meshing.formats.alike import content
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import pyvista as pv
 
-from sdm_deflect.deform.mesh.faces import FACES as CORNERS
-from sdm_deflect.deform.mesh.quality import inverted_of
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.plot3d import Plot3d
 from sdm_deflect.meshing.formats.registry import read
+from sdm_deflect.meshing.mesh.faces import FACES as CORNERS
+from sdm_deflect.meshing.mesh.quality import inverted_of
 from tests.cases import foam
 from tests.meshing.formats.alike import rows
 from tests.meshing.formats.examples import grid

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from sdm_deflect.deform.base.errors import MeshFileError
+from sdm_deflect.base.errors import MeshFileError
 from sdm_deflect.meshing.formats.known import entries, writable
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of, read
 from tests.meshing.formats.examples import hybrid

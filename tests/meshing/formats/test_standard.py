@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.errors import MeshFileError
-from sdm_deflect.deform.mesh.cells import Polygons, Polyhedra
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.base.errors import MeshFileError
 from sdm_deflect.meshing.formats.gmsh import Gmsh
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.su2 import Su2
+from sdm_deflect.meshing.mesh.cells import Polygons, Polyhedra
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.meshing.formats.alike import content
 from tests.meshing.formats.examples import grid, hybrid
 from tests.meshing.formats.wing import wing

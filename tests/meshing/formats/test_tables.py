@@ -6,7 +6,7 @@ import os
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.base.errors import MeshFileError
+from sdm_deflect.base.errors import MeshFileError
 from sdm_deflect.meshing.formats import tables
 from sdm_deflect.meshing.formats.rewriting import Change, copy_range, item_of
 from sdm_deflect.meshing.formats.table_pieces import PointRange, TablePieces

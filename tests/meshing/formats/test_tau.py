@@ -9,16 +9,16 @@ import pytest
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkIONetCDF import vtkNetCDFReader
 
+from sdm_deflect.base.errors import MeshFileError
 from sdm_deflect.cases.run.inspection import file_figures, inspect
 from sdm_deflect.cases.run.mesh_files import Targets
-from sdm_deflect.deform.base.errors import MeshFileError
-from sdm_deflect.deform.mesh.cells import Patch
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats import tau
 from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of, read
 from sdm_deflect.meshing.formats.tau import Tau, mapped_names
+from sdm_deflect.meshing.mesh.cells import Patch
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.meshing.formats.alike import content
 from tests.meshing.formats.examples import hybrid, polyhedral
 from tests.meshing.formats.netcdf_files import KINDS, classic, parts, written

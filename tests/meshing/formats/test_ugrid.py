@@ -8,14 +8,14 @@ import meshio
 import numpy as np
 import pytest
 
+from sdm_deflect.base.errors import InputError, MeshFileError
 from sdm_deflect.cases.report.folder import folder_of
 from sdm_deflect.cases.run.mesh_files import Targets
-from sdm_deflect.deform.base.errors import InputError, MeshFileError
-from sdm_deflect.deform.mesh.cells import Cells, Patch
 from sdm_deflect.meshing.formats.registry import read
 from sdm_deflect.meshing.formats.shapes import mirror_nodes
 from sdm_deflect.meshing.formats.ugrid import Ugrid
 from sdm_deflect.meshing.formats.ugrid_file import ENCODINGS, UgridFile, encode
+from sdm_deflect.meshing.mesh.cells import Cells, Patch
 from tests.deform.blocks import block_with_body
 from tests.meshing.formats.examples import grid, hybrid
 from tests.meshing.formats.test_hostile import complaint

@@ -11,10 +11,10 @@ import pytest
 import pyvista as pv
 
 import sdm_deflect
-from sdm_deflect.deform.base.errors import InputError, MeshFileError
-from sdm_deflect.deform.mesh.cells import Polyhedra
+from sdm_deflect.base.errors import InputError, MeshFileError
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.vtu import Vtu, write_vtu
+from sdm_deflect.meshing.mesh.cells import Polyhedra
 from tests.meshing.formats.examples import hybrid
 from tests.meshing.formats.wing import wing
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.generate.assembly import (
     ClosestTriangle,
     boundary_triangles,
@@ -15,7 +14,8 @@ from sdm_deflect.meshing.generate.assembly import (
 )
 from sdm_deflect.meshing.generate.attachment import cell_faces
 from sdm_deflect.meshing.generate.volume import InputSurface
-from sdm_deflect.meshing.mesh import skin, tets_of
+from sdm_deflect.meshing.mesh.labelled import skin, tets_of
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 
 def sphere(count: int = 300) -> tuple[np.ndarray, np.ndarray]:

@@ -9,15 +9,15 @@ import pytest
 
 from sdm_deflect.cases.aircraft.cad import undeflected_cad
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import signed_volumes
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.child import MeshingError
 from sdm_deflect.meshing.generate import generation
 from sdm_deflect.meshing.generate.assembly import unit_normals
 from sdm_deflect.meshing.generate.generation import Generated, generate, harder
 from sdm_deflect.meshing.generate.parameters import FAR_FIELD, MeshParameters
-from sdm_deflect.meshing.mesh import skin, tets_of
+from sdm_deflect.meshing.mesh.labelled import skin, tets_of
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.quality import signed_volumes
 
 
 def test_the_flow_around_a_body_is_the_box_without_the_body(made: Generated, body: CadModel) -> None:

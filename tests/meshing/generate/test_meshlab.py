@@ -8,13 +8,13 @@ import pytest
 
 from sdm_deflect.cases.aircraft.cad import undeflected_cad
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing import child
 from sdm_deflect.meshing.child import MeshingError
 from sdm_deflect.meshing.generate import meshlab, meshlab_worker
 from sdm_deflect.meshing.generate.attachment import attach
 from sdm_deflect.meshing.generate.meshlab import DEFLECTION, meshlab_failures, surface_failures
-from sdm_deflect.meshing.mesh import skin, tets_of
+from sdm_deflect.meshing.mesh.labelled import skin, tets_of
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.labelled import changed
 
 NO_CAD = {

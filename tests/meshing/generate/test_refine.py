@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.mesh.quality import mean_ratio, signed_volumes
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.generate.attachment import boundary_failures
 from sdm_deflect.meshing.generate.generation import Generated, refine, split_cells
 from sdm_deflect.meshing.generate.parameters import MeshParameters
 from sdm_deflect.meshing.generate.verify import verify
-from sdm_deflect.meshing.mesh import skin, tets_of
+from sdm_deflect.meshing.mesh.labelled import skin, tets_of
+from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.quality import mean_ratio, signed_volumes
 
 
 def test_eight_positive_children_fill_each_parent(cube: Mesh) -> None:

@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sdm_deflect.deform.mesh.quality import signed_volumes
 from sdm_deflect.meshing.generate.sizing import (
     CLEARANCE,
     COARSENESS,
@@ -15,6 +14,7 @@ from sdm_deflect.meshing.generate.sizing import (
     seeds,
     size_field,
 )
+from sdm_deflect.meshing.mesh.quality import signed_volumes
 
 SEEDS = st.integers(0, 1000)
 

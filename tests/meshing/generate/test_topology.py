@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.generate.attachment import TET_FACES, boundary_failures, cell_faces
-from sdm_deflect.meshing.mesh import skin, tets_of
+from sdm_deflect.meshing.mesh.labelled import skin, tets_of
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.labelled import changed
 
 

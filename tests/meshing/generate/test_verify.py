@@ -3,13 +3,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.generate.attachment import attach, snap
 from sdm_deflect.meshing.generate.generation import Generated
 from sdm_deflect.meshing.generate.parameters import MeshParameters
 from sdm_deflect.meshing.generate.verify import EXACT, verify
-from sdm_deflect.meshing.mesh import skin, tets_of
+from sdm_deflect.meshing.mesh.labelled import skin, tets_of
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.labelled import changed
 
 
