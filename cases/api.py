@@ -7,7 +7,6 @@ import webbrowser
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from functools import partial
 from html import escape
 from os import PathLike
 from pathlib import Path
@@ -25,7 +24,7 @@ from sdm_deflect.base.states import check_unchanged
 from sdm_deflect.base.threads import Progress, Threads, silent
 from sdm_deflect.cases.run.metrics import notes_of, short_turns, warnings_of
 from sdm_deflect.cases.run.progress import in_notebook, of_notebook
-from sdm_deflect.cases.settings.job_settings import BY_NAME, GONE, IN_PYTHON, settings_of
+from sdm_deflect.cases.settings.job_settings import BY_NAME, IN_PYTHON, settings_of
 from sdm_deflect.cases.settings.jobs import jobs_of, swept
 from sdm_deflect.cases.settings.keywords import Options
 from sdm_deflect.deform.checks import Check, checks_of
@@ -42,7 +41,7 @@ from sdm_deflect.meshing.mesh.quality import Quality
 from .file_mesh import FileMesh, about_files, path_of, save_mesh
 
 if TYPE_CHECKING:
-    from sdm_deflect.deform.held import HeldPlan
+    from sdm_deflect.deform.mesh_motion import MeshMotion
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -141,7 +140,7 @@ class Result:
 
         return metrics_of(self.deflection, self.checks, None, {})
 
-    def save(self, path: str | PathLike[str], *, to_solver: None = None) -> Path:
+    def save(self, path: str | PathLike[str]) -> Path:
         """Write the mesh; in the format that was read, only coordinates change.
 
         A warning says what the format cannot hold.
@@ -149,7 +148,6 @@ class Result:
         Parameters
         ----------
         path : The file to write, or the folder of an OpenFOAM case; its suffix says the format.
-        to_solver : Removed: in a clone, `studies.flow.case` writes cases for flow solvers.
 
         Returns
         -------
@@ -161,8 +159,6 @@ class Result:
             has changed since. If a check fails once coordinates are rounded to what the file keeps;
             `stored_in(path).save(path)` writes it all the same.
         """
-        if to_solver is not None:
-            raise InputError(f"to_solver: {GONE['to_solver']}")
         found = self.stored_in(path)
         failed = {check.name for check in self.checks if not check.passed}
         for one in found.checks:
@@ -355,12 +351,12 @@ def plan(
     *,
     progress: Progress = silent,
     **options: Unpack[Options],
-) -> HeldPlan:
+) -> MeshMotion:
     """Hold everything that moves a mesh to any amounts within a range: sums of fixed fields.
 
     With a `range`, `deflect` makes the meshes at its ends, and amounts between are judged. With an `angle` alone the
-    plan serves this one. Of a large file that can be read in pieces only the boundary and the box are held; `at` then
-    reads the coordinates of all nodes from the file.
+    plan serves this one. Of a large file that can be read in pieces only the boundary, the box and the coordinates of
+    all nodes are read.
 
     Parameters
     ----------
@@ -376,18 +372,19 @@ def plan(
     InputError : as for `deflect`; or if sums of fields would miss a deflection, as on a triangulated slide. For a plan
         of one amount, if a check of the mesh fails, which it names.
     """
-    from sdm_deflect.deform.held import HeldPlan
+    from sdm_deflect.deform.mesh_motion import MeshMotion
 
     jobs = jobs_of(settings_of(surfaces, hinge, angle, options), by_range=True)
     mesh = _read_needed(path_of(mesh), jobs, progress) if isinstance(mesh, str | PathLike) else mesh
     if any(moving.range for job in jobs for moving in job.surfaces):
-        held = HeldPlan.of(_plan_jobs(mesh, jobs, (), progress)[0], progress).judged(progress)
+        motion = MeshMotion.of(_plan_jobs(mesh, jobs, (), progress)[0], progress).judged(progress)
     else:
         (found,) = _run(mesh, jobs, (), progress)
         if not found.passed:
             raise InputError(found.title)
-        held = HeldPlan.of_one_amount(found.deflection, ())
-    return held.reading(partial(_coordinates, held.mesh.plan.mesh)) if held.mesh and held.mesh.plan.mesh.whole else held
+        motion = MeshMotion.of_one_amount(found.deflection, ())
+    own = motion.plan.mesh if motion.plan else None
+    return motion.of_whole(_coordinates(own)) if own and own.whole else motion
 
 
 def sweep(

@@ -14,14 +14,14 @@ from sdm_deflect.base.arrays import FloatArray
 from sdm_deflect.base.errors import InputError, MeshFileError, shortened
 from sdm_deflect.base.threads import Progress, silent
 from sdm_deflect.cases.run.inspection import NAMES, extent, reach
-from sdm_deflect.deform.volume.modes import Wanted
+from sdm_deflect.deform.volume.controls import Wanted
 from sdm_deflect.meshing.mesh.cells import Patch
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.quality import Quality, by_shape, find_orientation
 from sdm_deflect.meshing.mesh.standard import parts_of
 
 if TYPE_CHECKING:
-    from sdm_deflect.deform.held import HeldPlan
+    from sdm_deflect.deform.mesh_motion import MeshMotion
 
 
 class FileMesh(Mesh):
@@ -46,13 +46,13 @@ class FileMesh(Mesh):
         signs = (find_orientation(self.points, block)[0] for block in self.cells)
         return by_shape(self.points, zip(self.cells, repeat(None), signs, strict=False))
 
-    def moved_by(self, plan: "HeldPlan", amounts: Wanted) -> "FileMesh":
+    def moved_by(self, plan: "MeshMotion", amounts: Wanted) -> "FileMesh":
         """Return the mesh with its nodes where a plan brings them.
 
         Parameters
         ----------
         plan : A plan that was measured on this mesh, in any order of its nodes.
-        amounts : As for `HeldPlan.at`.
+        amounts : As for `MeshMotion.at`.
 
         Raises InputError for an amount outside its range, or if the plan was measured on another mesh.
         """
@@ -75,13 +75,12 @@ class FileMesh(Mesh):
         return "\n".join([f"{self.name}: {len(self.points)} points{counts}", *rows])
 
 
-def moved_points(plan: "HeldPlan", amounts: Wanted, mesh: Mesh) -> FloatArray:
+def moved_points(plan: "MeshMotion", amounts: Wanted, mesh: Mesh) -> FloatArray:
     """Return where a plan brings the nodes (N, 3) of a mesh; InputError as for `FileMesh.moved_by`."""
     from sdm_deflect.cases.run.apply import compare_points, move
 
     pose, name = plan.in_order(amounts), Path(mesh.source or mesh.name)
-    if fault := compare_points(plan, [(name, mesh.points, mesh.zones)]).fault:
-        raise InputError(f"{mesh.name}: {fault}")
+    compare_points(plan, [(name, mesh.points, mesh.zones)])
     return move(plan, pose, name, mesh.points, mesh.zones)
 
 
@@ -98,12 +97,12 @@ def written(
 ) -> tuple[Path, tuple[str, ...]]:
     """Write a mesh with new points (N, 3); return its path, and what the format cannot hold; errors of `save_mesh`."""
     from sdm_deflect.base.files import permitted_as
-    from sdm_deflect.cases.run.mesh_files import Targets, check_written, write_mesh
+    from sdm_deflect.cases.run.mesh_files import OutputFiles, check_written, write_mesh
     from sdm_deflect.cases.run.output import OutputError, output_files
 
     out, source = path_of(path), Path(mesh.source) if mesh.source else None
     with about_files():
-        wanted = Targets.of(source or out.with_name(f"no file but {out.name}.vtu"), out, ((0.0,),))
+        wanted = OutputFiles.of(source or out.with_name(f"no file but {out.name}.vtu"), out, ((0.0,),))
         wanted.check()
         wanted.check_names(mesh)
         try:

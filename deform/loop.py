@@ -2,15 +2,16 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 from sdm_deflect.base.threads import Stage, unseen
-from sdm_deflect.meshing.mesh.precision import Precision
 
 from .checks import Check, checks_of
 from .volume.deflection import Deflection, deflect
-from .volume.job import Amounts
 from .volume.plan import Plan
+
+if TYPE_CHECKING:
+    from .mesh_motion import MeshMotion
 
 
 class Judged(NamedTuple):
@@ -25,14 +26,7 @@ class Judged(NamedTuple):
         return all(check.passed for check in self.checks)
 
 
-class Turnable(Protocol):
-    """Brings a mesh to any pose without a fit."""
-
-    def at_pose(self, pose: Amounts, precision: Precision) -> Deflection:
-        """Return the mesh at a pose of all surfaces, rounded for a file."""
-
-
-def run(plan: Plan, stage: Stage = unseen, unit: str = "", held: Turnable | None = None) -> Iterator[Judged]:
+def run(plan: Plan, stage: Stage = unseen, unit: str = "", motion: "MeshMotion | None" = None) -> Iterator[Judged]:
     """Deflect the mesh to the poses of a plan, the largest first: the other poses reuse its centres and factors.
 
     Every pose is checked at all data sites; centres are added where the error exceeds the tolerance.
@@ -42,12 +36,12 @@ def run(plan: Plan, stage: Stage = unseen, unit: str = "", held: Turnable | None
     plan : The plan.
     stage : Shows the current stage.
     unit : Unit of lengths, if it is known.
-    held : Brings the mesh to the poses instead of fits.
+    motion : Brings the mesh to the poses instead of fits.
     """
     earlier = None
     for pose in dict.fromkeys((plan.largest, *plan.poses)):
         with stage("deflect") as progress:
-            deflection = held.at_pose(pose, plan.precision) if held else deflect(plan, pose, progress, earlier)
+            deflection = motion.at_pose(pose, plan.precision) if motion else deflect(plan, pose, progress, earlier)
             progress(f"{deflection.angle:+g} {plan.unit}", 1.0)
         pairs = zip(deflection.boxes, (earlier or deflection).boxes, strict=True)
         earlier = replace(deflection, boxes=tuple(new if len(new.steps) == 1 else old for new, old in pairs))

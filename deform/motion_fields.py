@@ -5,18 +5,18 @@ functions are sin a and 1 - cos a.
 """
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.base.arrays import FloatArray
+from sdm_deflect.base.arrays import FloatArray, IntArray
 from sdm_deflect.base.errors import InputError
 from sdm_deflect.base.files import replacing_together
 
 from .surface.motions import Fixed, Powers, Turn
-from .volume.modes import Control, Modes
+from .volume.controls import Control
 
 ROWS = 2000
 """Rows of a table of functions between the stops of a track: cubics between them are exact to 1e-15."""
@@ -41,16 +41,25 @@ sdmMotionCoeffs
 """
 
 
-def write_motion(case: Path, modes: Modes) -> tuple[Path, ...]:
+def write_motion(
+    case: Path, start: FloatArray, surfaces: Iterable[tuple[Control, IntArray, FloatArray]]
+) -> tuple[Path, ...]:
     """Write X0 and F_k into ``case/0``, and functions and ranges into ``constant/sdmMotion``; return all files.
 
     If there is no ``constant/dynamicMeshDict``, one is written in which all amounts are 0. All files appear, or none.
+
+    Parameters
+    ----------
+    case : The folder of the case.
+    start : (N, 3) undeflected coordinates of its nodes.
+    surfaces : Each surface with the nodes (M,) that it moves and their fields (k, M, 3).
 
     Raises InputError for a folder that is no case, a plan of one amount, or names of surfaces that are one in OpenFOAM.
     """
     if not (case / "constant").is_dir():
         raise InputError(f"{case}: is no case of OpenFOAM: it has no folder constant")
-    names, constant = _names(modes), case / "constant"
+    moving = list(surfaces)
+    names, constant = _names([control for control, _, _ in moving]), case / "constant"
     files: dict[Path, Path] = {}
     with replacing_together(case) as (folder, moves):
 
@@ -62,12 +71,12 @@ def write_motion(case: Path, modes: Modes) -> tuple[Path, ...]:
                 if values is not None:
                     file.writelines((b"%d\n(" % len(values), np.ascontiguousarray(values, "<f8").data, b");\n"))
 
-        write(case / "0" / "X0", "pointVectorField", FIELD, modes.start)
+        write(case / "0" / "X0", "pointVectorField", FIELD, start)
         entries = []
-        for name, control, rows, fields in zip(names, modes.controls, modes.rows, modes.fields, strict=True):
+        for name, (control, rows, fields) in zip(names, moving, strict=True):
             labels = [f"{name}.{_letters(control, k)}" for k in range(len(fields))]
             for label, field in zip(labels, fields, strict=True):
-                whole = np.zeros_like(modes.start)
+                whole = np.zeros_like(start)
                 whole[rows] = field
                 write(case / "0" / label, "pointVectorField", FIELD, whole)
             entries.append(f"{name}\n{{\n    fields ({' '.join(labels)});\n{_functions(control)}}}\n")
@@ -81,8 +90,8 @@ def write_motion(case: Path, modes: Modes) -> tuple[Path, ...]:
     return tuple(files)
 
 
-def _names(modes: Modes) -> list[str]:
-    names = [re.sub(r"[^\w.]|^(?=\d)", "_", control.name) for control in modes.controls]
+def _names(controls: Sequence[Control]) -> list[str]:
+    names = [re.sub(r"[^\w.]|^(?=\d)", "_", control.name) for control in controls]
     if len(set(names)) < len(names):
         raise InputError(f"two surfaces are called {max(names, key=names.count)} in OpenFOAM; rename one")
     return names

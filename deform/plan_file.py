@@ -1,4 +1,4 @@
-"""The file of a plan: its content, which is checked value by value when it is read."""
+"""The file of a plan: arrays and a text, which are checked value by value when they are read."""
 
 import json
 import zipfile
@@ -11,24 +11,25 @@ from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from sdm_deflect.base.arrays import FloatArray
+from sdm_deflect.base.arrays import FloatArray, IntArray
 from sdm_deflect.base.errors import InputError, MeshFileError
 from sdm_deflect.base.files import fresh
 from sdm_deflect.base.unpacking import damaged, read_arrays
+from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.surface.motions import Fixed, Functions, Powers, Turn
 from sdm_deflect.deform.surface.tracks import Places
-from sdm_deflect.deform.volume.checksum import Checksum
-from sdm_deflect.deform.volume.field import Field
+from sdm_deflect.deform.volume.controls import Control
 from sdm_deflect.deform.volume.job import Amounts
-from sdm_deflect.deform.volume.modes import Control, fields_of
+from sdm_deflect.deform.volume.places import PlaceTable, PlanBox
 from sdm_deflect.meshing.mesh.cells import LARGEST, bounded
+from sdm_deflect.meshing.mesh.thin import Halfway
 
-FILE = "plan of sdm-deflect, 2"
-EARLIER = "plan of sdm-deflect, 1"
+FILE = "plan of sdm-deflect, 3"
+EARLIER = ("plan of sdm-deflect, 1", "plan of sdm-deflect, 2")
 KINDS: dict[str, Any] = {"turn": Turn, "powers": Powers, "fixed": Fixed, "places": Places}
 """Functions of the amount by their names in a file."""
 KIND, PLAN, DIGEST = "kind", "plan", "digest"
-"""Arrays of the file beside those of the fields."""
+"""Arrays of the file beside places, fields and boxes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,79 +52,32 @@ class Measured:
     failed: tuple[str, ...]
 
 
-class PlacedFields(NamedTuple):
-    """Deflections of one surface as functions of place, and their weights (k, r).
-
-    A plan for one amount has one deflection and no weights.
-    """
-
-    fields: tuple[Field, ...]
-    weights: FloatArray | None
-
-    def on(self, points: FloatArray) -> FloatArray:
-        """Return the fields (k, N, 3) at undeflected points (N, 3)."""
-        return combine(self.weights, points, [one.apply(points) for one in self.fields])
-
-    def move(self, points: FloatArray, values: FloatArray, out: FloatArray) -> None:
-        """Add the displacement of undeflected points (N, 3) to `out` (N, 3), at values (k,) of the functions."""
-        for value, one in zip(values, self.on(points), strict=True):
-            out += value * one
-
-    @property
-    def zones(self) -> tuple[str, ...]:
-        """Names of the zones that deform."""
-        return tuple(dict.fromkeys(name for one in self.fields for box in one.boxes for name in box.zones))
-
-    def check(self, control: Control) -> None:
-        """Raise ValueError if fields and weights do not suit the surface, or may move a point beyond `LARGEST`."""
-        count, one = len(self.fields), isinstance(control.functions, Fixed)
-        if one != (self.weights is None) or (count > 1 if one else not count):
-            raise ValueError(f"{control.name}: {count} deflections, and weights that do not suit them")
-        if self.weights is None:
-            return
-        if self.weights.shape != (control.functions.count, count):
-            raise ValueError(f"weights {self.weights.shape} must be ({control.functions.count}, {count})")
-        far = [max(np.abs(box.ends - box.places).max(initial=0.0) for box in field.boxes) for field in self.fields]
-        if not (np.abs(bounded(self.weights, "weights")) @ far < LARGEST).all():
-            raise ValueError(f"weights move points beyond {LARGEST:g}")
-
-
 class StoredPlan(NamedTuple):
     """What the file of a plan holds.
 
     Attributes
     ----------
-    controls, amounts, measured, placed, source, mesh : as in `HeldPlan`.
+    controls, amounts, measured, rows, fields, source, table : as in `MeshMotion`; rows are those of the table.
     """
 
     controls: tuple[Control, ...]
     amounts: Amounts
     measured: tuple[tuple[Measured, ...], ...]
-    placed: tuple[PlacedFields, ...]
+    rows: tuple[IntArray, ...]
+    fields: tuple[FloatArray, ...]
     source: str
-    mesh: Checksum
+    table: PlaceTable
 
 
-class _Content(NamedTuple):
-    """The content of the file that is text."""
+class _Text(NamedTuple):
+    """The content of the file that is text; of each box the zones, of the mesh the numbers of nodes and zones."""
 
     controls: tuple[dict[str, Any], ...]
     amounts: tuple[float, ...]
     measured: tuple[tuple[Measured, ...], ...]
-    readings: tuple[int, ...]
+    boxes: tuple[tuple[str, ...], ...]
     source: str
     mesh: tuple[int, ...]
-
-
-def combine(weights: FloatArray | None, points: FloatArray, ends: list[FloatArray]) -> FloatArray:
-    """Return the fields (k, M, 3) at points (M, 3), given their places (M, 3) in each reading.
-
-    A plan for one amount has two fields; with the points they add up exactly to the final places.
-    """
-    if weights is not None:
-        return fields_of(weights, [end - points for end in ends])
-    move = ends[0] - points if ends else np.zeros_like(points)
-    return np.stack([move, ends[0] - (points + move) if ends else move])
 
 
 def is_plan(path: Path) -> bool:
@@ -137,24 +91,26 @@ def is_plan(path: Path) -> bool:
 
 def write_plan(path: Path, plan: StoredPlan) -> None:
     """Write a plan completely or not at all; InputError for a file that is no plan, or that cannot be written."""
-    names = {kind: name for name, kind in KINDS.items()}
+    names, table = {kind: name for name, kind in KINDS.items()}, plan.table
     controls = [asdict(one) for one in plan.controls]
-    for table, one in zip(controls, plan.controls, strict=True):
-        table["functions"] = [names[type(one.functions)], *table["functions"].values()]
-    content = {
+    for own, one in zip(controls, plan.controls, strict=True):
+        own["functions"] = [names[type(one.functions)], *own["functions"].values()]
+    text = {
         "controls": controls,
         "amounts": plan.amounts,
         "measured": [[asdict(row) for row in rows] for rows in plan.measured or [()] * len(controls)],
-        "readings": [len(own.fields) for own in plan.placed],
+        "boxes": [box.zones for box in table.boxes],
         "source": plan.source,
-        "mesh": plan.mesh,
+        "mesh": [table.mesh_points, table.zones],
     }
-    arrays: dict[str, Any] = {KIND: np.array(FILE), PLAN: np.array(json.dumps(content))}
-    for i, own in enumerate(plan.placed):
-        if own.weights is not None:
-            arrays[f"weights_{i}"] = own.weights
-        for j, reading in enumerate(own.fields):
-            arrays |= reading.arrays(f"_{i}_{j}")
+    arrays: dict[str, Any] = {KIND: np.array(FILE), PLAN: np.array(json.dumps(text))}
+    arrays |= {"places": table.places, "box": table.box}
+    for i, (rows, moves) in enumerate(zip(plan.rows, plan.fields, strict=True)):
+        arrays |= {f"rows_{i}": rows, f"fields_{i}": moves}
+    for b, box in enumerate(table.boxes):
+        arrays[f"corners_{b}"] = box.hexahedron.corners
+        if box.halfway:
+            arrays[f"halfway_{b}"] = box.halfway.numbers
     try:
         with fresh(path, earlier=is_plan) as beside, beside.open("wb") as file:
             arrays[DIGEST] = np.array(digest(arrays))
@@ -167,28 +123,26 @@ def read_plan(path: Path) -> StoredPlan:
     """Read a plan; InputError if it is missing, damaged, changed or of another kind."""
     arrays = read_arrays(path)
     with damaged(path, "plan"):
-        if str(arrays.get(KIND)) == EARLIER:
+        if str(arrays.get(KIND)) in EARLIER:
             raise InputError("an earlier version wrote it; make the plan again")
         if str(arrays.get(KIND)) != FILE:
             raise ValueError("it holds something else")
         if str(arrays.pop(DIGEST, "")) != digest(arrays):
             raise ValueError("it was changed after it was written")
-        known = _value(json.loads(str(arrays[PLAN])), _Content)
-        controls = tuple(map(_control, known.controls))
-        count = len(controls)
-        if not count or {len(known.amounts), len(known.measured), len(known.readings)} != {count}:
+        text = _value(json.loads(str(arrays[PLAN])), _Text)
+        controls = tuple(map(_control, text.controls))
+        if not controls or {len(text.amounts), len(text.measured)} != {len(controls)}:
             raise ValueError("its lists are of different lengths")
-        if Path(known.source).name != known.source or len(known.mesh) != 3 or min(known.mesh) < 0:
-            raise ValueError("the name or the checksum of the mesh is wrong")
-        placed = []
-        for i, (control, readings) in enumerate(zip(controls, known.readings, strict=True)):
-            read = tuple(Field.from_arrays(arrays, f"_{i}_{j}") for j in range(readings))
-            placed.append(PlacedFields(read, arrays.get(f"weights_{i}")))
-            placed[i].check(control)
-            control.check(known.amounts[i])
-            for row in known.measured[i]:
-                control.check(row.amount)
-        return StoredPlan(controls, known.amounts, known.measured, tuple(placed), known.source, Checksum(*known.mesh))
+        if Path(text.source).name != text.source or len(text.mesh) != 2 or min(text.mesh) < 1:
+            raise ValueError("the name of the mesh or its numbers are wrong")
+        table = _table(arrays, text)
+        rows = tuple(_indices(arrays, f"rows_{i}", len(table.places), True) for i in range(len(controls)))
+        shapes = ((one.functions.count, len(own), 3) for one, own in zip(controls, rows, strict=True))
+        moves = tuple(_bounded(arrays, f"fields_{i}", shape) for i, shape in enumerate(shapes))
+        for control, own, measured in zip(controls, text.amounts, text.measured, strict=True):
+            for amount in (own, *(row.amount for row in measured)):
+                control.check(amount)
+        return StoredPlan(controls, text.amounts, text.measured, rows, moves, text.source, table)
 
 
 def digest(arrays: Mapping[str, Any]) -> str:
@@ -198,6 +152,38 @@ def digest(arrays: Mapping[str, Any]) -> str:
         one = np.ascontiguousarray(arrays[name])
         found.update(f"{name} {one.shape} {one.dtype.str};".encode() + one.tobytes())
     return found.hexdigest()
+
+
+def _table(arrays: Mapping[str, Any], text: _Text) -> PlaceTable:
+    """Return places and boxes; ValueError or KeyError if they do not fit together."""
+    boxes = []
+    for b, zones in enumerate(text.boxes):
+        numbers = bounded(arrays[f"halfway_{b}"], "halfway") if f"halfway_{b}" in arrays else None
+        halfway = None if numbers is None else Halfway.from_numbers(numbers)
+        boxes.append(PlanBox(Hexahedron(_bounded(arrays, f"corners_{b}", (8, 3))), zones, halfway))
+    count = len(arrays["places"])
+    places, box = _bounded(arrays, "places", (count, 3)), _indices(arrays, "box", len(boxes))
+    if not count or len(box) != count or not all(text.boxes):
+        raise ValueError("it has no places, or boxes do not suit them")
+    return PlaceTable(places, box, tuple(boxes), *text.mesh)
+
+
+def _bounded(arrays: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> FloatArray:
+    """Return an array of coordinates; ValueError if its shape or a number is wrong."""
+    found = bounded(arrays[name], name)
+    if found.shape != shape:
+        raise ValueError(f"{name} {found.shape} must be {shape}")
+    return found
+
+
+def _indices(arrays: Mapping[str, Any], name: str, end: int, rising: bool = False) -> IntArray:
+    """Return an array (K,) of indices from 0 to below `end`, which may have to rise; ValueError for another one."""
+    found = arrays[name]
+    if found.ndim != 1 or found.dtype.kind != "i" or found.min(initial=0) < 0 or found.max(initial=-1) >= end:
+        raise ValueError(f"{name} must be numbers from 0 to below {end}")
+    if rising and (np.diff(found) < 1).any():
+        raise ValueError(f"{name} must rise")
+    return np.asarray(found, dtype=np.intp)
 
 
 def _control(table: dict[str, Any]) -> Control:
@@ -221,7 +207,7 @@ def _value(given: Any, kind: Any) -> Any:
 
     Only `least` of `Measured` may be NaN.
     """
-    if kind in (Measured, _Content):
+    if kind in (Measured, _Text):
         hints = get_type_hints(kind)
         if not isinstance(given, dict) or {*given} != {*hints}:
             raise ValueError(f"{given!r:.80} lacks a value")

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from sdm_deflect.cases.api import Result, deflect, plan, read, sweep
     from sdm_deflect.deform.box.hexahedron import Hexahedron
     from sdm_deflect.deform.checks import Check
-    from sdm_deflect.deform.held import HeldPlan
+    from sdm_deflect.deform.mesh_motion import MeshMotion
     from sdm_deflect.deform.surface.blended import Blended
     from sdm_deflect.deform.surface.motions import Rotation, Table
     from sdm_deflect.deform.surface.surface import Listed, OnPatches, TrailingEdge
@@ -29,11 +29,11 @@ __all__ = [
     "Blended",
     "Cells",
     "Check",
-    "HeldPlan",
     "Hexahedron",
     "InputError",
     "Listed",
     "Mesh",
+    "MeshMotion",
     "OnPatches",
     "Patch",
     "Quality",
@@ -58,7 +58,7 @@ _MODULES = {
     "deform.surface.motions": ("Rotation", "Table"),
     "deform.surface.surface": ("Listed", "OnPatches", "TrailingEdge"),
     "deform.box.hexahedron": ("Hexahedron",),
-    "deform.held": ("HeldPlan",),
+    "deform.mesh_motion": ("MeshMotion",),
 }
 
 

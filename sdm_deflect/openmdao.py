@@ -1,4 +1,4 @@
-"""A held plan as a component of OpenMDAO: from amounts of surfaces to coordinates of nodes.
+"""A plan as a component of OpenMDAO: from amounts of surfaces to coordinates of nodes.
 
 The component runs in any number of processes; each gives the nodes that it holds.
 """
@@ -27,7 +27,7 @@ class Warp(om.ExplicitComponent):
 
     Options
     -------
-    plan : A plan of `sdm_deflect.plan` or `HeldPlan.load`.
+    plan : A plan of `sdm_deflect.plan` or `MeshMotion.load`.
     points : (N, 3) or (3N,) undeflected coordinates of the nodes of this process; those of the plan's mesh if None.
     output : Name of the output, such as ``aero_vol_coords``.
 
@@ -44,17 +44,18 @@ class Warp(om.ExplicitComponent):
         """Add an input for each surface, and the output."""
         plan, points, self._output = self.options["plan"], self.options["points"], self.options["output"]
         own = None if points is None else np.asarray(points, dtype=np.float64).reshape(-1, 3)
-        self._modes = plan.modes if own is None else plan.on(own)
+        self._motion = plan if own is None else plan.on(own)
         self._names = [UNFIT.sub("_", control.name) for control in plan.controls]
         for name, control in zip(self._names, plan.controls, strict=True):
             self.add_input(name, 0.0, units="deg" if control.unit == "deg" else None, desc=control.name)
-        self.add_output(self._output, self._modes.start.ravel(), distributed=self.comm.size > 1)
+        start = self._motion.at(dict.fromkeys((one.name for one in plan.controls), 0.0))
+        self.add_output(self._output, start.ravel(), distributed=self.comm.size > 1)
 
     def compute(self, inputs: Any, outputs: Any) -> None:
         """Set the coordinates."""
         amounts, plan = self._amounts(inputs), self.options["plan"]
         try:
-            outputs[self._output] = self._modes.at(amounts).ravel()
+            outputs[self._output] = self._motion.at(amounts).ravel()
         except InputError as error:
             raise om.AnalysisError(str(error)) from None
         if faults := plan.faults(amounts):
@@ -67,9 +68,9 @@ class Warp(om.ExplicitComponent):
             return
         if mode == "fwd":
             speeds = tuple(float(d_inputs[name][0]) if name in own else 0.0 for name in self._names)
-            d_outputs[self._output] += self._modes.jvp(amounts, speeds).ravel()
+            d_outputs[self._output] += self._motion.jvp(amounts, speeds).ravel()
             return
-        rates = self._modes.vjp(amounts, d_outputs[self._output].reshape(-1, 3))
+        rates = self._motion.vjp(amounts, d_outputs[self._output].reshape(-1, 3))
         rates = self.comm.allreduce(rates) if self.comm.size > 1 else rates
         for name in own:
             d_inputs[name] += rates[self._names.index(name)]

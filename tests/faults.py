@@ -1,4 +1,4 @@
-"""Sixty-three faults of one line, planted one after another in a copy: the tests of unit and contract fail.
+"""Sixty-four faults of one line, planted one after another in a copy: the tests of unit and contract fail.
 
 python -m tests.faults [NUMBER ...]
 
@@ -101,7 +101,7 @@ FAULTS = (
     Fault("lift along the wrong axis", "lift = np.array([-sin(a), 0.0, cos(a)])",
           "lift = np.array([sin(a), 0.0, cos(a)])", "studies/tests/flow"),
     Fault("a mode is left out", "out[rows] += value * one", "out[rows] += value * one * (amount > 0.0)",
-          "tests/deform/test_held.py"),
+          "tests/deform/test_mesh_motion.py"),
     Fault("a page may ask a network", "f\"default-src 'none'; {allowed}", "f\"default-src *; {allowed}",
           "tests/cases/test_report_page.py"),
     Fault("a rate of a track without its swing",
@@ -122,14 +122,16 @@ FAULTS = (
           "return given", "tests/cases/test_job_settings.py"),
     Fault("a plan moves beyond its range", "if not self.low <= amount <= self.high:", "if False:",
           "tests/cases/test_apply.py"),
-    Fault("a rounded place is a place", "exact, near = np.concatenate(known, axis=1)",
-          "near, exact = np.concatenate(known, axis=1)", "tests/cases/test_apply.py"),
+    Fault("a rounded place is a place", "np.count_nonzero(distance <= NEAR * spacing)",
+          "np.count_nonzero(distance < 0.0)", "tests/cases/test_apply.py tests/cases/test_plan_of_mesh.py"),
+    Fault("a node in the box of no place", "if self.zones == 1 else 0", "if self.zones == 0 else 0",
+          "tests/cases/test_plan_of_mesh.py"),
     Fault("a node's sensitivity counts twice", "if seen.max() > 1:", "if seen.max() > 2:",
           "tests/cases/test_gradient.py"),
     Fault("a number of a table is one off", "given[:, -1] if numbered else",
           "given[:, -1] - 1 if numbered else", "tests/cases/test_gradient.py"),
     Fault("a derivative of another amount", "out[rows] += speed * rate * one", "out[rows] += rate * one",
-          "tests/deform/test_held.py tests/cases/test_gradient.py"),
+          "tests/deform/test_mesh_motion.py tests/cases/test_gradient.py"),
     Fault("sliding nodes leave their shape", "out[rows] = self._project(patch, rows, out[rows])", "pass",
           "tests/deform/volume/test_sliding.py tests/deform/volume/test_boundary.py"),
     Fault("two surfaces may tear a node apart", "if apart.any():", "if apart.all():",

@@ -36,7 +36,7 @@ PLANTED = [
     (ROOMS, "deform/checks.py", "sdm_deflect.cases.run.metrics"),
     (ROOMS, "sdm_deflect/base/threads.py", "sdm_deflect.geometry.datum"),
     (NUMERICS, "deform/volume/step.py", "sdm_deflect.meshing.formats.registry"),
-    (NUMERICS, "deform/held.py", "sdm_deflect.meshing.generate.sizing"),
+    (NUMERICS, "deform/mesh_motion.py", "sdm_deflect.meshing.generate.sizing"),
     (NUMERICS, "meshing/mesh/edges.py", "sdm_deflect.geometry.datum"),
     (NUMERICS, "meshing/mesh/mesh.py", "meshio"),
     (NUMERICS, "meshing/repair/energy.py", "h5py"),

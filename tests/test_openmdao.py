@@ -1,4 +1,4 @@
-"""A held plan as a component of OpenMDAO."""
+"""A plan as a component of OpenMDAO."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ import sdm_deflect as sdm
 from sdm_deflect.openmdao import Warp
 from tests import calls
 from tests.deform.blocks import two_bodies
-from tests.deform.test_held import AROUND_BOTH, SLAT_AND_FLAP
+from tests.deform.test_mesh_motion import AROUND_BOTH, SLAT_AND_FLAP
 
 AT = {"left_1": 6.0, "right#2": -3.0}
 """Amounts of two surfaces, called left.1 and right#2: OpenMDAO refuses points in names."""
@@ -45,14 +45,14 @@ def test_coordinates_are_those_of_the_plan_in_any_parts(plan):
     rows = np.random.default_rng(4).permutation(len(whole))
     for count in (2, 4):
         for own in np.array_split(rows, count):
-            points = plan.mesh.plan.mesh.points[own]
+            points = plan.plan.mesh.points[own]
             found = solved(Warp(plan=plan, points=points.ravel(), output="aero_vol_coords"), at=AT)
             assert np.array_equal(found["aero_vol_coords"].reshape(-1, 3), whole[own])
 
 
 def test_derivatives_both_ways_are_those_of_differences(plan):
     moving = np.flatnonzero(plan.at(list(AT.values())) != plan.at([0.0, 0.0]))[::40] // 3
-    warp = Warp(plan=plan, points=plan.mesh.plan.mesh.points[moving])
+    warp = Warp(plan=plan, points=plan.plan.mesh.points[moving])
     found = solved(warp, at=AT).check_partials(out_stream=None, step=1e-3, form="central")["part_0"]
     assert set(found) == {("x", name) for name in AT}
     for one in found.values():
@@ -97,7 +97,7 @@ def test_an_optimiser_finds_the_angle_of_a_half_wing(tmp_path):
     plan.save(tmp_path / "flap.npz")
     distance = Distance(plan.at(14.0))
     problem = om.Problem(reports=False)
-    warp = Warp(plan=sdm.HeldPlan.load(tmp_path / "flap.npz"), points=mesh.points)
+    warp = Warp(plan=sdm.MeshMotion.load(tmp_path / "flap.npz"), points=mesh.points)
     problem.model.add_subsystem("warp", warp, promotes=["*"])
     problem.model.add_subsystem("distance", distance, promotes=["*"])
     problem.model.add_design_var("flap", lower=0.0, upper=25.0)

@@ -13,7 +13,7 @@ from sdm_deflect.base.compiled import default_folder
 from sdm_deflect.base.errors import MeshFileError
 from sdm_deflect.base.threads import Progress
 from sdm_deflect.cases.report.folder import plan_around, written_plan
-from sdm_deflect.cases.run.deflect_file import held_plan
+from sdm_deflect.cases.run.deflect_file import motion_within_ranges
 from sdm_deflect.cases.run.limit import Search
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.checks import tally
@@ -50,14 +50,14 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, rep
         background = background_mesh(case, watch, cache) if case.domain == "block" else None
         with watch.stage("deformation") as progress:
             plan = plan_of(case, mesh, progress=progress)
-            held = held_plan(plan, lambda _: nullcontext(progress))
-            ((deflection, mesh_checks),) = carried_out(plan, lambda _: nullcontext(progress), "m", held)
+            motion = motion_within_ranges(plan, lambda _: nullcontext(progress))
+            ((deflection, mesh_checks),) = carried_out(plan, lambda _: nullcontext(progress), "m", motion)
             moved = mesh.with_points(deflection.points)
             whole = whole_mesh_seconds(deflection)
             stiff = pinned_quality(case, mesh, progress) if case.domain == "block" else None
             progress(adaptation_text(deflection), 1.0)
         with watch.stage("plan") as progress:
-            around = held or plan_around(deflection, progress)
+            around = motion or plan_around(deflection, progress)
         if report:
             shown, gallery = draw_report(case, deflection, folder, watch)
         with watch.stage("files") as progress:
@@ -75,7 +75,7 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, rep
         from .report import draw_distances
 
         with watch.stage("report") as progress:
-            data = replace(shown, held=around).with_verdict(checks, metrics(run) | planned)
+            data = replace(shown, motion=around).with_verdict(checks, metrics(run) | planned)
             write_report(data, gallery.with_more(draw_distances(data, folder / "figures")), folder)
             progress(f"{(folder / 'report.html').stat().st_size / 1e6:.1f} MB", 1.0)
     (folder / "metrics.json").write_text(json.dumps(metrics(run) | planned, indent=2) + "\n", encoding="utf-8")

@@ -27,7 +27,7 @@ from . import options
 if TYPE_CHECKING:
     from sdm_deflect.base.threads import Runner
     from sdm_deflect.cases.run.limit import Search
-    from sdm_deflect.cases.run.mesh_files import Targets
+    from sdm_deflect.cases.run.mesh_files import OutputFiles
     from sdm_deflect.cases.run.progress import Stopwatch
     from sdm_deflect.deform.options import RepairMode
     from sdm_deflect.deform.volume.plan import Plan
@@ -68,14 +68,10 @@ Found = tuple["Search", "RepairMode", Path, dict[str, Any]]
     metavar="A:B:STEP|FILE",
     help="Many angles, a file for each; a list with commas; or a .csv, a column per surface.",
 )
-@options.gone("--history")
-@options.gone("--cpacs")
-@options.gone("--to-solver")
 @options.output_option(
     "--out", type=options.FILE, help="File to write (default: MESH-deflected); its suffix is the format."
 )
 @options.output_option("--sensitivity", is_flag=True, help="Also write d(points)/d(angle), as .npz and .vtu.")
-@options.gone("--field")
 @options.output_option("--plan", type=options.FILE, help="Also save the plan, for `sdm apply`.")
 @options.output_option("--mesh/--no-mesh", "meshes", default=True, help="Whether to write meshes, beside a --plan.")
 @options.report_option
@@ -106,7 +102,7 @@ def deflect(
     sdm deflect wing.su2 --surface flap --fixed wing --hinge 0.7,0,0 0.7,1,0 --angle 10 --motion blended
     """
     from sdm_deflect.cases.run.deflect_file import deflect_file, figures, plan_file
-    from sdm_deflect.cases.run.mesh_files import Targets
+    from sdm_deflect.cases.run.mesh_files import OutputFiles
 
     as_json, quiet, verbose = (given.pop(name) for name in ("as_json", "quiet", "verbose"))
     angles, helpers = given.pop("angles"), {name: given.pop(name) for name in ("count", "scheduler", "memory")}
@@ -122,7 +118,7 @@ def deflect(
     if angles and plan:
         jobs = tuple(job.over(own) for job, own in zip(jobs, poses_of(jobs, poses), strict=True))
     poses = tuple(dict.fromkeys(poses))
-    wanted = replace(Targets.of(mesh, out, poses, sensitivity, report), plan=plan, meshes=meshes)
+    wanted = replace(OutputFiles.of(mesh, out, poses, sensitivity, report), plan=plan, meshes=meshes)
     wanted.check(inputs)
     with (
         options.watch(quiet or (as_json and not verbose), verbose) as watch,
@@ -209,18 +205,12 @@ def apply(
         done = apply_plan(plan, _named_amounts("--angle", angle), meshes, out, zones, progress)
     files = [{"file": str(file), "points": points, "moved": moved} for file, points, moved in done.files]
     lines = [f"{file}: {moved} of {points} points moved" for file, points, moved in done.files]
-    if done.mesh.missing:
-        lines.append(f"{done.mesh.missing} of {done.mesh.places} places of {plan} are in none of these meshes")
-    if not done.mesh.compared:
-        lines.append(
-            f"not compared with the mesh of {plan}: {done.mesh.found} of its {done.mesh.inside} places in the box"
-        )
+    if done.missing:
+        lines.append(f"{done.missing} of {done.places} places of {plan} are in none of these meshes")
     if not done.measured:
         lines.append("not measured: the surfaces were measured one at a time; sdm quality judges the cells")
     lines += [f"FAILED: {text}; do not use the mesh as it is" for text in done.faults]
-    figures = {**asdict(done), **asdict(done.mesh), "files": files}
-    del figures["mesh"], figures["fault"]
-    options.print_either(as_json, figures, *lines)
+    options.print_either(as_json, {**asdict(done), "files": files}, *lines)
     return options.code_of(not done.faults)
 
 
@@ -246,12 +236,11 @@ def gradient(
     with options.watch(quiet, show["verbose"]) as watch, watch.stage("gradient") as progress:
         amounts = _named_amounts("--at", at)
         found = amount_derivatives(sensitivity, plan, amounts, mesh, zones, progress)
-    units = {one.name: one.unit for one in found.held.controls}
+    units = {one.name: one.unit for one in found.motion.controls}
     lines = [f"d/d({name}) = {value:.10g} per {units[name]}" for name, value in found.values.items()]
-    lines += [f"from {found.nodes} nodes", *([f"FAILED: {plan}: {found.fault}"] if found.fault else [])]
-    figures = {"gradient": found.values, "units": units, "nodes": found.nodes, "fault": found.fault}
-    options.print_either(as_json, figures, *lines)
-    return options.code_of(not found.fault)
+    figures = {"gradient": found.values, "units": units, "nodes": found.nodes}
+    options.print_either(as_json, figures, *lines, f"from {found.nodes} nodes")
+    return 0
 
 
 def _named_amounts(flag: str, text: str) -> float | dict[str, float]:
@@ -363,7 +352,7 @@ def _search_of_case(case: str, watch: "Stopwatch", given: dict[str, Any]) -> Fou
 def _search_of_mesh(name: str, watch: "Stopwatch", given: dict[str, Any]) -> Found:
     """Return how the limits of surfaces of a mesh are found, the mesh read."""
     from sdm_deflect.cases.run.limit import search_of
-    from sdm_deflect.cases.run.mesh_files import Targets
+    from sdm_deflect.cases.run.mesh_files import OutputFiles
     from sdm_deflect.cases.settings.jobs import jobs_of
     from sdm_deflect.meshing.formats.registry import read
 
@@ -374,12 +363,12 @@ def _search_of_mesh(name: str, watch: "Stopwatch", given: dict[str, Any]) -> Fou
     if not (given["config"] or given["table"] or given["angle"]):
         given["angle"] = 1.0
     jobs = jobs_of(check_swept(_settings(given)[0]))
-    targets = Targets.of(path, None, ())
+    wanted = OutputFiles.of(path, None, ())
     with watch.stage("read") as progress:
         mesh = read(path, progress)
-    search, asked = search_of(mesh, jobs, resolution, targets.precision(mesh)), jobs[0].repair
+    search, asked = search_of(mesh, jobs, resolution, wanted.precision(mesh)), jobs[0].repair
     figures = {"mesh": name, "min_quality": asked.min_quality, "unit": search.unit, "resolution": search.resolution}
-    return search, asked.mode, targets.limits, figures
+    return search, asked.mode, wanted.limits, figures
 
 
 def _runner(helpers: Mapping[str, Any], *where: Any) -> AbstractContextManager["Runner"]:
@@ -392,7 +381,7 @@ def _runner(helpers: Mapping[str, Any], *where: Any) -> AbstractContextManager["
     return workers(*where, **helpers)
 
 
-def _show_plan(wanted: "Targets", plan: "Plan", as_json: bool) -> int:
+def _show_plan(wanted: "OutputFiles", plan: "Plan", as_json: bool) -> int:
     from sdm_deflect.cases.run.deflect_file import plan_figures
 
     from .console import plan_table

@@ -15,8 +15,8 @@ from click.shell_completion import CompletionItem
 from sdm_deflect.base.errors import InputError
 from sdm_deflect.base.schema import GROUPS, ONLY_SET, Setting, choices_of, kind_of
 from sdm_deflect.cases.settings.conversion import parse_spelling
-from sdm_deflect.cases.settings.job_settings import BY_NAME, GONE
-from sdm_deflect.meshing.formats.known import writable
+from sdm_deflect.cases.settings.job_settings import BY_NAME
+from sdm_deflect.meshing.formats.registration import writable
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.run.progress import Stopwatch
@@ -111,13 +111,8 @@ class DeflectCommand(click.Command):
         formatter.write_text(f"Settings by --set alone, or in a file: {', '.join(others)}.")
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Double a hinge of one point, and suggest no option that was removed."""
-        try:
-            return super().parse_args(ctx, _of_two_points(args))
-        except click.NoSuchOption as error:
-            removed = {word for option in self.params if getattr(option, "hidden", False) for word in option.opts}
-            near = [word for word in error.possibilities or () if word not in removed]
-            raise click.NoSuchOption(error.option_name, error.message, near, ctx) from None
+        """Double a hinge of one point."""
+        return super().parse_args(ctx, _of_two_points(args))
 
 
 def _of_two_points(args: list[str]) -> list[str]:
@@ -132,12 +127,6 @@ def _of_two_points(args: list[str]) -> list[str]:
     return args
 
 
-def _refused(_: click.Context, option: click.Parameter, value: Any) -> None:
-    if value is not None:
-        raise InputError(f"{option.opts[0]}: {GONE[str(option.name)]}")
-
-
-gone = partial(click.option, hidden=True, expose_value=False, callback=_refused)
 angle_option = click.option("--angle", type=float, help="Deflection in degrees; positive is trailing edge down.")
 set_option = click.option("--set", "assignments", multiple=True, metavar="KEY=VALUE", help="Replace a setting; repeat.")
 json_option = output_option("--json", "as_json", is_flag=True, help="Print JSON to the standard output, nothing else.")

@@ -160,7 +160,6 @@ def report(folder: Path, form: str | None, quiet: bool, verbose: bool) -> int:
 
 @click.command()
 @click.argument("folders", metavar="RUN RUN...", nargs=-1, required=True, type=options.FILE)
-@options.gone("--out", "page")
 @options.json_option
 @options.progress_options
 def compare(folders: tuple[Path, ...], as_json: bool, quiet: bool, verbose: bool) -> None:
@@ -180,7 +179,6 @@ def compare(folders: tuple[Path, ...], as_json: bool, quiet: bool, verbose: bool
 
 @click.command()
 @click.argument("place", metavar="RUN|MESH", type=options.FILE)
-@options.gone("--port")
 @click.option("--out", type=options.FILE, help="Of a mesh: page to write (default: MESH-view.html).")
 @click.option("--open/--no-open", "show", default=True, help="Whether to open the page in the browser.")
 @options.progress_options
@@ -218,7 +216,6 @@ def view(place: Path, out: Path | None, show: bool, quiet: bool, verbose: bool) 
 
 @click.command()
 @click.argument("place", metavar="RUN|PLAN", type=options.FILE)
-@options.gone("--to-solver", is_eager=True)
 @click.option("--format", "form", type=options.FORMATS, required=True, help="Format of the flow solver.")
 @click.option("--which", default="deflected", show_default=True, type=click.Choice(("deflected", "undeflected")))
 @click.option("--out", type=options.FILE, help="File to write, for OpenFOAM a new folder (default: beside RUN).")

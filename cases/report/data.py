@@ -19,7 +19,7 @@ from sdm_deflect.cases.run.metrics import Json, width_setting
 from sdm_deflect.cases.run.output import text_of
 from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.checks import Check
-from sdm_deflect.deform.held import HeldPlan
+from sdm_deflect.deform.mesh_motion import MeshMotion
 from sdm_deflect.deform.rbf.data_sites import DIRECTIONS
 from sdm_deflect.deform.surface.surface import name_of
 from sdm_deflect.deform.volume.deflection import BoxDeflection
@@ -205,7 +205,7 @@ class ReportData:
     drawn, hidden : names of the patches in pictures, and of those that only the turnable picture offers.
     quality_limit : smallest mean ratio that is accepted, None without a limit.
     interpolated : (N, 3) before a repair moved nodes, None if none did.
-    held : what moves the mesh to other amounts; None without a plan.
+    motion : what moves the mesh to other amounts; None without a plan.
     moves : the command that does so, at AMOUNTS.
     checks : the verdict; empty until the mesh is judged.
     figures : the content of metrics.json; empty until then.
@@ -226,7 +226,7 @@ class ReportData:
     hidden: tuple[str, ...] = ()
     quality_limit: float | None = None
     interpolated: FloatArray | None = field(default=None, repr=False)
-    held: HeldPlan | None = field(default=None, repr=False)
+    motion: MeshMotion | None = field(default=None, repr=False)
     moves: str = ""
     checks: tuple[Check, ...] = ()
     figures: Json = field(default_factory=dict, repr=False)

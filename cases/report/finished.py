@@ -16,7 +16,7 @@ from sdm_deflect.cases.run.output import PAGE, output_files
 from sdm_deflect.cases.settings.job_settings import job_settings, read_job
 from sdm_deflect.cases.settings.jobs import jobs_of
 from sdm_deflect.deform.checks import Check, checks_of
-from sdm_deflect.deform.held import HeldPlan
+from sdm_deflect.deform.mesh_motion import MeshMotion
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.meshing.formats.registry import format_of, read
@@ -75,17 +75,17 @@ class FinishedRun:
         figures, checks, fits = read_figures(self.folder)
         with damaged(self.folder, RUN):
             data = self._data(fits)
-        return replace(data, held=self.held).with_verdict(checks, figures)
+        return replace(data, motion=self.motion).with_verdict(checks, figures)
 
     def _data(self, fits: Sequence[FitRows]) -> ReportData:
         stored = self.settings, self.folder.resolve().name
         return job_data(self.plan, self.plan.pose, self.points, stored, fits, self.repair)
 
     @property
-    def held(self) -> HeldPlan | None:
+    def motion(self) -> MeshMotion | None:
         """What moves its mesh to other amounts; None if its folder has no plan."""
         path = self.folder / PLAN
-        return HeldPlan.load(path) if path.exists() else None
+        return MeshMotion.load(path) if path.exists() else None
 
     def recheck(self) -> tuple[Check, ...]:
         """Return its checks, made again from its files, and those of the files.

@@ -36,7 +36,7 @@ from sdm_deflect.cases.run.metrics import (
 from sdm_deflect.cases.run.output import lacks, write_convergence, write_interpolants
 from sdm_deflect.cases.settings.conversion import table_of
 from sdm_deflect.deform.checks import Check
-from sdm_deflect.deform.held import HeldPlan
+from sdm_deflect.deform.mesh_motion import MeshMotion
 from sdm_deflect.deform.options import JobOptions
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
@@ -58,6 +58,8 @@ from .data import MESH_UNITS, Box, FitRows, ReportData, before_repair, in_view, 
 from .near import some_cells
 
 PLAN = "plan.npz"
+LARGEST_PLAN = 20e6
+"""Largest bytes of a plan's arrays in the folder of a report: it should fit into a message."""
 PART = "deflected.vtu holds only the {cells:,} cells with a node that may move; its array node numbers their nodes"
 
 
@@ -73,7 +75,7 @@ def write_run_folder(
     out: Path | None,
     timings: Mapping[str, float],
     home: Path | None = None,
-    held: HeldPlan | None = None,
+    motion: MeshMotion | None = None,
 ) -> ReportData:
     """Write settings.toml, metrics.json, deflected.vtu, convergence.csv, interpolant.npz, figures and report.html.
 
@@ -89,7 +91,7 @@ def write_run_folder(
     out : The file of the deflected mesh, beside which `folder` will be, as `folder_of` says. None if there is no file.
     timings : Seconds by stage.
     home : Where `folder` will be; it follows from `out` if that is given, else it is `folder` if None.
-    held : The plan that moves the mesh to other amounts; None without one.
+    motion : The plan that moves the mesh to other amounts; None without one.
     """
     folder.mkdir(parents=True, exist_ok=True)
     place = folder_of(out) if out else home or folder
@@ -97,10 +99,16 @@ def write_run_folder(
     (folder / SETTINGS).write_text(settings, encoding="utf-8")
     whole = is_small(deflection.plan.mesh)
     write_arrays(folder, deflection, whole)
-    figures = metrics_of(deflection, checks, out, timings) | written_plan(folder, held)
+    large = motion is not None and motion.nbytes > LARGEST_PLAN
+    figures = metrics_of(deflection, checks, out, timings) | written_plan(None if large else folder, motion)
+    data = replace(data_of(deflection, settings, place.name), motion=motion)
+    if motion and large:
+        way = _plan_command(settings_of(deflection, place, folder), place, motion)
+        figures["notes"].append(f"{PLAN} would have {motion.nbytes / 1e6:.2g} MB and is left out; `{way}` writes it")
+        data = replace(data, moves=f"{way} && {data.moves.replace(str(Path(place.name, PLAN)), PLAN)}")
     figures["notes"] += [] if whole else [PART.format(cells=deflection.plan.touched.count)]
     (folder / "metrics.json").write_text(json.dumps(figures, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    data = replace(data_of(deflection, settings, place.name), held=held).with_verdict(checks, figures)
+    data = data.with_verdict(checks, figures)
     if not lacks("report"):
         from .page import write_report
         from .pictures import draw_pictures
@@ -109,21 +117,25 @@ def write_run_folder(
     return data
 
 
-def plan_around(deflection: Deflection, progress: Progress = silent) -> HeldPlan | None:
+def plan_around(deflection: Deflection, progress: Progress = silent) -> MeshMotion | None:
     """Return the judged plan from 0 to the amounts of a deflection; None if its fields do not repeat the deflection."""
     try:
-        return HeldPlan.of(deflection.plan, progress, deflection).judged(progress)
+        return MeshMotion.of(deflection.plan, progress, deflection).judged(progress)
     except InputError:
         return None
 
 
-def written_plan(folder: Path, held: HeldPlan | None) -> Json:
-    """Write plan.npz into a folder, and return its figures; nothing where nodes at one place move apart."""
-    if held is None:
+def written_plan(folder: Path | None, motion: MeshMotion | None) -> Json:
+    """Write plan.npz into a folder, if there is one, and return its figures.
+
+    There is no file where nodes at one place move apart.
+    """
+    if motion is None:
         return {"plan": None}
     with suppress(InputError):
-        held.save(folder / PLAN)
-    return {"plan": {"surfaces": held.figures()}}
+        if folder:
+            motion.save(folder / PLAN)
+    return {"plan": {"surfaces": motion.figures()}}
 
 
 def data_of(deflection: Deflection, settings: str = "", name: str = "") -> ReportData:
@@ -174,6 +186,15 @@ def job_data(
         hidden=tuple(name for name in mesh.names if name not in shown),
         interpolated=before_repair(points, repair),
     )
+
+
+def _plan_command(settings: Mapping[str, Any], folder: Path, motion: MeshMotion) -> str:
+    """Return the command that writes the plan of a run whose folder will be at `folder`."""
+    words = ["sdm", "deflect", _source(settings, folder.name), "--config", str(Path(folder.name, SETTINGS))]
+    ranged = any("range" in surface for surface in settings["surface"])
+    for own in () if ranged else motion.controls[:1]:
+        words.append(f"--range={own.low:g}:{own.high:g}")
+    return shlex.join([*words, "--plan", PLAN, "--no-mesh", "--no-report"])
 
 
 def _source(settings: Mapping[str, Any], folder: str) -> str:

@@ -13,8 +13,9 @@ from matplotlib.colors import to_hex
 
 from sdm_deflect.base.arrays import FloatArray, IntArray, distinct, union
 from sdm_deflect.cases.run.metrics import Json
+from sdm_deflect.deform.mesh_motion import MeshMotion
 from sdm_deflect.deform.surface.motions import Fixed, Powers, Turn
-from sdm_deflect.deform.volume.modes import Control, Modes
+from sdm_deflect.deform.volume.controls import Control
 from sdm_deflect.meshing.formats.polyhedra import faces_by_cell
 from sdm_deflect.meshing.mesh.cells import Cells, Patch, Polyhedra, Volume
 from sdm_deflect.meshing.mesh.edges import area_vectors, edges_of, polygons_of, sharp_edges, unit
@@ -87,32 +88,32 @@ class Turning:
 
     Attributes
     ----------
-    modes : fields at all nodes; without surfaces where there is no plan.
+    motion : the motion of all nodes; without surfaces where there is no plan.
     own : amounts of the run.
     poses : amounts of all surfaces at which the mesh was measured, those of each surface one after another.
     """
 
-    modes: Modes = field(repr=False)
+    motion: MeshMotion = field(repr=False)
     own: tuple[float, ...]
     poses: tuple[tuple[float, ...], ...] = ()
 
     @classmethod
     def of(cls, data: ReportData) -> "Turning":
         """Take the plan of a run, if there is one."""
-        held = data.held
-        if held is None:
-            return cls(Modes((), data.mesh.points, (), ()), ())
+        motion = data.motion
+        if motion is None:
+            return cls(MeshMotion((), data.mesh.points, (), ()), ())
         own, poses = [], []
-        for i, control in enumerate(held.controls):
+        for i, control in enumerate(motion.controls):
             own += [one.amount for one in data.surfaces if {*one.patches} & {*control.patches}][:1]
-            for row in held.measured[i]:
-                poses.append(tuple(row.amount if i == j else other for j, other in enumerate(held.amounts)))
-        return cls(held.at_nodes(data.mesh.points), tuple(own), tuple(poses))
+            for row in motion.measured[i]:
+                poses.append(tuple(row.amount if i == j else other for j, other in enumerate(motion.amounts)))
+        return cls(motion if motion.plan else motion.on(data.mesh.points), tuple(own), tuple(poses))
 
     def page_fields(self, nodes: IntArray, points: FloatArray, exact: bool) -> tuple[list[Json], FloatArray]:
         """Return the fields of nodes (K,) at points (K, 3), and the places that the page computes from them."""
-        out, computed, place = [], np.sum(_split(points, exact), axis=0), np.full(len(self.modes.start), -1)
-        surfaces = zip(self.modes.controls, self.own, self.modes.rows, self.modes.fields, strict=True)
+        out, computed, place = [], np.sum(_split(points, exact), axis=0), np.full(len(self.motion.start), -1)
+        surfaces = zip(self.motion.controls, self.own, self.motion.rows, self.motion.fields, strict=True)
         for i, (control, amount, rows, fields) in enumerate(surfaces):
             place[:] = -1
             place[rows] = np.arange(len(rows))
@@ -129,7 +130,7 @@ class Turning:
     def states(self, data: ReportData) -> Iterator[FloatArray]:
         """Yield the mesh (N, 3) before, after, before the repair, and at each pose."""
         yield from (data.mesh.points, data.points, data.points if data.interpolated is None else data.interpolated)
-        yield from map(self.modes.at, self.poses)
+        yield from map(self.motion.at, self.poses)
 
 
 def turnable(data: ReportData, most_cells: int = 0, most_triangles: int = MOST_TRIANGLES) -> Json:
@@ -257,12 +258,14 @@ def dots(data: ReportData) -> Iterator[Json]:
 
 def surfaces(data: ReportData, turning: Turning) -> Json:
     """Return the surfaces that can be turned, what was measured of each, and the command that moves the mesh."""
-    held, out = data.held, []
-    for own, amount, table in zip(turning.modes.controls, turning.own, held.figures() if held else (), strict=True):
+    motion, out = data.motion, []
+    for own, amount, table in zip(
+        turning.motion.controls, turning.own, motion.figures() if motion else (), strict=True
+    ):
         functions = _functions(own)
         tolerance = next(b.tolerance for b in data.boxes if any({*s.patches} & {*own.patches} for s in b.surfaces))
         out.append({**table, "functions": functions, "own": amount, "tolerance": tolerance})
-    return {"surfaces": out, "stands": held.amounts if held else (), "command": data.moves}
+    return {"surfaces": out, "stands": motion.amounts if motion else (), "command": data.moves}
 
 
 def _functions(own: Control) -> Json:

@@ -8,19 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.base.arrays import FloatArray
+from sdm_deflect.base.arrays import FloatArray, IntArray
 from sdm_deflect.base.errors import InputError, MeshFileError, short_list
 from sdm_deflect.base.files import permitted_as
 from sdm_deflect.base.states import check_unchanged, states_of
 from sdm_deflect.base.threads import Progress, silent
-from sdm_deflect.deform.held import HeldPlan, unit_hint
-from sdm_deflect.deform.volume.checksum import Checksum, Keys, place_keys
+from sdm_deflect.deform.mesh_motion import MeshMotion
+from sdm_deflect.deform.volume.job import Amounts
 from sdm_deflect.meshing.formats.openfoam_case import are_all_parts, is_part, move_parts
 from sdm_deflect.meshing.formats.registry import files_of, format_of
 from sdm_deflect.meshing.mesh.cells import Zone, bounded
 from sdm_deflect.meshing.mesh.precision import DOUBLE
 
-from .mesh_files import Targets
+from .mesh_files import OutputFiles
 from .output import output_files
 
 Write = Callable[[Path, FloatArray], tuple[Path, Path]]
@@ -34,14 +34,15 @@ class Applied:
     Attributes
     ----------
     files : each file with its points and how many of them moved.
-    mesh : whether the meshes are the one on which the plan was measured.
+    places, missing : number of the plan's places, and of those that are in none of the meshes.
     amounts, ranges, passed : of each surface by its name; the amounts that passed are None if none did.
     faults : sentences on amounts that did not pass.
     measured : whether at most one surface is away from where it stood while the others were measured.
     """
 
     files: tuple[tuple[Path, int, int], ...]
-    mesh: "Comparison"
+    places: int
+    missing: int
     amounts: dict[str, Any]
     ranges: dict[str, Any]
     passed: dict[str, tuple[float, float] | None]
@@ -61,7 +62,7 @@ def apply_plan(
 
     Parameters
     ----------
-    path : A file of `HeldPlan.save`.
+    path : A file of `MeshMotion.save`.
     amounts : Of the only surface, or by the surfaces' names.
     meshes : Mesh files; or folders ``processor0`` and so on of one decomposed case of OpenFOAM.
     out : The file to write, or the folder of the case; NAME-deflected beside the mesh, or the case, if None.
@@ -71,58 +72,49 @@ def apply_plan(
     Raises
     ------
     InputError
-        If an amount is outside its range. If a place of the plan is no point of the meshes, but some parts of a case
-        may be missing; or one is nearly a point: coordinates were rounded. If a mesh has coordinates of 32 bits, or
-        would be overwritten.
+        If an amount is outside its range. If the meshes are not the one on which the plan was measured, or have
+        rounded coordinates; some parts of a case may be missing. If a mesh has coordinates of 32 bits, or would be
+        overwritten.
     MeshFileError
         If a mesh cannot be read or written.
     """
-    held = HeldPlan.load(path)
-    pose = held.in_order(amounts)
+    motion = MeshMotion.load(path)
+    pose = motion.in_order(amounts)
     states = states_of(file for mesh in meshes for file in _files(mesh))
-    same = compare(held, path, meshes, zones, progress)
+    places, missing = compare(motion, path, meshes, zones, progress)
     files = []
     with _writers(meshes, out) as writers:
         for mesh, write in zip(meshes, writers, strict=True):
             points, own = points_of(mesh)
-            moved = move(held, pose, mesh, points, own, zones)
+            moved = move(motion, pose, mesh, points, own, zones)
             progress(f"writing {mesh.name}", 0.5)
             beside, target = write(mesh, moved)
             if not np.array_equal(points_of(beside)[0], moved):
                 raise MeshFileError(f"{target}: does not read back as it was written")
             files.append((target, len(points), int(np.count_nonzero((moved != points).any(axis=1)))))
         check_unchanged(states)
-    ranges = {control.name: (control.low, control.high) for control in held.controls}
+    ranges = {control.name: (control.low, control.high) for control in motion.controls}
     named = dict(zip(ranges, pose, strict=True))
-    passed = {name: held.passed(i) for i, name in enumerate(ranges)}
-    faults = (*([same.fault] if same.fault else []), *held.faults(pose))
-    return Applied(tuple(files), same, named, ranges, passed, faults, held.is_measured(pose))
+    passed = {name: motion.passed(i) for i, name in enumerate(ranges)}
+    measured = motion.is_measured(pose)
+    return Applied(tuple(files), places, missing, named, ranges, passed, motion.faults(pose), measured)
 
 
 def plan_to_case(path: Path, case: Path, progress: Progress = silent) -> tuple[Path, ...]:
     """Write the plan in the file `path` as fields into a case of OpenFOAM; return the files; errors as `apply_plan`."""
-    held = HeldPlan.load(path)
-    if fault := compare(held, path, [case], (), progress).fault:
-        raise InputError(f"{path}: {fault}")
-    return held.save_openfoam(case, points_of(case)[0])
+    motion = MeshMotion.load(path)
+    compare(motion, path, [case], (), progress)
+    return motion.save_openfoam(case, points_of(case)[0])
 
 
 def move(
-    held: HeldPlan,
-    pose: Sequence[float],
-    mesh: Path,
-    points: FloatArray,
-    zones: Sequence[Zone],
-    names: Sequence[str] = (),
+    motion: MeshMotion, pose: Amounts, mesh: Path, points: FloatArray, zones: Sequence[Zone], names: Sequence[str] = ()
 ) -> FloatArray:
     """Return where a plan moves the points (N, 3) of a mesh; `names` are further zones that deform.
 
     Raises InputError if a point would be beyond what a mesh may have.
     """
-    moved = points.copy()
-    for placed, control, amount in zip(held.by_place, held.controls, pose, strict=True):
-        for rows in deforming(mesh, zones, placed.zones, names) if amount and placed.fields else ():
-            placed.move(points[rows], control.functions.values(amount), moved[rows])
+    moved = motion.taken(points, located(motion, mesh, points, zones, names)).at(pose)
     return bounded(moved, f"{mesh.name}, moved by the plan")
 
 
@@ -130,28 +122,14 @@ def _files(mesh: Path) -> Sequence[Path]:
     return sorted((mesh / "constant" / "polyMesh").iterdir()) if is_part(mesh) else files_of(mesh)
 
 
-@dataclass(frozen=True, slots=True)
-class Comparison:
-    """How much of a plan's mesh the given meshes hold.
+def compare(
+    motion: MeshMotion, path: Path, meshes: Sequence[Path], zones: Sequence[str], progress: Progress
+) -> tuple[int, int]:
+    """Compare mesh files, or parts of a case, with the mesh of the plan in the file `path`.
 
-    Attributes
-    ----------
-    places, missing : of the plan, and those that are in none of the meshes.
-    inside, found : number of places inside the boxes: of the plan's mesh, and of these meshes.
-    compared : whether these meshes are a whole mesh, which was compared with the plan's.
-    fault : why they are not the mesh on which the plan was measured; empty if they are, or were not compared.
+    Return the number of the plan's places, and how many of them are in none of the meshes. Errors as of
+    `compare_points` and `points_of`.
     """
-
-    places: int
-    missing: int
-    inside: int
-    found: int
-    compared: bool
-    fault: str
-
-
-def compare(held: HeldPlan, path: Path, meshes: Sequence[Path], zones: Sequence[str], progress: Progress) -> Comparison:
-    """Compare mesh files, or parts of a case, with a plan's mesh; errors as of `compare_points` and `points_of`."""
 
     def read() -> Iterator[tuple[Path, FloatArray, Sequence[Zone]]]:
         for mesh in meshes:
@@ -159,43 +137,60 @@ def compare(held: HeldPlan, path: Path, meshes: Sequence[Path], zones: Sequence[
             yield mesh, *points_of(mesh)
 
     try:
-        return compare_points(held, read(), zones)
+        return compare_points(motion, read(), zones)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
 
 def compare_points(
-    held: HeldPlan, meshes: Iterable[tuple[Path, FloatArray, Sequence[Zone]]], zones: Sequence[str] = ()
-) -> Comparison:
-    """Compare meshes, given by their paths, points (N, 3) and zones, with that of a plan.
+    motion: MeshMotion, meshes: Iterable[tuple[Path, FloatArray, Sequence[Zone]]], zones: Sequence[str] = ()
+) -> tuple[int, int]:
+    """Compare meshes, given by their paths, points (N, 3) and zones, with that of a plan; return as `compare`.
 
-    `zones` are further zones that deform. Raises InputError if none of the plan's places is one of the points, or if
-    points were rounded.
+    `zones` are further zones that deform. Raises InputError if a place of the plan is no point, but parts of a case may
+    be missing; if a point in a box is no place; or if points were rounded.
     """
-    boxes, known = held.boxes, [np.zeros((2, len(box.places)), dtype=np.bool_) for box in held.boxes]
-    keys, paths, hint = list[list[Keys]](), list[Path](), ""
+    table, paths, hint = motion.places, list[Path](), ""
+    found, near, strangers = np.zeros(len(table.places), dtype=np.bool_), 0, 0
     for mesh, points, own in meshes:
         paths.append(mesh)
-        keys.append([])
-        for box, found in zip(boxes, known, strict=True):
-            names = {name for zone in own for name in (zone.name, *zone.blocks)} & {*box.zones}
-            for rows in deforming(mesh, own, box.zones, zones):
-                found |= box.matches(points[rows])
-            for rows in deforming(mesh, own, box.zones, () if names else zones):
-                keys[-1].append(place_keys(points[rows][box.inside(points[rows])]))
-        hint = hint or ("" if any(found.any() for found in known) else unit_hint(boxes, points))
-    exact, near = np.concatenate(known, axis=1)
-    if rounded := int((near & ~exact).sum()):
-        raise InputError(f"{rounded} of its places are nearly points of {_names(paths)}: write all digits")
-    count, places, parts = int(exact.sum()), len(exact), all(map(is_part, paths))
-    if not count or (count < places and not parts):
+        place = located(motion, mesh, points, own, zones)
+        found[place[place >= 0]] = True
+        for i, box in enumerate(table.boxes):
+            named = {name for zone in own for name in (zone.name, *zone.blocks)} & {*box.zones}
+            for rows in deforming(mesh, own, box.zones, () if named else zones):
+                others = points[rows][place[rows] < 0]
+                near += table.nearly(others)
+                strangers += int(table.contains(others, [i]).sum())
+        hint = hint or ("" if found.any() else table.unit_hint(points))
+    if near:
+        raise InputError(f"{near} of its places are nearly points of {_names(paths)}: write all digits")
+    count, places, parts = int(found.sum()), len(found), all(map(is_part, paths))
+    if not count or (count < places and not (parts and not are_all_parts(paths))):
         text = f"is of another mesh: {count} of its {places} places are points of {_names(paths)}"
         raise InputError("; ".join(filter(None, [text, hint])))
-    whole = count == places and (not parts or are_all_parts(paths))
-    sums = [Checksum.of(0, own) for own in ([[one for own in keys for one in own]] if parts else keys)]
-    fault = next(filter(None, (held.mesh_fault(one, whole) for one in sums)), "")
-    compared = whole or sums[0].places >= held.checksum.places
-    return Comparison(places, places - count, held.checksum.places, sums[0].places, compared, fault)
+    if strangers:
+        raise InputError(f"is of another mesh: {strangers} points of {_names(paths)} in its box are no places of it")
+    return places, places - count
+
+
+def located(
+    motion: MeshMotion, mesh: Path, points: FloatArray, zones: Sequence[Zone], further: Sequence[str] = ()
+) -> IntArray:
+    """Return the index (N,) of the place of each point (N, 3) in a plan; -1 for those that stay.
+
+    Points stay in zones that do not deform; `further` are names of zones that do. InputError as of `deforming`.
+    """
+    table = motion.places
+    place = table.find(points)
+    for i, box in enumerate(table.boxes):
+        stays = np.ones(len(points), dtype=np.bool_)
+        for rows in deforming(mesh, zones, box.zones, further):
+            stays[rows] = False
+        there = place >= 0
+        there[there] = table.box[place[there]] == i
+        place[there & stays] = -1
+    return place
 
 
 def points_of(mesh: Path) -> tuple[FloatArray, tuple[Zone, ...]]:
@@ -238,9 +233,10 @@ def _writers(meshes: Sequence[Path], out: Path | None) -> Iterator[list[Write]]:
 
 @contextmanager
 def _writer(mesh: Path, out: Path | None) -> Iterator[Write]:
-    wanted, form = Targets.of(mesh, out, ((0.0,),)), format_of(mesh)
+    wanted = OutputFiles.of(mesh, out, ((0.0,),))
+    form = wanted.source_form
     wanted.check()
-    if format_of(wanted.out) is not form:
+    if wanted.form is not form:
         raise InputError(f"{wanted.out}: a plan is applied to a copy; name a file {form.suffixes[0]}")
     with permitted_as(mesh), output_files(wanted.out.parent) as scratch:
 

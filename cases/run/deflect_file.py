@@ -19,7 +19,7 @@ from sdm_deflect.meshing.formats.registry import FORMATS, files_of, format_of, i
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.quality import Quality
 
-from .mesh_files import Targets, check_written, write_mesh, write_sensitivity
+from .mesh_files import OutputFiles, check_written, write_mesh, write_sensitivity
 from .metrics import (
     Json,
     deflection_figures,
@@ -37,7 +37,7 @@ from .output import lacks, output_files, write_table
 from .progress import Stopwatch
 
 if TYPE_CHECKING:
-    from sdm_deflect.deform.held import HeldPlan
+    from sdm_deflect.deform.mesh_motion import MeshMotion
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,7 +67,7 @@ class PoseSummary:
 class Outcome:
     """What was done, for the table at the end; the poses in the order in which they were computed.
 
-    `notes` are sentences on what is left to do; `held` is the plan by which the meshes were moved, if there is one.
+    `notes` are sentences on what is left to do; `motion` is the plan by which the meshes were moved, if there is one.
     """
 
     plan: Plan
@@ -76,7 +76,7 @@ class Outcome:
     reports: tuple[Path, ...]
     lost: tuple[str, ...]
     notes: tuple[str, ...] = ()
-    held: "HeldPlan | None" = None
+    motion: "MeshMotion | None" = None
 
     @property
     def passed(self) -> bool:
@@ -86,7 +86,7 @@ class Outcome:
     @property
     def shortfalls(self) -> tuple[str, ...]:
         """What of a plan's ranges did not pass."""
-        return self.held.shortfalls if self.held else ()
+        return self.motion.shortfalls if self.motion else ()
 
     @property
     def verdict(self) -> str:
@@ -100,7 +100,7 @@ class Outcome:
         return f"{'the mesh passed' if self.passed else of_meshes}; {of_plan}"
 
 
-def read_needed(wanted: Targets, jobs: Sequence[Job], progress: Progress, runner: Runner = HERE) -> Mesh:
+def read_needed(wanted: OutputFiles, jobs: Sequence[Job], progress: Progress, runner: Runner = HERE) -> Mesh:
     """Read a mesh, or only the excerpt that jobs need if the file is large and can be read in pieces.
 
     Raises InputError if others than this process are to work on it and it cannot.
@@ -126,8 +126,8 @@ def _sendable() -> str:
     return f"{', '.join(first)}, or {last}"
 
 
-def plan_file(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: Runner = HERE) -> Plan:
-    """Read the mesh and plan the deflection for the poses of the targets."""
+def plan_file(wanted: OutputFiles, jobs: Sequence[Job], watch: Stopwatch, runner: Runner = HERE) -> Plan:
+    """Read the mesh and plan the deflection for all poses that are wanted."""
     with watch.stage("read") as progress:
         mesh = read_needed(wanted, jobs, progress, runner)
     with watch.stage("plan") as progress:
@@ -135,7 +135,7 @@ def plan_file(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: Ru
         return plan.keeping(wanted.precision(plan.mesh), runner)
 
 
-def deflect_file(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: Runner = HERE) -> Outcome:
+def deflect_file(wanted: OutputFiles, jobs: Sequence[Job], watch: Stopwatch, runner: Runner = HERE) -> Outcome:
     """Deflect a mesh file to each pose; the files appear together at the end, or none of them.
 
     Raises InputError if a file that is read changes meanwhile, MeshFileError if one that is written is not what was
@@ -145,24 +145,24 @@ def deflect_file(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner:
         return _deflect(wanted, jobs, watch, runner)
 
 
-def _deflect(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: Runner) -> Outcome:
+def _deflect(wanted: OutputFiles, jobs: Sequence[Job], watch: Stopwatch, runner: Runner) -> Outcome:
     plan = plan_file(wanted, jobs, watch, runner)
     wanted.check_names(plan.mesh)
     summaries: list[PoseSummary] = []
     names: list[Path] = []
     lost: tuple[str, ...] = ()
-    held = held_plan(plan, watch.stage)
+    motion = motion_within_ranges(plan, watch.stage)
     older = [path.name for path in wanted.written if path.exists()]
     with permitted_as(wanted.source), output_files(wanted.out.parent) as scratch:
-        for deflection, checks in run(plan, watch.stage, held=held) if wanted.written else ():
+        for deflection, checks in run(plan, watch.stage, motion=motion) if wanted.written else ():
             summaries.append(PoseSummary.of(deflection, checks))
             mesh = wanted.mesh(deflection.amounts)
             with watch.stage("write") as progress:
                 lost = write_pose(wanted, deflection, scratch / mesh.name, progress)
                 names.append(mesh)
-            _write_beside(wanted, deflection, checks, scratch, watch, held)
+            _write_beside(wanted, deflection, checks, scratch, watch, motion)
         if wanted.plan:
-            saved = held or _of_one_amount(deflection, checks)
+            saved = motion or _of_one_amount(deflection, checks)
             saved.save(scratch / wanted.plan.name)
             names.append(wanted.plan)
         if wanted.summary and summaries:
@@ -170,10 +170,12 @@ def _deflect(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: Run
             names.append(wanted.summary)
         check_unchanged(plan.mesh.files)
         wanted.keep_tables(scratch)
-    return Outcome(plan, tuple(summaries), tuple(names), wanted.reports, lost, tuple(_notes(wanted, held, older)), held)
+    return Outcome(
+        plan, tuple(summaries), tuple(names), wanted.reports, lost, tuple(_notes(wanted, motion, older)), motion
+    )
 
 
-def _rows(plan: Plan, wanted: Targets, summaries: Sequence[PoseSummary]) -> list[list[object]]:
+def _rows(plan: Plan, wanted: OutputFiles, summaries: Sequence[PoseSummary]) -> list[list[object]]:
     rows: list[dict[str, object]] = []
     for summary in sorted(summaries, key=lambda one: one.amounts):
         row: dict[str, object] = {"file": wanted.mesh(summary.amounts).name, "verdict": verdict(summary.checks)}
@@ -186,23 +188,23 @@ def _rows(plan: Plan, wanted: Targets, summaries: Sequence[PoseSummary]) -> list
     return [list(rows[0]), *(list(row.values()) for row in rows)]
 
 
-def _of_one_amount(deflection: Deflection, checks: Sequence[Check]) -> "HeldPlan":
-    from sdm_deflect.deform.held import HeldPlan
+def _of_one_amount(deflection: Deflection, checks: Sequence[Check]) -> "MeshMotion":
+    from sdm_deflect.deform.mesh_motion import MeshMotion
 
-    return HeldPlan.of_one_amount(deflection, [one.name for one in checks if not one.passed])
+    return MeshMotion.of_one_amount(deflection, [one.name for one in checks if not one.passed])
 
 
-def _notes(wanted: Targets, held: "HeldPlan | None", older: Sequence[str]) -> list[str]:
+def _notes(wanted: OutputFiles, motion: "MeshMotion | None", older: Sequence[str]) -> list[str]:
     """Return what else a user should know: what of a plan passed, no report, or files that were replaced."""
-    plan = [f"plan: {text}" for text in held.lines] if held else []
+    plan = [f"plan: {text}" for text in motion.lines] if motion else []
     lacking = lacks("report") if wanted.reports else ""
     notes = [f"there is no report.html: {lacking}"] * bool(lacking)
     return plan + notes + [f"an older {short_list(older)} was replaced"] * bool(older)
 
 
 def _write_beside(
-    wanted: Targets, deflection: Deflection, checks: tuple[Check, ...], scratch: Path, watch: Stopwatch,
-    held: "HeldPlan | None",
+    wanted: OutputFiles, deflection: Deflection, checks: tuple[Check, ...], scratch: Path, watch: Stopwatch,
+    motion: "MeshMotion | None",
 ) -> None:  # fmt: skip
     """Write report and sensitivity of one pose, if they are wanted."""
     plan, pose = deflection.plan, deflection.amounts
@@ -211,29 +213,29 @@ def _write_beside(
 
         with watch.stage("report") as progress:
             place, seconds = scratch / wanted.report(pose).name, {**watch.seconds}
-            around = held or (plan_around(deflection, progress) if len(wanted.poses) == 1 else None)
-            write_run_folder(place, deflection, checks, wanted.mesh(pose), seconds, held=around)
+            around = motion or (plan_around(deflection, progress) if len(wanted.poses) == 1 else None)
+            write_run_folder(place, deflection, checks, wanted.mesh(pose), seconds, motion=around)
     if wanted.sensitive:
         with watch.stage("sensitivity"):
             arrays, picture = (scratch / path.name for path in wanted.sensitivity(pose))
-            rates = held.rates(pose) if held else deflection.sensitivity()
+            rates = motion.rates(pose) if motion else deflection.sensitivity()
             unit = f"mesh length per {plan.unit}"
             write_sensitivity(plan.mesh, deflection.points, rates, (arrays, picture), unit)
 
 
-def held_plan(plan: Plan, stage: Stage) -> "HeldPlan | None":
+def motion_within_ranges(plan: Plan, stage: Stage) -> "MeshMotion | None":
     """Return what moves the mesh within the ranges of surfaces, judged at some amounts; None without a range."""
     if not any(one.range for one, _ in plan.moving):
         return None
-    from sdm_deflect.deform.held import HeldPlan
+    from sdm_deflect.deform.mesh_motion import MeshMotion
 
     with stage("plan") as progress:
-        held = HeldPlan.of(plan, progress)
+        motion = MeshMotion.of(plan, progress)
     with stage("judge") as progress:
-        return held.judged(progress)
+        return motion.judged(progress)
 
 
-def write_pose(wanted: Targets, deflection: Deflection, out: Path, progress: Progress) -> tuple[str, ...]:
+def write_pose(wanted: OutputFiles, deflection: Deflection, out: Path, progress: Progress) -> tuple[str, ...]:
     """Write the mesh at one pose; return what its format cannot hold.
 
     Raises MeshFileError if it does not read back as what was judged.
@@ -286,7 +288,7 @@ def figures(done: Outcome, watch: Stopwatch) -> Json:
             }
             for summary in sorted(done.poses, key=lambda summary: summary.amounts)
         ],
-        **({"plan": {"surfaces": done.held.figures()}} if done.held else {}),
+        **({"plan": {"surfaces": done.motion.figures()}} if done.motion else {}),
         "files": [str(path) for path in done.files],
         "reports": [str(path) for path in done.reports],
         "lost": list(done.lost),

@@ -7,18 +7,18 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.base.arrays import FloatArray, IntArray
 from sdm_deflect.base.errors import InputError, short_list
 from sdm_deflect.base.threads import Progress, silent
 from sdm_deflect.base.unpacking import PLACES, columns_of, damaged, read_arrays, read_titles, refuse_device
-from sdm_deflect.deform.held import HeldPlan
-from sdm_deflect.deform.volume.field import POINTS_AT_A_TIME
-from sdm_deflect.deform.volume.modes import Modes
+from sdm_deflect.deform.mesh_motion import MeshMotion
 from sdm_deflect.meshing.errors import about
 from sdm_deflect.meshing.mesh.cells import Zone
 
-from .apply import compare, deforming, points_of
+from .apply import compare, located, points_of
 
+POINTS_AT_A_TIME = 1 << 18
+"""Rows of a table that are read at a time."""
 NEAR = 1e-6
 """Largest distance of a table's points from the plan's, as a share of the mesh's size: tables have seven digits."""
 LARGEST = 1e300
@@ -37,16 +37,14 @@ class AmountDerivatives:
 
     Attributes
     ----------
-    held : the plan.
+    motion : the plan.
     values : derivatives per unit of each amount, by the surfaces' names.
     nodes : number of nodes in the file of sensitivities.
-    fault : why the mesh is not the one on which the plan was measured; empty if it is.
     """
 
-    held: HeldPlan
+    motion: MeshMotion
     values: dict[str, float]
     nodes: int
-    fault: str
 
 
 def amount_derivatives(
@@ -62,7 +60,7 @@ def amount_derivatives(
     Parameters
     ----------
     path : The sensitivities d(objective)/d(coordinates): a .csv, an .npz, a .cgns, or a point field of OpenFOAM.
-    plan : A file of `HeldPlan.save`.
+    plan : A file of `MeshMotion.save`.
     amounts : Where the adjoint was solved: of the only surface, or by the surfaces' names.
     mesh : The undeflected mesh; the one of that name beside the plan if None.
     zones, progress : As for `apply_plan`.
@@ -70,34 +68,31 @@ def amount_derivatives(
     Raises InputError if sensitivities do not belong to the mesh at these amounts, or if one of a node that moves is
     missing; MeshFileError for a damaged mesh.
     """
-    held = HeldPlan.load(plan)
-    pose, mesh = held.in_order(amounts), mesh or plan.with_name(held.source or "undeflected mesh")
+    motion = MeshMotion.load(plan)
+    pose, mesh = motion.in_order(amounts), mesh or plan.with_name(motion.source or "undeflected mesh")
     if not mesh.exists():
         raise InputError(f"{mesh} is not there: name the undeflected mesh of the plan in --mesh")
-    fault = compare(held, plan, [mesh], zones, progress).fault
+    compare(motion, plan, [mesh], zones, progress)
     points, own = points_of(mesh)
     near, total, seen = near_of(points), np.zeros(len(pose)), np.zeros(len(points), np.intp)
-    deforms = np.zeros((len(pose), len(points)), dtype=np.bool_)
-    for mask, placed in zip(deforms, held.by_place, strict=True):
-        for some in deforming(mesh, own, placed.zones, zones):
-            mask[some] = True
+    place = located(motion, mesh, points, own, zones)
     plane = not np.ptp(points, axis=0).all()
     for nodes, rows in pieces(path, points, own, plane):
         np.add.at(seen, nodes, 1)
         if seen.max() > 1:
             raise InputError(f"{path}: node {np.argmax(seen)} has two rows; give each node once")
-        modes = _among(held.at_places(points[nodes]), deforms[:, nodes])
-        total += modes.vjp(pose, rows[:, :3])
-        off = np.abs(rows[:, 3:] - modes.at(pose)[:, : rows.shape[1] - 3]).max(axis=1, initial=0.0)
+        there = motion.taken(points[nodes], place[nodes])
+        total += there.vjp(pose, rows[:, :3])
+        off = np.abs(rows[:, 3:] - there.at(pose)[:, : rows.shape[1] - 3]).max(axis=1, initial=0.0)
         if (worst := off.max(initial=0.0)) > near:
             where = f"node {nodes[np.argmax(off)]} is {worst:g} from where the plan brings it"
             raise InputError(f"{path}: {where}: amounts, or the order of nodes, differ")
         progress(f"reading {path.name}", seen.sum() / len(points))
-    _refuse_missing(path, held, points, deforms, seen)
+    _refuse_missing(path, motion, place, seen)
     if not np.isfinite(total).all():
         raise InputError(f"{path}: the sensitivities are too large to add up")
-    values = dict(zip((one.name for one in held.controls), total.tolist(), strict=True))
-    return AmountDerivatives(held, values, int(seen.sum()), fault)
+    values = dict(zip((one.name for one in motion.controls), total.tolist(), strict=True))
+    return AmountDerivatives(motion, values, int(seen.sum()))
 
 
 def near_of(points: FloatArray) -> float:
@@ -105,22 +100,13 @@ def near_of(points: FloatArray) -> float:
     return NEAR * float(np.ptp(points, axis=0).max())
 
 
-def _refuse_missing(path: Path, held: HeldPlan, points: FloatArray, deforms: BoolArray, seen: IntArray) -> None:
-    """Raise InputError if nodes that a surface moves are not among those `seen` (N,)."""
-    rest = np.flatnonzero(seen == 0)
-    missing = 0
-    for start in range(0, len(rest), POINTS_AT_A_TIME):
-        nodes = rest[start : start + POINTS_AT_A_TIME]
-        missing += len(np.unique(np.concatenate(_among(held.at_places(points[nodes]), deforms[:, nodes]).rows)))
-    if missing:
-        raise InputError(f"{path}: has {int(seen.sum())} of {len(points)} nodes; {missing} that move are missing")
-
-
-def _among(modes: Modes, deforms: BoolArray) -> Modes:
-    """Return the modes, for each surface only at the nodes that deform with it (n, N)."""
-    kept = [mask[rows] for mask, rows in zip(deforms, modes.rows, strict=True)]
-    fields = tuple(own[:, some] for own, some in zip(modes.fields, kept, strict=True))
-    return replace(modes, rows=tuple(map(np.compress, kept, modes.rows)), fields=fields)
+def _refuse_missing(path: Path, motion: MeshMotion, place: IntArray, seen: IntArray) -> None:
+    """Raise InputError if nodes that a surface moves, by their places (N,), are not among those `seen` (N,)."""
+    moves = np.zeros(len(motion.by_place.start) + 1, dtype=np.bool_)
+    for rows in motion.by_place.rows:
+        moves[rows] = True
+    if missing := int(np.count_nonzero(moves[place] & (seen == 0))):
+        raise InputError(f"{path}: has {int(seen.sum())} of {len(seen)} nodes; {missing} that move are missing")
 
 
 def pieces(path: Path, points: FloatArray, zones: Sequence[Zone], plane: bool) -> Iterator[Piece]:

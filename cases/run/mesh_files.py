@@ -6,7 +6,7 @@ What was written is read back from the disk before it takes its place: its point
 import zipfile
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from sdm_deflect.base.states import check_unchanged
 from sdm_deflect.base.threads import HERE, Progress, Runner, silent
 from sdm_deflect.deform.volume.job import Amounts
 from sdm_deflect.meshing.errors import only_rewritten
+from sdm_deflect.meshing.formats.layout import Format
 from sdm_deflect.meshing.formats.registry import ending, format_of, in_pieces
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.pieces import gather_points
@@ -32,7 +33,7 @@ DIFFERS = "{}: what was written does not read back as what was judged, and is di
 
 
 @dataclass(frozen=True, slots=True)
-class Targets:
+class OutputFiles:
     """Every file that a job writes.
 
     Attributes
@@ -44,6 +45,7 @@ class Targets:
     reported : whether a folder with a report is written beside each mesh.
     plan : the file of the plan; None: none is written.
     meshes : whether meshes are written, and reports beside them.
+    form, source_form : the formats of `out` and `source`.
     """
 
     source: Path
@@ -53,22 +55,29 @@ class Targets:
     reported: bool = False
     plan: Path | None = None
     meshes: bool = True
+    form: Format = field(init=False, repr=False)
+    source_form: Format = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "form", format_of(self.out))
+        object.__setattr__(self, "source_form", format_of(self.source))
 
     @classmethod
     def of(
         cls, source: Path, out: Path | None, poses: Sequence[Amounts], sensitive: bool = False, reported: bool = False
-    ) -> "Targets":
-        """Return the targets of a job; `out` is beside the source if None.
+    ) -> "OutputFiles":
+        """Return the files of a job; `out` is beside the source if None.
 
         Raises MeshFileError for an unknown format, or one in which this mesh cannot be written, InputError for an `out`
         without a name, or with another suffix where a file is only rewritten.
         """
         chosen = out or _beside(source)
-        named = format_of(chosen).place(chosen)
+        form, given = format_of(chosen), format_of(source)
+        named = form.place(chosen)
         if named.name in ("", "..") and not (named := named.resolve()).name:
             raise InputError(f"{chosen} is no place for a mesh; name a file or a folder in out")
-        if not format_of(chosen).written:
-            if format_of(chosen) is not format_of(source):
+        if not form.written:
+            if form is not given:
                 raise only_rewritten(chosen)
             if ending(chosen).lower() != (suffix := ending(source)).lower():
                 raise InputError(f"{chosen}: is to be a copy of a file {suffix} and must have that suffix")
@@ -85,8 +94,8 @@ class Targets:
 
     def sensitivity(self, pose: Amounts) -> tuple[Path, Path]:
         """Return the .npz and the .vtu of the sensitivity at one pose."""
-        targets = replace(self, out=self.mesh(pose))
-        return targets._file("-sensitivity", ".npz"), targets._file("-sensitivity", ".vtu")
+        one = replace(self, out=self.mesh(pose))
+        return one._file("-sensitivity", ".npz"), one._file("-sensitivity", ".vtu")
 
     def report(self, pose: Amounts) -> Path:
         """Return the folder of the report at one pose."""
@@ -129,14 +138,12 @@ class Targets:
     @property
     def tables(self) -> tuple[Path, ...]:
         """Files with names of patches beside the meshes, of a format that has such."""
-        form = format_of(self.out)
-        return tuple(table for pose in self.poses for table in form.name_files(self.mesh(pose)))
+        return tuple(table for pose in self.poses for table in self.form.name_files(self.mesh(pose)))
 
     def check_names(self, mesh: Mesh) -> None:
         """Raise MeshFileError if a table of patch names is there and belongs to another mesh."""
-        form = format_of(self.out)
-        for pose in self.poses if format_of(self.source) is not form else ():
-            form.check_named(mesh, self.mesh(pose))
+        for pose in self.poses if self.source_form is not self.form else ():
+            self.form.check_named(mesh, self.mesh(pose))
 
     def keep_tables(self, scratch: Path) -> None:
         """Keep an existing table of patch names: a user may have set conditions in it."""
@@ -164,7 +171,7 @@ class Targets:
                 raise InputError(
                     f"{folder}: this command works in the folder that it is to replace; run it from another"
                 )
-        if self._is_folder and self.out.resolve().is_relative_to(format_of(self.source).place(self.source).resolve()):
+        if self._is_folder and self.out.resolve().is_relative_to(self.source_form.place(self.source).resolve()):
             raise InputError(f"{self.out} lies in the case that is read; name a folder outside it in out")
 
     def _check_plan(self) -> None:
@@ -184,9 +191,8 @@ class Targets:
 
     def _other_tables(self) -> list[Path]:
         """Return the tables that would replace another one."""
-        form = format_of(self.out)
-        meshes = [mesh for mesh in map(self.mesh, self.poses) if form.named_otherwise(self.source, mesh)]
-        return [table for mesh in meshes for table in form.name_files(mesh)]
+        meshes = [mesh for mesh in map(self.mesh, self.poses) if self.form.named_otherwise(self.source, mesh)]
+        return [table for mesh in meshes for table in self.form.name_files(mesh)]
 
     def _may_replace(self, target: Path) -> bool:
         """Whether what is there may be replaced."""
@@ -204,7 +210,7 @@ class Targets:
 
     @property
     def _is_folder(self) -> bool:
-        return format_of(self.out).folder
+        return self.form.folder
 
 
 def is_report(folder: Path) -> bool:

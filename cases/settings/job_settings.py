@@ -44,15 +44,6 @@ Corner = tuple[float, ...]
 Shape = Literal["plane", "cylinder", "surface"]
 MOST_ANGLES = 1000
 SHAPES = "NAME:plane|cylinder|surface"
-GONE = {
-    "history": "motions in time are not written; deflect to each angle by --angles, a mesh for each",
-    "field": "--plan FILE replaces it: with --angle alone the plan is that of one amount; sdm apply FILE --angle A",
-    "port": "nothing is served any more; the page is a file, which any browser opens",
-    "page": "there is no page any more; the tables are printed, and --json has their numbers",
-    "to_solver": "in a clone, `python -m studies case MESH OUT` writes the deflected mesh as a case for a flow solver",
-    "cpacs": "`python docs/examples/cpacs_hinge.py FILE UID` prints the hinge line",
-}
-"""Settings that are no more, and the ways out."""
 IN_PYTHON = {"surface": "surfaces", "patches": "surfaces", "amount": "angle"}
 """Settings of files that are arguments of another name."""
 
@@ -391,9 +382,7 @@ def _split_options(options: Mapping[str, Any]) -> tuple[Nested, Nested]:
     known = (*OF_JOB, *OF_SURFACE)
     for name in options:
         if name not in (*known, "fitting"):
-            raise InputError(
-                f"{name}: {GONE[name]}" if name in GONE else f"unknown setting {name}; {nearest(name, known)}"
-            )
+            raise InputError(f"unknown setting {name}; {nearest(name, known)}")
     own = {name: value for name, value in options.items() if name in OF_SURFACE}
     return own, {name: value for name, value in options.items() if name not in own}
 

@@ -9,8 +9,8 @@ loops over points and centres are written once. The logarithm is our own, becaus
 vectorise a call into the C library.
 """
 
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from typing import Any, ClassVar, NamedTuple, cast
 
 import numpy as np
@@ -52,8 +52,6 @@ C0, C1, C2, C3, C4, C5, C6 = (
 )
 FORMULAS: dict[Any, Callable[[Any, Any], Any]] = {}
 """Compiled formulas by the type of their numbers."""
-STORED: dict[str, "type[Kernel]"] = {}
-"""Kernels by their names in files."""
 KERNEL = "kernel"
 """Name of the array in a file that holds the kernel's name."""
 
@@ -107,8 +105,6 @@ class Kernel:
 
     def __init_subclass__(cls) -> None:
         FORMULAS[cls.numbers] = cls.formula
-        if cls.stored:
-            STORED[cls.stored] = cls
 
     @classmethod
     def of_radius(cls, radius: float) -> "Kernel":
@@ -275,18 +271,9 @@ def kernel_of(name: KernelName, radius: float) -> Kernel:
 
 
 def arrays_of(kernel: Kernel, tag: str = "") -> dict[str, NDArray[Any]]:
-    """Return the kernel's name and numbers as arrays for `stored_kernel`, their names ending with a tag."""
+    """Return the kernel's name and numbers as arrays, their names ending with a tag."""
     numbers = {f"kernel_{name}{tag}": np.array(value) for name, value in asdict(cast(Any, kernel)).items()}
     return {KERNEL: np.array(kernel.stored), **numbers}
-
-
-def stored_kernel(arrays: Mapping[str, NDArray[Any]], tag: str = "") -> Kernel:
-    """Return the kernel that the arrays of a file describe; ValueError or KeyError if they describe none."""
-    name = str(arrays[KERNEL])
-    if name not in STORED:
-        raise ValueError(f"the kernel {name} is none of {', '.join(STORED)}")
-    kind: Any = STORED[name]
-    return cast(Kernel, kind(**{one.name: float(arrays[f"kernel_{one.name}{tag}"]) for one in fields(kind)}))
 
 
 def phi(code: tuple[float, ...], r2: float) -> float:

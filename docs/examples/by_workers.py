@@ -8,7 +8,7 @@ from typing import Any
 
 from sdm_deflect.cases.run.cluster import workers
 from sdm_deflect.cases.run.deflect_file import Outcome, deflect_file
-from sdm_deflect.cases.run.mesh_files import Targets
+from sdm_deflect.cases.run.mesh_files import OutputFiles
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.cases.settings.job_settings import JobSettings, settings_of
 from sdm_deflect.cases.settings.jobs import jobs_of
@@ -20,7 +20,7 @@ HINGE = [[0.7, 0.6, 0.0], [0.7, 1.4, 0.0]]
 def deflected(source: Path, out: Path, settings: JobSettings, **helpers: Any) -> Outcome:
     """Write the deflected mesh and return what was found: checks, quality, figures."""
     jobs, watch = jobs_of(settings), Stopwatch()
-    wanted = Targets.of(source, out, (pose_of(jobs),))
+    wanted = OutputFiles.of(source, out, (pose_of(jobs),))
     wanted.check()
     with workers(watch, source, out.absolute().parent, **helpers) as runner:
         return deflect_file(wanted, jobs, watch, runner)

@@ -11,9 +11,9 @@ from sdm_deflect.base.errors import MeshFileError
 from sdm_deflect.base.files import fresh
 from sdm_deflect.base.threads import Progress, silent
 from sdm_deflect.meshing.errors import about
-from sdm_deflect.meshing.formats.known import registered
 from sdm_deflect.meshing.formats.layout import Format
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
+from sdm_deflect.meshing.formats.registration import registered
 from sdm_deflect.meshing.formats.shapes import refuse_plane, simple_faces
 from sdm_deflect.meshing.formats.table_pieces import CellTable, PointRange, TablePieces
 from sdm_deflect.meshing.formats.tables import FileTable
@@ -25,10 +25,11 @@ HEADER = np.dtype([("mark", "S4"), ("points", "<i4"), ("tets", "<i4"), ("faces",
 """Mark of the format, then how many points, tetrahedra, boundary triangles and letters of names there are."""
 
 
-@registered("tets", ".tets")
+@registered
 class Tets(Format):
     """Points (8 bytes), nodes of tetrahedra and of triangles (4 bytes, from 0), the patch of each triangle, names."""
 
+    name, suffixes = "tets", (".tets",)
     for_workers = "files of tetrahedra"
 
     def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshInPieces:

@@ -67,7 +67,7 @@ def test_settings_page_and_view_of_a_plane_mesh(folder, deflected, capsys):
     assert sdm("report", str(report), "--quiet") == 0
     assert len((report / "report.html").read_bytes()) == pytest.approx(len(page), rel=0.01)
     run = FinishedRun.of(report)
-    assert run.held.passed(0) == (run.held.controls[0].low, run.held.controls[0].high)
+    assert run.motion.passed(0) == (run.motion.controls[0].low, run.motion.controls[0].high)
     groups = turnable(run.report_data().near, 10**6)["cells"]["groups"]
     shown = {len(one["table"]): len(b64decode(one["rows"])) // 4 for one in groups}
     assert sum(shown.values()) == run.plan.touched.count

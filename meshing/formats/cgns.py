@@ -16,23 +16,20 @@ from typing import TYPE_CHECKING, Any
 import h5py
 import numpy as np
 
-from sdm_deflect.base.arrays import FloatArray, IntArray
 from sdm_deflect.base.errors import MeshFileError
 from sdm_deflect.base.files import fresh
 from sdm_deflect.base.threads import Progress, silent
-from sdm_deflect.meshing.errors import about, check_points
+from sdm_deflect.meshing.errors import about
 from sdm_deflect.meshing.mesh.cells import MIRRORED, VOLUMES, Polyhedra, Zone
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.pieces import MeshInPieces
-from sdm_deflect.meshing.mesh.precision import DOUBLE, fewest_bits
 
 from .cgns_boundary import NumberedFaces, notes_of, without, zone_border
 from .cgns_elements import MIXED, NFACE, NGON, SHAPES, SIZES, ElementSection, blocks, sections
 from .cgns_nodes import DATA, child, data
 from .cgns_read import Base, base_of, coordinate_data, coordinates_beside, may_fit, read_base
 from .cgns_write import write_base
-from .hdf5 import Replaced, Replacement, damage, spans
-from .known import registered
+from .hdf5 import Dataset, Datasets, damage
 from .layout import Format
 from .table_pieces import CellTable, PointRange, TablePieces
 from .tables import FileTable
@@ -126,7 +123,6 @@ def _faces(found: Sequence[ElementSection], points: int) -> list[NumberedFaces] 
     return faces
 
 
-@registered("cgns", ".cgns")
 class Cgns(Format):
     """Zones with cells of every linear shape, polyhedra, or blocks of hexahedra; patches are the boundary conditions.
 
@@ -134,6 +130,9 @@ class Cgns(Format):
     place. Everything else in a file (solutions, families, units) is no part of the mesh; a rewritten file keeps it.
     Coordinates in single precision stay in single precision.
     """
+
+    name = "cgns"
+    suffixes = (".cgns",)
 
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
         with about(path), _open(path) as file:
@@ -149,25 +148,18 @@ class Cgns(Format):
     def finer(self, out: Path, mesh: Mesh) -> str:
         return "" if any(isinstance(block, Polyhedra) for block in mesh.cells) else ".su2"
 
-    def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
-        if source is None:
-            return DOUBLE
-        with about(source), _open(source) as file:
-            base = base_of(file)
-            return fewest_bits(axis.dtype for name in base.zones for axis in coordinate_data(base, name))
-
-    def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
-        """See `Format.rewrite`; only numbers in CoordinateX, CoordinateY and CoordinateZ change."""
-        with about(source), _open(source) as file:
-            base = base_of(file)
-            stored = [coordinate_data(base, name) for name in base.zones]
-            index = first = np.arange(sum(prod(size) for size in base.sizes.values()))
-            if may_fit(base):
-                found = read_base(file, lambda _: None)
-                index, first = found.index, found.first
-            check_points(points, len(first))
-            new = Replaced.of(source, _changes(stored, points, index, first))
-        new.copy(source, out, progress)
+    def coordinates(self, path: Path) -> Datasets:
+        with _open(path) as file:
+            base, parts, start = base_of(file), list[Dataset](), 0
+            for name, size in base.sizes.items():
+                stop = start + prod(size)
+                arrays = enumerate(coordinate_data(base, name))
+                parts += [Dataset(own.name, own.dtype, start, stop, axis, axis + 1) for axis, own in arrays]
+                start = stop
+            if not may_fit(base):
+                return Datasets.of(path, parts)
+            found = read_base(file, lambda _: None)
+            return Datasets(path, parts, found.index, found.first)
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """See `Format.write`; each patch is a family and a boundary condition that its family specifies."""
@@ -228,21 +220,3 @@ def _open(path: Path) -> Iterator[Any]:
         if known and 3.0 <= version[()].flat[0] < RENUMBERED:
             raise MeshFileError("is of CGNS 3.0, which numbers elements otherwise: cgnsupdate OLD.cgns NEW.cgns")
         yield opened
-
-
-def _changes(
-    stored: Sequence[Sequence[Any]], points: FloatArray, index: IntArray, first: IntArray
-) -> list[Replacement]:
-    """Return each array of coordinates with its new values, and which of them change; all others keep their bits.
-
-    `index` and `first` are those of `Fitted`: points of several zones that are one get the same values.
-    """
-    ends, found = np.cumsum([prod(own[0].shape) for own in stored]), []
-    for column in range(len(stored[0])):
-        before = np.concatenate([own[column][()].ravel() for own in stored]).astype(np.float64, copy=False)[first]
-        new, moved = points[index, column], (before != points[:, column])[index]
-        parts = zip(stored, np.split(new, ends[:-1]), np.split(moved, ends[:-1]), strict=True)
-        for own, put, changed in parts:
-            axis = own[column]
-            found.append((axis, spans(axis), put.reshape(axis.shape), changed.reshape(axis.shape)))
-    return found

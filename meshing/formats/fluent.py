@@ -15,15 +15,13 @@ import numpy as np
 from sdm_deflect.base.arrays import FloatArray, IntArray
 from sdm_deflect.base.errors import InputError, MeshFileError
 from sdm_deflect.base.threads import Progress, silent
-from sdm_deflect.meshing.errors import about, check_points
+from sdm_deflect.meshing.errors import about
 from sdm_deflect.meshing.mesh.cells import Cells, Patch, Periodic, Polygons, Polyhedra, take_faces
 from sdm_deflect.meshing.mesh.images import PeriodicPatches, pair_of
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.polyhedra import face_centres_and_areas
-from sdm_deflect.meshing.mesh.precision import fewest_bits
 
-from .hdf5 import Replaced, dataset, integers, member, number, open_hdf5, spans
-from .known import registered
+from .hdf5 import Dataset, Datasets, dataset, integers, member, number, open_hdf5
 from .layout import Format
 from .polyhedra import check_cells, faces_by_cell
 from .shapes import orient, polygons, turn_faces
@@ -46,7 +44,6 @@ REFUSED = (("faces", "interface", INTERFACES), ("faces", "tree", ADAPTED), ("cel
 KIND = "a mesh of this name"
 
 
-@registered("fluent", ".msh.h5", ".cas.h5", written=False)
 class Fluent(Format):
     """Polyhedra by their faces, in a plane triangles and quadrilaterals; patches are zones of faces, by name.
 
@@ -56,29 +53,24 @@ class Fluent(Format):
     precision. Faces of no cell, such as those of a geometry, are left out.
     """
 
+    name = "fluent"
+    suffixes = (".msh.h5", ".cas.h5")
+    written = False
+
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
         with about(path), open_hdf5(path, KIND) as file:
             return read_mesh(_group(file), partial(progress, f"reading {path.name}"))
 
     def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
-        with about(source or out), open_hdf5(source or out, KIND) as file:
-            return fewest_bits(section.node.dtype for section in coordinates(_group(file)))
+        return Format.real(self, out, source or out)
 
-    def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
-        """See `Format.rewrite`; only numbers in ``nodes/coords`` change.
-
-        Where they are packed, HDF5 packs them anew, and may put them elsewhere in the file.
-        """
-        with about(source), open_hdf5(source, KIND) as file:
-            stored = coordinates(_group(file))
-            check_points(points, sum(map(len, stored)))
-            values = [points[section.first - 1 : section.last, : section.node.shape[1]] for section in stored]
-            arrays = [
-                (section.node, spans(section.node), new, section.node[()] != new)
-                for section, new in zip(stored, values, strict=True)
+    def coordinates(self, path: Path) -> Datasets:
+        with open_hdf5(path, KIND) as file:
+            parts = [
+                Dataset(own.node.name, own.node.dtype, own.first - 1, own.last, 0, own.node.shape[1])
+                for own in coordinates(_group(file))
             ]
-            new = Replaced.of(source, arrays)
-        new.copy(source, out, progress)
+        return Datasets.of(path, parts)
 
     def ending(self, path: Path) -> str:
         """See `Format.ending`: ``.msh.h5``."""

@@ -6,8 +6,9 @@ Elements of Gmsh's files, versions 2.2 and 4.1.
 import re
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -16,17 +17,17 @@ from sdm_deflect.base.errors import MeshFileError
 from sdm_deflect.base.files import fresh
 from sdm_deflect.base.threads import Progress, silent
 from sdm_deflect.base.unpacking import check_unpacked
-from sdm_deflect.meshing.errors import about, check_points
+from sdm_deflect.meshing.errors import about
 from sdm_deflect.meshing.mesh.cells import MIRRORED, Cells, Patch, Periodic, Zone
 from sdm_deflect.meshing.mesh.labelled import VOLUME
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.pieces import MeshInPieces
 from sdm_deflect.meshing.mesh.precision import DOUBLE
 
+from .coordinates import Columns, Words
 from .gmsh_file import ByteCursor, Cursor, GmshFile, Nodes, TextCursor, gmsh_file, nodes, periodic
-from .known import registered
 from .layout import Format, fitting_names
-from .numbers import NumberLines, Placed, copy_text
+from .numbers import NumberLines, Placed
 from .polyhedra import standard_cells
 from .shapes import mirror_nodes, simple_faces
 from .table_pieces import CellTable, PointRange, TablePieces
@@ -167,7 +168,6 @@ def _alike(cursor: ByteCursor, width: int) -> IntArray:
     return cursor.ints(count * row).reshape(count, row)[:, 3:]
 
 
-@registered("gmsh", ".msh")
 class Gmsh(Format):
     """Patches are the physical groups of dimension 2, by name; groups without a name are called ``surface_<tag>``.
 
@@ -179,6 +179,9 @@ class Gmsh(Format):
     refused. A new file is of version 2.2 in text.
     """
 
+    name = "gmsh"
+    suffixes = (".msh",)
+
     for_workers = "binary Gmsh files of version 4.1"
 
     def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshInPieces | None:
@@ -186,33 +189,27 @@ class Gmsh(Format):
         with about(path), gmsh_file(path) as file:
             return _layout(file, path, scratch is not None)
 
-    def coordinates(self, path: Path) -> TablePieces:
+    def coordinates(self, path: Path) -> Columns | Words:
         with gmsh_file(path) as file:
-            return _points(path, nodes(file))
+            stored = nodes(file)
+        return Words(path, stored.count, partial(_words, stored)) if stored.placed else Columns(_points(path, stored))
 
     def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
         return DOUBLE
-
-    def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
-        """See `Format.rewrite`; in text, each coordinate that changed has as many digits as it needs."""
-        with about(source), gmsh_file(source) as file:
-            stored = nodes(file)
-            check_points(points, stored.count)
-        if not stored.placed:
-            _points(source, stored).rewrite(np.arange(len(points)), points, out, progress)
-            return
-        with fresh(out, source) as beside, about(source), source.open("rb") as text, beside.open("wb") as copy:
-            places = (
-                np.concatenate([getattr(part, of) for part in stored.placed]) for of in ("values", "begin", "end")
-            )
-            copy_text(text, iter([(0, text.read(), Placed(*places))]), points.ravel(), copy)
-            progress(f"writing {out.name}", 1.0)
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """See `Format.write`; polyhedra that are no usual cells, or faces of five corners, are a MeshFileError."""
         progress(f"writing {out.name}", 0.0)
         with fresh(out) as beside, about(out):
             return write_mesh(mesh, beside)
+
+
+def _words(stored: Nodes, file: BinaryIO, report: Callable[[float], None]) -> Iterator[tuple[int, bytes, Placed]]:
+    """Yield the whole text, and the coordinates in it (`Words`)."""
+    places = (np.concatenate([getattr(part, of) for part in stored.placed]) for of in ("values", "begin", "end"))
+    file.seek(0)
+    yield 0, file.read(), Placed(*places)
+    report(1.0)
 
 
 def _points(path: Path, stored: Nodes) -> TablePieces:

@@ -1,13 +1,14 @@
-"""Files in HDF5: errors of their damage, whether they store what they claim, and copies with other numbers."""
+"""Files in HDF5: errors of their damage, whether they store what they claim, and coordinates in their datasets."""
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from math import prod
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
@@ -15,19 +16,19 @@ from numpy.typing import NDArray
 
 from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.base.errors import FULL, MeshFileError
-from sdm_deflect.base.threads import Progress
+from sdm_deflect.base.files import fresh
+from sdm_deflect.base.threads import Progress, silent
 from sdm_deflect.base.unpacking import check_unpacked
+from sdm_deflect.meshing.errors import about
+from sdm_deflect.meshing.mesh.precision import fewest_bits
 
-from .rewriting import Change, rewritten
-from .tables import FileTable
+from .rewriting import check_large
 
 DAMAGE = (ArithmeticError, AttributeError, LookupError, OSError, RuntimeError, TypeError, ValueError)
 """What h5py raises for a damaged file."""
 Array = NDArray[Any]
 Span = tuple[int, int, int]
 """Byte at which the numbers first to last - 1 of an array begin."""
-Replacement = tuple[Any, list[Span], FloatArray, BoolArray]
-"""An open array, where its numbers are, their new values in its shape, and which of them change."""
 
 
 @contextmanager
@@ -132,47 +133,81 @@ def spans(stored: Any) -> list[Span]:
     return [(begin, first, min(first + size, stored.size)) for begin, first in starts]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Replaced:
-    """New numbers in the arrays of a file.
+class Dataset(NamedTuple):
+    """A dataset of an HDF5 file: its name and type, and where its numbers stand.
 
-    Parameters
+    Attributes
     ----------
-    changes : Those of arrays that are stored as they are.
-    packed : All numbers of the others by the name of the dataset, if one changes.
+    name, kind : name and type.
+    start, stop : its rows are the stored points start to stop - 1.
+    first, end : each row has the coordinates `first` to `end` - 1 of a point.
     """
 
-    changes: list[Change] = field(default_factory=list, repr=False)
-    packed: dict[str, Array] = field(default_factory=dict, repr=False)
+    name: str
+    kind: np.dtype[Any]
+    start: int
+    stop: int
+    first: int
+    end: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Datasets:
+    """Coordinates in datasets of an HDF5 file; where they are packed, HDF5 may put them elsewhere in it.
+
+    Attributes
+    ----------
+    path : the file.
+    parts : the datasets.
+    index, stored : (S,) node of each stored point, and (N,) the first stored point of each node. Points of several
+        zones that are one node get the same coordinates.
+    """
+
+    path: Path
+    parts: Sequence[Dataset]
+    index: IntArray = field(repr=False)
+    stored: IntArray = field(repr=False)
 
     @classmethod
-    def of(cls, path: Path, arrays: Sequence[Replacement]) -> Replaced:
-        """Take open arrays of real numbers, each with where it is, its new values, and which of them changed.
+    def of(cls, path: Path, parts: Sequence[Dataset]) -> Datasets:
+        """Take datasets in which each stored point is a node."""
+        nodes = np.arange(max((part.stop for part in parts), default=0))
+        return cls(path, parts, nodes, nodes)
 
-        What does not change keeps its bits. MeshFileError if values are too large.
-        """
-        found = cls()
-        for stored, own, values, changed in arrays:
-            rows = np.flatnonzero(changed)
-            new = Change(FileTable(path, 0, stored.dtype.str, stored.size), rows, values.reshape(-1, 1)[rows])
-            new.check()
-            for at, first, end in own:
-                part = slice(*np.searchsorted(rows, (first, end)))
-                table = FileTable(path, at, stored.dtype.str, end - first)
-                found.changes.append(Change(table, rows[part] - first, new.values[part]))
-            if not own and len(rows):
-                found.packed[stored.name] = np.where(changed, values, stored[()]).astype(stored.dtype)
-        return found
+    @property
+    def count(self) -> int:
+        return len(self.stored)
 
-    def copy(self, source: Path, out: Path, progress: Progress) -> None:
-        """Write a copy of the file; all but these numbers stays, but HDF5 may put packed data elsewhere in it."""
-        rewritten(source, self.changes, out, progress, after=self._pack)
+    @property
+    def kind(self) -> np.dtype[Any]:
+        return fewest_bits(part.kind for part in self.parts)
 
-    def _pack(self, copy: Path) -> None:
-        if self.packed:
-            with damage(), h5py.File(copy, "r+") as file:
-                for name, values in self.packed.items():
-                    file[name][...] = values
+    def copy(self, points: FloatArray, out: Path, progress: Progress = silent) -> None:
+        with fresh(out, self.path) as beside, about(self.path):
+            shutil.copyfile(self.path, beside)
+            with damage(), h5py.File(beside, "r+") as file:
+                moved = self._moved(file, points)
+                for i, part in enumerate(self.parts, 1):
+                    nodes, axes = self.index[part.start : part.stop], slice(part.first, part.end)
+                    put, new = moved[nodes, axes], points[nodes, axes]
+                    if put.any():
+                        own = file[part.name]
+                        before = own[()]
+                        new = np.where(put.reshape(before.shape), new.reshape(before.shape), before)
+                        own[...] = new.astype(part.kind)
+                    progress(f"writing {out.name}", i / len(self.parts))
+
+    def _moved(self, file: Any, points: FloatArray) -> BoolArray:
+        """Return which coordinates (N, 3) differ from those in an open file."""
+        moved = np.zeros(points.shape, dtype=np.bool_)
+        for part in self.parts:
+            nodes = np.flatnonzero((self.stored >= part.start) & (self.stored < part.stop))
+            own = file[part.name][()].reshape(part.stop - part.start, -1)
+            for column, axis in enumerate(range(part.first, part.end)):
+                new = points[nodes, axis]
+                moved[nodes, axis] = own[self.stored[nodes] - part.start, column] != new
+                check_large(new[moved[nodes, axis]], part.kind)
+        return moved
 
 
 def _named(group: Any, path: str) -> str:

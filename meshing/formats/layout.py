@@ -15,8 +15,9 @@ from sdm_deflect.meshing.errors import about, check_points, only_rewritten
 from sdm_deflect.meshing.mesh.cells import PLANE, Cells, Zone
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.pieces import MeshInPieces
-from sdm_deflect.meshing.mesh.precision import DOUBLE, fewest_bits
+from sdm_deflect.meshing.mesh.precision import DOUBLE
 
+from .coordinates import Columns, Coordinates
 from .fitted import simple, true_shapes
 from .shapes import check_faces, orient
 from .table_pieces import ROWS, TablePieces
@@ -30,7 +31,7 @@ class Format:
 
     Attributes
     ----------
-    name : what users call it, such as ``"su2"``; this and the next two are those of `registered`.
+    name : what users call it, such as ``"su2"``; this and the next two stand in `REGISTERED`, too.
     suffixes : the suffixes of its files, such as ``(".su2",)``.
     written : whether a mesh from elsewhere can be written; files of the others are only rewritten.
     folder : whether a mesh is a folder.
@@ -59,10 +60,12 @@ class Format:
         """
         return None
 
-    def coordinates(self, path: Path) -> TablePieces | None:
+    def coordinates(self, path: Path) -> Coordinates:
         """Return where the coordinates are; reads less than `layout` where possible."""
         mesh = self.layout(path)
-        return mesh.pieces if mesh and isinstance(mesh.pieces, TablePieces) else None
+        assert mesh is not None
+        assert isinstance(mesh.pieces, TablePieces)
+        return Columns(mesh.pieces)
 
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
         """Return the mesh in a file: all that its layout tells, put into arrays.
@@ -102,8 +105,7 @@ class Format:
         if source is None:
             return DOUBLE
         with about(source):
-            pieces = self.coordinates(source)
-            return fewest_bits(np.dtype(part.table.kind) for part in pieces.ranges) if pieces else DOUBLE
+            return self.coordinates(source).kind
 
     def finer(self, out: Path, mesh: Mesh) -> str:
         """Return the suffix of a file that keeps more digits of a mesh than `out` does."""
@@ -115,10 +117,9 @@ class Format:
         `out` appears whole or not at all, and is never `source`. Coordinates that did not change keep their bytes.
         """
         with about(source):
-            pieces = self.coordinates(source)
-            assert pieces is not None
-            check_points(points, pieces.points)
-        pieces.rewrite(np.arange(len(points)), points, out, progress)
+            stored = self.coordinates(source)
+            check_points(points, stored.count)
+        stored.copy(points, out, progress)
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """Write a mesh that came from elsewhere; return a sentence for each thing that the format cannot hold."""

@@ -22,7 +22,6 @@ from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.pieces import MeshInPieces
 from sdm_deflect.meshing.mesh.precision import DOUBLE, fewest_bits
 
-from .known import registered
 from .layout import Format, fitting_names
 from .openfoam_case import (
     case_folder,
@@ -187,7 +186,6 @@ BARE = {
 """Settings for checkMesh and decomposePar; a solver needs its own."""
 
 
-@registered("openfoam", ".foam")
 class OpenFoam(Format):
     """A case folder, its folder ``polyMesh``, or a file such as ``case.foam`` in the case folder.
 
@@ -196,6 +194,9 @@ class OpenFoam(Format):
     keeps them, and every file but `points`; only the parts of a decomposed case (``processor0`` and so on) are not
     copied. Meshes of time folders are not read. Output is a folder that must not exist, or be empty.
     """
+
+    name = "openfoam"
+    suffixes = (".foam",)
 
     folder = True
     for_workers = "OpenFOAM cases in binary"

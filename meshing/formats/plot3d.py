@@ -28,7 +28,6 @@ from sdm_deflect.meshing.mesh.precision import fewest_bits
 from .cgns_blocks import AXES, BlockFace, Size, cells, equal_neighbours, faces, points_in
 from .cgns_interfaces import NEAR, meeting
 from .fitted import Fitted, ZoneMesh, fit_zones
-from .known import registered
 from .layout import Format
 from .numbers import Placed, chunks, copy_text, numbers
 from .rewriting import Change, rewritten
@@ -46,7 +45,6 @@ COMMENT, NUMBER = re.compile(r"[#!](.*)"), re.compile(r"\d{1,9}")
 ENTRY = re.compile(r"""\s*('[^']*'|"[^"]*"|[^\s\d]\S*)((?:\s+[+-]?\d{1,9}){6,12})\s*(\w*)\s*$""")
 
 
-@registered("plot3d", ".p3d", ".p3dfmt", ".p2d", ".p2dfmt", ".xyz", ".x", ".g", ".ufmt", written=False)
 class Plot3d(Format):
     """Blocks of hexahedra, or of quadrilaterals in a plane, left- or right-handed; those that meet are one zone.
 
@@ -54,6 +52,10 @@ class Plot3d(Format):
     it pairs, ``ONE_TO_ONE``, if they are near. ``PATCHED`` faces are on no patch. The map names patches; all others are
     ``block1/imin`` and so on. A rewritten file keeps IBLANK.
     """
+
+    name = "plot3d"
+    suffixes = (".p3d", ".p3dfmt", ".p2d", ".p2dfmt", ".xyz", ".x", ".g", ".ufmt")
+    written = False
 
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
         return self._read(path, path, progress)

@@ -16,8 +16,8 @@ from sdm_deflect.meshing.mesh.faces import corners_in_order
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.pieces import MeshInPieces
 
-from .known import Registration, entries
 from .layout import Format
+from .registration import REGISTERED, Registration
 
 ADVICE = {
     ".cas": FLUENT,
@@ -35,13 +35,13 @@ class Formats(Mapping[str, Format]):
     """Formats by their names, each loaded when it is first asked for."""
 
     def __getitem__(self, name: str) -> Format:
-        return _loaded(entries()[name])
+        return _loaded(REGISTERED[name])
 
     def __iter__(self) -> Iterator[str]:
-        return iter(entries())
+        return iter(REGISTERED)
 
     def __len__(self) -> int:
-        return len(entries())
+        return len(REGISTERED)
 
 
 @cache
@@ -101,7 +101,7 @@ def format_of(path: str | Path) -> Format:
     path = Path(path)
     if known := known_format(path):
         return known
-    suffixes = sorted(suffix for entry in entries().values() for suffix in entry.suffixes)
+    suffixes = sorted(suffix for entry in REGISTERED.values() for suffix in entry.suffixes)
     packed = path.suffix.lower() == ".gz"
     own = path.with_suffix("") if packed else path
     usual = "" if packed else f"known are {', '.join(suffixes)}"
@@ -115,7 +115,7 @@ def known_format(path: Path) -> Format | None:
     """Return the format as `format_of` does; None if there is none."""
     if path.is_dir() or not (path.is_file() or path.suffix[1:2].isalpha()):
         return FORMATS["openfoam"]
-    for name, entry in entries().items():
+    for name, entry in REGISTERED.items():
         if path.suffix and path.name.lower().endswith(entry.suffixes):
             return FORMATS[name]
     return tau if path.is_file() and (tau := FORMATS["tau"]).holds(path) else None

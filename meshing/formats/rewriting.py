@@ -2,10 +2,10 @@
 
 import errno
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -24,24 +24,15 @@ WITHOUT_COPYING = (None, errno.EXDEV, errno.EINVAL, errno.ENOSYS, errno.EOPNOTSU
 
 
 def rewritten(
-    source: Path,
-    changes: Sequence["Change"],
-    out: Path,
-    progress: Progress = silent,
-    runner: Runner = HERE,
-    after: Callable[[Path], None] = lambda _: None,
+    source: Path, changes: Sequence["Change"], out: Path, progress: Progress = silent, runner: Runner = HERE
 ) -> None:
-    """Write a copy of a file with other numbers in its tables; `after` may change the copy before it is in its place.
-
-    MeshFileError for numbers that they cannot hold.
-    """
+    """Write a copy of a file with other numbers in its tables; MeshFileError for numbers that they cannot hold."""
     with fresh(out, source) as beside, about(source):
         items = items_of(changes, source)
         with write_errors(out):
             os.truncate(beside, source.stat().st_size)
         for i, _ in enumerate(runner.map(copy_range, (source, beside), items), 1):
             progress(f"writing {out.name}", i / len(items))
-        after(beside)
 
 
 def items_of(changes: Sequence["Change"], file: Path) -> list["Item"]:
@@ -62,11 +53,7 @@ class Change:
 
     def check(self) -> None:
         """Raise a ValueError if the table cannot hold the values."""
-        kind = np.dtype(self.table.kind)
-        if np.abs(self.values).max(initial=0.0) <= np.finfo(kind).max:  # false if one is no number
-            return
-        bad = np.count_nonzero(~(np.abs(self.values) <= np.finfo(kind).max))
-        raise ValueError(f"{bad} coordinates are too large for numbers of {kind.itemsize} bytes")
+        check_large(self.values, np.dtype(self.table.kind))
 
     def within(self, begin: int, end: int) -> "Change":
         """Return the part that changes bytes from `begin` to `end` - 1."""
@@ -88,6 +75,14 @@ class Change:
         rows = slice(None) if len(stored) == len(self.rows) else self.rows - first
         before = stored[rows]
         stored[rows] = np.where(before == self.values, before, self.values)
+
+
+def check_large(values: FloatArray, kind: np.dtype[Any]) -> None:
+    """Raise a ValueError if coordinates are too large for a type of number."""
+    if np.abs(values).max(initial=0.0) <= np.finfo(kind).max:  # false if one is no number
+        return
+    bad = np.count_nonzero(~(np.abs(values) <= np.finfo(kind).max))
+    raise ValueError(f"{bad} coordinates are too large for numbers of {kind.itemsize} bytes")
 
 
 Item = tuple[int, int, tuple[Change, ...]]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from io import BufferedReader
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
 
@@ -15,15 +14,15 @@ from sdm_deflect.base.arrays import FloatArray, IntArray
 from sdm_deflect.base.errors import MeshFileError, short_list
 from sdm_deflect.base.files import fresh
 from sdm_deflect.base.threads import HERE, Progress, Runner, silent
-from sdm_deflect.meshing.errors import about, check_points
+from sdm_deflect.meshing.errors import about
 from sdm_deflect.meshing.mesh.cells import CORNERS, Cells, Patch, Polyhedra, Zone
 from sdm_deflect.meshing.mesh.mesh import Mesh, Warned
 from sdm_deflect.meshing.mesh.pieces import MeshInPieces
 from sdm_deflect.meshing.mesh.precision import DOUBLE
 
-from .known import registered
+from .coordinates import Words
 from .layout import Format, fitting_names, whole
-from .numbers import CHUNK, COMMENT, NumberLines, Placed, chunks, copy_text, numbers, table
+from .numbers import CHUNK, COMMENT, NumberLines, Placed, chunks, numbers, table
 from .shapes import simple_faces
 from .table_pieces import CellTable, PointRange, TablePieces
 from .tables import FileTable, Held, gather_tables
@@ -97,13 +96,13 @@ def _keywords(text: bytes) -> Iterator[tuple[str, str, int, int]]:
 class Su2File:
     """An open file, where its sections lie, its dimension; `report` is called with the fraction read so far."""
 
-    file: BufferedReader
+    file: BinaryIO
     sections: tuple[KeywordBlock, ...]
     dimension: int
     report: Callable[[float], None]
 
     @classmethod
-    def open(cls, file: BufferedReader, report: Callable[[float], None]) -> Su2File:
+    def open(cls, file: BinaryIO, report: Callable[[float], None]) -> Su2File:
         """Find the sections of a file; MeshFileError if it is no SU2 mesh, or of another dimension than 2 or 3."""
         file.seek(0)
         if b"\0" in file.read(4096):
@@ -290,13 +289,15 @@ def _nodes(lines: NumberLines, rows: IntArray, shape: str, points: int) -> IntAr
     return nodes
 
 
-@registered("su2", ".su2")
 class Su2(Format):
     """Text with one line for each point, cell and boundary face; markers by name, several zones in one file.
 
     Points of other processes (markers SEND_RECEIVE), free-form boxes, periodic data and comments are no part of the
     mesh; a rewritten file keeps them. Cells are one block of each shape, in the file's order within the shape.
     """
+
+    name = "su2"
+    suffixes = (".su2",)
 
     def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshInPieces | None:
         """See `Format.layout`; None for a plane mesh, and for several zones."""
@@ -321,13 +322,10 @@ class Su2(Format):
     def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
         return DOUBLE
 
-    def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
-        """See `Format.rewrite`; each coordinate that changed is written with as many digits as it needs."""
-        with fresh(out, source) as beside, about(source), source.open("rb") as file, beside.open("wb") as copy:
-            text = Su2File.open(file, partial(progress, f"writing {out.name}"))
-            sections = _points(text)
-            check_points(points, sum(section.count for section in sections))
-            copy_text(file, text.coordinates(sections), points[:, : text.dimension].ravel(), copy)
+    def coordinates(self, path: Path) -> Words:
+        with path.open("rb") as file:
+            text = Su2File.open(file, lambda _: None)
+            return Words(path, sum(section.count for section in _points(text)), _words, text.dimension)
 
     def points_of_copy(self, path: Path, source: Path) -> FloatArray:
         """See `Format.points_of_copy`; the cells are the source's and are not parsed again."""
@@ -381,6 +379,12 @@ def _layout(
     pieces = Su2Pieces(str(path), found.points, found.ranges, found.cells)
     patches = patches_of(source, own, found.points)
     return MeshInPieces(path.name, pieces, patches, (Zone(name, 0, found.points),), notes_of(source.sections))
+
+
+def _words(file: BinaryIO, report: Callable[[float], None]) -> Iterator[tuple[int, bytes, Placed]]:
+    """Yield the pieces of the text with the coordinates of all zones (`Words`)."""
+    text = Su2File.open(file, report)
+    return text.coordinates(_points(text))
 
 
 def _points(source: Su2File) -> list[KeywordBlock]:

@@ -12,17 +12,17 @@ from typing import Any, NamedTuple
 import h5py
 import numpy as np
 
-from sdm_deflect.base.arrays import FloatArray, IntArray
+from sdm_deflect.base.arrays import IntArray
 from sdm_deflect.base.errors import MeshFileError
 from sdm_deflect.base.files import fresh
 from sdm_deflect.base.threads import Progress, silent
-from sdm_deflect.meshing.errors import about, check_points
+from sdm_deflect.meshing.errors import about
 from sdm_deflect.meshing.mesh.cells import CORNERS, MIRRORED, Cells, Patch, Zone
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.pieces import MeshInPieces
 
-from .hdf5 import DAMAGE, Replaced, Span, damage, dataset, spans
-from .known import registered
+from .coordinates import Columns
+from .hdf5 import DAMAGE, Dataset, Datasets, Span, damage, dataset, spans
 from .layout import Format
 from .polyhedra import standard_cells
 from .shapes import mirror_nodes, refuse_plane, simple_faces
@@ -103,7 +103,6 @@ def _classic(path: Path) -> Grid:
     raise MeshFileError(f"the header, or what it announces, is truncated or damaged ({reason})")
 
 
-@registered("tau", ".grid", ".taumesh", ".nc")
 class Tau(Format):
     """Cells of the four linear shapes, each one block; patches are the markers of triangles and quadrilaterals.
 
@@ -112,6 +111,9 @@ class Tau(Format):
     number. Markers of one name are one patch. Coordinates in single precision stay in single precision. A new file has
     offsets of 64 bits (CDF-2).
     """
+
+    name = "tau"
+    suffixes = (".grid", ".taumesh", ".nc")
 
     def files(self, path: Path) -> Iterable[Path]:
         return path, *mappings(path)
@@ -129,20 +131,14 @@ class Tau(Format):
         pieces = replace(points, cells=tuple(own for own in cells if own.table.rows)).orient()
         return MeshInPieces(path.resolve().name, pieces, patches, (Zone("", 0, points.points),))
 
-    def coordinates(self, path: Path) -> TablePieces:
+    def coordinates(self, path: Path) -> Columns | Datasets:
         with open_tau(path) as grid:
-            return _points(grid, path)
-
-    def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
-        """See `Format.rewrite`; only the bytes of points_xc, points_yc and points_zc change.
-
-        Where netCDF-4 has packed them, HDF5 packs them anew, and may put them elsewhere in the file.
-        """
-        with about(source), open_tau(source) as grid:
-            check_points(points, _points(grid, source).points)
-            stored = [(*grid.array(axis, "f"), new) for axis, new in zip(AXES, points.T, strict=True)]
-            new = Replaced.of(source, [(array, places, new, array[()] != new) for array, places, new in stored])
-        new.copy(source, out, progress)
+            found = _points(grid, path)
+            if not isinstance(grid.arrays, h5py.File):
+                return Columns(found)
+            kinds = [grid.array(axis, "f")[0].dtype for axis in AXES]
+            axes = zip(AXES, kinds, range(3), strict=True)
+            return Datasets.of(path, [Dataset(name, kind, 0, found.points, i, i + 1) for name, kind, i in axes])
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """See `Format.write`; polyhedra that are no usual cells, or faces of five corners, are a MeshFileError."""

@@ -21,9 +21,8 @@ from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.pieces import MeshInPieces
 from sdm_deflect.meshing.mesh.precision import fewest_bits
 
-from .known import registered
+from .coordinates import Columns, Words
 from .layout import Format, fitting_names
-from .numbers import copy_text
 from .polyhedra import standard_cells
 from .shapes import refuse_plane, simple_faces
 from .table_pieces import CellTable, PointRange, TablePieces
@@ -58,7 +57,6 @@ class UgridPieces(TablePieces):
             TablePieces.rewrite(self, nodes, points, out, progress, runner)
 
 
-@registered("ugrid", ".ugrid")
 class Ugrid(Format):
     """Points, one block of cells of each shape, and boundary faces with surface ids.
 
@@ -68,6 +66,9 @@ class Ugrid(Format):
     file, a copy of the source's if there is one; none that is there is changed. What may follow the cells is no part
     of the mesh; a rewritten file keeps it.
     """
+
+    name = "ugrid"
+    suffixes = (".ugrid",)
 
     for_workers = "binary UGRID files"
 
@@ -86,8 +87,12 @@ class Ugrid(Format):
             pieces = replace(_pieces(path, tables), cells=cells).orient()
         return MeshInPieces(path.resolve().name, pieces, border, (Zone("", 0, count),))
 
-    def coordinates(self, path: Path) -> TablePieces:
-        return _pieces(path, _tables(path, lambda _: None))
+    def coordinates(self, path: Path) -> Columns | Words:
+        if encoding_of(path):
+            return Columns(_pieces(path, _tables(path, lambda _: None)))
+        with path.open("rb") as file:
+            count = UgridFile.open(file, "", lambda _: None).shapes[POINTS][0]
+        return Words(path, count, lambda file, report: UgridFile.open(file, "", report).coordinates())
 
     def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
         encoding = encoding_of(out)
@@ -102,26 +107,20 @@ class Ugrid(Format):
         Of coordinates in text, each that changed is written with as many digits as it needs; single precision stays
         single.
         """
-        if encoding_of(out) == encoding_of(source) != "":
+        if encoding_of(out) == encoding_of(source):
             with about(source):
-                check_range(points, ENCODINGS[encoding_of(source)].real)
-            Format.rewrite(self, source, points, out, progress)
+                if encoding := encoding_of(source):
+                    check_range(points, ENCODINGS[encoding].real)
+            with names_copied(source, out):
+                Format.rewrite(self, source, points, out, progress)
             return
         report = partial(progress, f"writing {out.name}")
-        with (
-            names_copied(source, out),
-            fresh(out, source) as beside,
-            about(source),
-            source.open("rb") as file,
-            beside.open("wb") as copy,
-        ):
+        with names_copied(source, out), fresh(out, source) as beside, about(source), source.open("rb") as file:
             stored = UgridFile.open(file, encoding_of(source), report)
             check_points(points, stored.shapes[POINTS][0])
-            if encoding_of(out) or encoding_of(source):
-                arrays = {name: table.read(0, table.rows) for name, table in stored.tables(source).items()}
+            arrays = {name: table.read(0, table.rows) for name, table in stored.tables(source).items()}
+            with beside.open("wb") as copy:
                 copy.writelines(encode(arrays | {POINTS: points}, encoding_of(out)))
-            else:
-                copy_text(file, stored.coordinates(), points.ravel(), copy)
 
     def files(self, path: Path) -> Iterable[Path]:
         return path, mapbc(path)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from io import BufferedReader
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -110,13 +109,13 @@ def ending(path: Path) -> str:
 class UgridFile:
     """An open file, its encoding (a key of `ENCODINGS`, empty for text) and the shapes of its arrays."""
 
-    file: BufferedReader = field(repr=False)
+    file: BinaryIO = field(repr=False)
     encoding: str
     shapes: dict[str, tuple[int, int]]
     report: Callable[[float], None] = field(repr=False)
 
     @classmethod
-    def open(cls, file: BufferedReader, encoding: str, report: Callable[[float], None]) -> UgridFile:
+    def open(cls, file: BinaryIO, encoding: str, report: Callable[[float], None]) -> UgridFile:
         """Compare what a file counts with its length.
 
         MeshFileError if it is too short, damaged, or of another encoding.

@@ -25,9 +25,9 @@ from sdm_deflect.meshing.errors import about, check_points
 from sdm_deflect.meshing.mesh.cells import CORNERS, Cells, Patch, Polygons, Polyhedra
 from sdm_deflect.meshing.mesh.labelled import CAD_FACE, VOLUME, Skin, skin, tetrahedral
 from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.precision import DOUBLE
 from sdm_deflect.meshing.mesh.quality import quality_of
 
-from .known import registered
 from .layout import Format
 from .polyhedra import faces_by_cell, polyhedra
 from .shapes import check_faces, polygons
@@ -56,9 +56,11 @@ FOREIGN = (
 )
 
 
-@registered("vtu", ".vtu")
 class Vtu(Format):
     """Any linear cells and polyhedra, and faces with the patch of each, as `write_vtu` writes them."""
+
+    name = "vtu"
+    suffixes = (".vtu",)
 
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
         progress(f"reading {path.name}", 0.0)
@@ -66,6 +68,9 @@ class Vtu(Format):
             mesh = grid.mesh()
             check_faces(mesh)
             return mesh
+
+    def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
+        return DOUBLE
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
         """See `Format.rewrite`; arrays but those of the patches are left out."""

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 import shutil
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from scipy.spatial import KDTree
 
 from sdm_deflect import InputError, deflect, read
-from sdm_deflect.deform.volume.field import Field
+from sdm_deflect.deform.mesh_motion import MeshMotion
 from sdm_deflect.meshing.formats.openfoam import MESH, OpenFoam
 from sdm_deflect.meshing.formats.openfoam_files import open_foam, vectors
 from sdm_deflect.meshing.formats.registry import FORMATS
@@ -214,13 +215,14 @@ def test_a_plan_and_a_mesh_that_do_not_belong_together(folder, field, sdm, tmp_p
 @pytest.mark.parametrize(
     ("name", "change"),
     [
-        ("places_0_0_0", lambda array: 1e300 * array),
-        ("ends_0_0_0", lambda array: 1e300 * array),
-        ("boundary_0_0_0_0", lambda array: np.nan * array),
-        ("beta_0_0_0_0", lambda array: array + np.inf),
-        ("part_0_0_0_0", lambda array: array - 1),
-        ("steps_0_0_0", lambda array: array - 2),
-        ("boxes_0_0", lambda array: 0 * array),
+        ("places", lambda array: 1e300 * array),
+        ("places", lambda array: array[:-1]),
+        ("fields_0", lambda array: np.nan * array),
+        ("fields_0", lambda array: array[:1]),
+        ("rows_0", lambda array: array[::-1]),
+        ("rows_0", lambda array: array + 10**6),
+        ("box", lambda array: array - 1),
+        ("corners_0", lambda array: array[:7]),
         ("plan", lambda array: None),
         ("plan", lambda array: np.array("{}")),
         ("plan", lambda array: np.array(str(array).replace("fixed", "mixed"))),
@@ -282,7 +284,6 @@ def test_what_cannot_be_is_one_sentence(folder, field, sdm, tmp_path):
         ),
         (["apply", field, *AT_8, folder / "wing.su2", "--out", folder / "wing.su2"], "this is a file that is read"),
         (["apply", folder / "wing.su2", *AT_8, folder / "wing.su2"], "wing.su2: no archive of arrays"),
-        (["deflect", folder / "wing.su2", *TURN, "--field", "f.npz"], "--field: --plan FILE replaces it"),
         (["deflect", folder / "wing.su2", *TURN, "--no-mesh"], "nothing would be written; name a file in --plan"),
         (["deflect", folder / "wing.su2", *TURN, "--range", "9:20"], "range = 9:20 of flap_* must hold 0 and 8"),
         (["apply", field, "--angle", "7", folder / "wing.su2"], "7: the plan is of 8 alone; make one with a range"),
@@ -295,12 +296,26 @@ def test_what_cannot_be_is_one_sentence(folder, field, sdm, tmp_path):
         assert want in said
 
 
+def test_a_report_leaves_a_large_plan_out_and_says_how_to_write_it(folder, sdm, tmp_path, monkeypatch):
+    monkeypatch.setattr("sdm_deflect.cases.report.folder.LARGEST_PLAN", 1e3)
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(folder / "wing.su2", tmp_path)
+    assert sdm("deflect", "wing.su2", *TURN[:-1])[0] == 0
+    report = tmp_path / "wing-deflected-report"
+    assert not (report / "plan.npz").exists()
+    (note,) = (one for one in json.loads((report / "metrics.json").read_text())["notes"] if "plan.npz" in one)
+    way = shlex.split(re.search("`(.+)`", note)[1])
+    assert sdm(*way[1:])[0] == 0
+    assert sdm("apply", "plan.npz", "--angle", "8", "wing.su2", "--out", "moved.su2")[0] == 0
+    np.testing.assert_allclose(read("moved.su2").points, read("wing-deflected.su2").points, atol=1e-12)
+
+
 def test_nodes_at_one_place_that_move_apart_have_no_plan_by_place():
     mesh = block_with_body(8)
     both = joined(mesh, mesh)
     one = deflect(both, ["body", "body'"], [[0, 0, 0], [0, 1, 0]], 5.0).deflection
-    assert np.array_equal(Field.of(one.boxes).apply(both.points), one.points)
+    assert np.array_equal(MeshMotion.of_one_amount(one, ()).on(both.points).at(5.0), one.points)
     moved = one.points.copy()
     moved[one.plan.boxes[0].sites.moving[-1], 0] += 0.01
     with pytest.raises(InputError, match="nodes at one place move apart"):
-        Field.of(placed(one, moved).boxes)
+        MeshMotion.of_one_amount(placed(one, moved), ()).on(both.points)

@@ -95,7 +95,7 @@ def test_the_folder_makes_report_and_view_again(home, run):
     np.testing.assert_array_equal(points, format_of(home / "two.su2").read(home / "two-deflected.su2").points)
     data = finished.report_data()
     assert [box.name for box in data.boxes] == list(data.figures["deflections"])
-    shown = finished.held.on(plan.mesh.points).at(finished.held.in_order({"left": 3.0, "right": -1.5}))
+    shown = finished.motion.on(plan.mesh.points).at(finished.motion.in_order({"left": 3.0, "right": -1.5}))
     one = alone(two_bodies(), SURFACES[1], -1.5)
     nodes = one.plan.movable
     np.testing.assert_allclose(shown[nodes], one.points[nodes], atol=2.0 * one.plan.boxes[0].sites.tolerance)
@@ -131,5 +131,5 @@ def test_a_plan_of_one_amount_has_all_boxes(tmp_path):
     result = sdm_deflect.deflect(two_bodies(), SURFACES, box_each=True, margin=0.4)
     held = sdm_deflect.plan(two_bodies(), SURFACES, box_each=True, margin=0.4)
     held.save(tmp_path / "two.npz")
-    found = sdm_deflect.HeldPlan.load(tmp_path / "two.npz")
+    found = sdm_deflect.MeshMotion.load(tmp_path / "two.npz")
     assert np.array_equal(found.on(two_bodies().points).at(result.deflection.amounts), result.points)

@@ -82,7 +82,7 @@ def test_every_command_explains_itself(sdm, name):
 
 def test_what_the_switches_may_be_is_what_there_is():
     from sdm_deflect.cases.cli import options
-    from sdm_deflect.meshing.formats.known import writable
+    from sdm_deflect.meshing.formats.registration import writable
     from sdm_deflect.meshing.generate.parameters import SCALES
 
     assert tuple(options.SCALES.choices) == tuple(SCALES)

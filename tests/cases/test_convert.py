@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import sdm_deflect as sd
-from sdm_deflect.meshing.formats.known import writable
+from sdm_deflect.meshing.formats.registration import writable
 from sdm_deflect.meshing.formats.registry import FORMATS
 from tests.deform.blocks import block_with_body
 from tests.deform.plates import plate

@@ -11,7 +11,7 @@ import pytest
 
 from sdm_deflect import deflect
 from sdm_deflect.cases.run.mesh_files import HEAD
-from sdm_deflect.meshing.formats.known import writable
+from sdm_deflect.meshing.formats.registration import writable
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of
 from tests.deform.blocks import block_with_body, two_bodies
 from tests.meshing.formats import fluent_files
@@ -136,22 +136,6 @@ def test_a_warning_comes_first_and_is_counted_by_the_verdict(files, sdm, tmp_pat
     assert list(result.notes[:4]) == [*figures["warnings"], *figures["short_turns"]]
     assert result.title.endswith(f": all checks passed; {lines[0].partition('; ')[2]}")
     assert f"warning: {warning}" in repr(result)
-
-
-@pytest.mark.parametrize(
-    ("option", "way"),
-    [
-        ("--history", "motions in time are not written; deflect to each angle by --angles, a mesh for each"),
-        ("--cpacs", "`python docs/examples/cpacs_hinge.py FILE UID` prints the hinge line"),
-        ("--to-solver", "in a clone, `python -m studies case MESH OUT` writes the deflected mesh as a case for a flow"),
-    ],
-)
-def test_an_option_that_is_no_more_says_the_way_out(option, way, files, sdm, tmp_path):
-    code, _, err = sdm("deflect", files["su2"], *FLAP, *HINGE, "--out", tmp_path / "w.su2", option, "x")
-    assert (code, err.startswith(f"sdm: {option}: {way}")) == (2, True)
-    said = sdm("deflect", files["su2"], option[:-1])[2]
-    assert said.startswith(f"sdm: No such option '{option[:-1]}'.")
-    assert f"'{option}'" not in said
 
 
 def test_a_hinge_without_commas_is_refused_with_the_way_out(files, sdm):

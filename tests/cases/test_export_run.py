@@ -12,8 +12,8 @@ from sdm_deflect.base.errors import MeshFileError
 from sdm_deflect.cases.cli.commands import cli
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.finished import export_run
-from sdm_deflect.meshing.formats.known import writable
 from sdm_deflect.meshing.formats.openfoam import MESH
+from sdm_deflect.meshing.formats.registration import writable
 from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.mesh.cells import Polyhedra
 from sdm_deflect.meshing.mesh.labelled import Skin, tetrahedral
@@ -106,8 +106,6 @@ def test_nothing_is_overwritten_and_nothing_is_left_behind(run, tmp_path):
 def test_words_that_are_not_known_are_named(tmp_path, words, said):
     with pytest.raises(BadParameter, match=said):
         cli.main(["export", str(tmp_path), *words], standalone_mode=False)
-    with pytest.raises(InputError, match=r"^--to-solver: in a clone, `python -m studies case MESH OUT` writes"):
-        cli.main(["export", str(tmp_path), "--to-solver", "su2"], standalone_mode=False)
 
 
 def test_a_mistake_is_one_line(finished):

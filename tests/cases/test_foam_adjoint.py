@@ -121,7 +121,7 @@ def test_the_derivative_by_the_angle_is_that_of_differences(direction, tmp_path,
     OpenFoam().write(ellipse(), base)
     held = plan(base, "section", [[-0.25, 0, 0], [-0.25, 0, 0.1]], range=(-4, 4))
     held.save(tmp_path / "plan.npz")
-    modes = held.modes
+    modes = held
     _, sensitivities = flow(base, tmp_path / "adjoint", modes.at((ANGLE,)), direction)
     words = ["--plan", tmp_path / "plan.npz", "--mesh", base, "--at", str(ANGLE), "--json"]
     code, out, err = sdm("gradient", sensitivities, *words)

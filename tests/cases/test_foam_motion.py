@@ -14,7 +14,7 @@ from sdm_deflect.meshing.formats.openfoam_files import labels, open_foam, vector
 from tests import calls
 from tests.cases import foam
 from tests.deform.blocks import two_bodies
-from tests.deform.test_held import AROUND_BOTH, SLAT_AND_FLAP
+from tests.deform.test_mesh_motion import AROUND_BOTH, SLAT_AND_FLAP
 from tests.deform.test_motion_fields import TRACK
 from tests.docs.commands import ROOT
 
@@ -57,7 +57,7 @@ def half_wing(tmp_path_factory):
     files = [path.read_bytes() for path in held.save_openfoam(folder / "case")]
     assert calls.sdm("export", folder / "flap.npz", "--format", "openfoam", "--out", folder / "case") == 0
     assert [path.read_bytes() for path in held.save_openfoam(folder / "case")] == files[:-1]  # but for dynamicMeshDict
-    return held.modes, folder / "case"
+    return held, folder / "case"
 
 
 def prepared(case, folder, amounts, **control):

@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
-from sdm_deflect import HeldPlan
+from sdm_deflect import MeshMotion
 from sdm_deflect.cases.run import gradient as module
 from sdm_deflect.meshing.formats.cgns_nodes import children, create
 from sdm_deflect.meshing.formats.cgns_read import base_of
@@ -16,7 +16,7 @@ from sdm_deflect.meshing.formats.openfoam_files import open_foam, vectors
 from sdm_deflect.meshing.formats.registry import FORMATS
 from tests import calls
 from tests.deform.blocks import two_bodies
-from tests.deform.test_held import AROUND_BOTH
+from tests.deform.test_mesh_motion import AROUND_BOTH
 
 AT = {"left": 6.0, "right": -3.0}
 SETTINGS = f"""
@@ -93,7 +93,7 @@ def exact(folder):
     words = ["--config", folder / "job.toml", "--plan", folder / "p.npz", "--no-mesh"]
     assert calls.sdm("deflect", folder / "bodies.su2", *words) == 0
     points = two_bodies().points
-    modes = HeldPlan.load(folder / "p.npz").on(points)
+    modes = MeshMotion.load(folder / "p.npz").on(points)
     slopes = objective(modes.at(tuple(AT.values())))[1]
     steps = np.eye(2) * 1e-3
     near = [[objective(modes.at(tuple(np.add(list(AT.values()), s * step))))[0] for s in (1, -1)] for step in steps]

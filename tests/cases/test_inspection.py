@@ -10,7 +10,7 @@ import pytest
 from sdm_deflect.base.errors import InputError, MeshFileError
 from sdm_deflect.cases.run.inspection import file_figures, inspect
 from sdm_deflect.meshing.formats.cgns import Cgns
-from sdm_deflect.meshing.formats.known import writable
+from sdm_deflect.meshing.formats.registration import writable
 from sdm_deflect.meshing.formats.registry import FORMATS, read
 from sdm_deflect.meshing.mesh.cells import Cells
 from sdm_deflect.meshing.mesh.mesh import Mesh

@@ -12,7 +12,7 @@ from scipy.io import netcdf_file
 from sdm_deflect import deflect, read
 from sdm_deflect.base.errors import InputError, MeshFileError
 from sdm_deflect.cases.run import deflect_file as command
-from sdm_deflect.cases.run.mesh_files import Targets
+from sdm_deflect.cases.run.mesh_files import OutputFiles
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.cases.settings.job_settings import settings_of
 from sdm_deflect.cases.settings.jobs import jobs_of
@@ -92,7 +92,7 @@ def foam_points(path, n):
 def run(source, out, angle=5.0, **asked):
     """Deflect a file as the command does."""
     settings = settings_of(asked.pop("surfaces"), asked.pop("hinge"), angle, asked)
-    return command.deflect_file(Targets.of(source, out, ((angle,),)), jobs_of(settings), Stopwatch())
+    return command.deflect_file(OutputFiles.of(source, out, ((angle,),)), jobs_of(settings), Stopwatch())
 
 
 def value(checks, name):

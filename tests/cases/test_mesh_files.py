@@ -8,7 +8,7 @@ import pytest
 import pyvista as pv
 
 from sdm_deflect.base.errors import InputError
-from sdm_deflect.cases.run.mesh_files import Targets, inputs_of, write_mesh, write_sensitivity
+from sdm_deflect.cases.run.mesh_files import OutputFiles, inputs_of, write_mesh, write_sensitivity
 from sdm_deflect.meshing.formats.registry import FORMATS, read
 from sdm_deflect.meshing.mesh.quality import quality_of
 from tests.meshing.formats.examples import hybrid
@@ -21,7 +21,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def targets(source, out, angles=(8.0,), sensitive=False):
-    return Targets.of(Path(source), Path(out) if out else None, [(angle,) for angle in angles], sensitive)
+    return OutputFiles.of(Path(source), Path(out) if out else None, [(angle,) for angle in angles], sensitive)
 
 
 def test_names():
@@ -59,7 +59,7 @@ def test_a_case_is_named_from_within(source, folder, monkeypatch):
 @pytest.mark.parametrize("out", ["", ".", ".."])
 def test_a_folder_without_a_name_has_its_own(out, folder):
     Path("m.su2").touch()
-    wanted = Targets.of(Path("m.su2"), Path(out), ((1.0,),), sensitive=True)
+    wanted = OutputFiles.of(Path("m.su2"), Path(out), ((1.0,),), sensitive=True)
     assert wanted.out == Path(out).resolve()
     with pytest.raises(InputError, match="exists already"):
         wanted.check()
@@ -67,7 +67,7 @@ def test_a_folder_without_a_name_has_its_own(out, folder):
 
 def test_the_root_is_no_mesh():
     with pytest.raises(InputError, match="is no place for a mesh"):
-        Targets.of(Path("m.su2"), Path("/"), ((1.0,),))
+        OutputFiles.of(Path("m.su2"), Path("/"), ((1.0,),))
 
 
 def test_angles_that_differ_have_names_that_differ(folder):
@@ -106,7 +106,7 @@ def test_files_that_settings_name_are_inputs(folder):
 
 
 def test_two_targets_of_one_name(folder):
-    twice = Targets(Path("w.su2"), Path("flap.vtu"), ((5.0,), (5.0,)), True)
+    twice = OutputFiles(Path("w.su2"), Path("flap.vtu"), ((5.0,), (5.0,)), True)
     with pytest.raises(InputError, match=r"flap_\+5\.vtu would be written twice"):
         twice.check()
 

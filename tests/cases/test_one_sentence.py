@@ -11,7 +11,7 @@ from sdm_deflect.cases.run.metrics import travels
 from sdm_deflect.meshing.mesh.cells import Cells, Patch
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.deform.blocks import block_with_body, joined, two_bodies
-from tests.deform.test_held import SLAT_AND_FLAP
+from tests.deform.test_mesh_motion import SLAT_AND_FLAP
 
 TURN = {"hinge": [[0, -0.6, 0], [0, 0.6, 0]], "angle": 5.0}
 
@@ -75,7 +75,7 @@ def test_a_tail_that_stands_on_nothing():
 
 
 def test_a_range_alone_says_how_far_the_surface_moves():
-    plan = sd.plan(two_bodies(), {"left": SLAT_AND_FLAP["left"]}, fixed="right", margin=0.3).mesh.plan
+    plan = sd.plan(two_bodies(), {"left": SLAT_AND_FLAP["left"]}, fixed="right", margin=0.3).plan
     (text,) = (text for _, text in travels(plan))
     assert not text.startswith("0,")
     assert plan.largest == (8,)

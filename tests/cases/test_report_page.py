@@ -151,7 +151,7 @@ def test_page_is_made_anew_from_the_folder(aileron_run, tmp_path):
         (c.box, c.directions, c.centres) for c in other.fits.convergence
     ]
     np.testing.assert_array_equal(own.fits.centres["z"], other.fits.centres["z"])
-    assert turnable(replace(stored, held=None)) == turnable(fresh)
+    assert turnable(replace(stored, motion=None)) == turnable(fresh)
     assert [one["name"] for one in turnable(stored)["turn"]["surfaces"]] == ["aileron_left"]
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import sdm_deflect as sd
-from sdm_deflect.meshing.formats.known import writable
+from sdm_deflect.meshing.formats.registration import writable
 from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.mesh.cells import Cells, Patch
 from tests.deform.blocks import annulus_with_fin

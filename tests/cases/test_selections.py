@@ -84,7 +84,7 @@ def test_a_report_repeats_the_choice(channel, sdm, tmp_path):
     plan, points = finished.plan, finished.points
     assert set(plan.mesh.names) == {"wall", "flap", "wall#3"}
     assert (points == read(out).points).all()
-    assert finished.held.controls[0].patches == ("flap",)
+    assert finished.motion.controls[0].patches == ("flap",)
     assert sdm("deflect", channel, "--config", settings, "--out", again, "--no-report", "-q")[0] == 0
     assert again.read_bytes() == out.read_bytes()
     chosen = ["--select", settings, "--surface", "flap", "--fixed", "wall"]

@@ -277,7 +277,6 @@ def test_nothing_listens(view, tmp_path, block, monkeypatch):
     [
         (["nowhere"], "nowhere"),
         (["folder"], "folder is not the output folder of a run"),
-        (["block.su2", "--port", "80"], "--port: nothing is served any more"),
         (["block.su2", "--out", "folder"], "is there and no file"),
     ],
 )

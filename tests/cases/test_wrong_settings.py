@@ -147,7 +147,7 @@ def test_an_option_of_deflect(option, sdm, folder):
     found = []
     for text in TEXTS:
         given = {**TURN, option: [text, "0.7,0.7,0"] if option == "--hinge" else [text]}
-        for other in {"--angles": ["--angle"], "--history": ["--angle"], "--table": ["--hinge"]}.get(option, ()):
+        for other in {"--angles": ["--angle"], "--table": ["--hinge"]}.get(option, ()):
             del given[other]
         words = [word for name, values in given.items() for word in (name, *values)]
         code, _, said = sdm("deflect", "wing.su2", "--quiet", "--dry-run", *words)
@@ -198,12 +198,12 @@ def test_a_file_of_settings(content, tmp_path):
         assert faults(reading, [tmp_path / "job.toml", tmp_path, tmp_path / "none", tmp_path / "\0"]) == []
 
 
-@pytest.mark.parametrize("setting", ["--table", "--held", "--driven", "--config", "--box", "--history"])
+@pytest.mark.parametrize("setting", ["--table", "--held", "--driven", "--config", "--box"])
 def test_a_device_or_a_pipe_is_not_read(setting, sdm, folder):
     os.mkfifo("pipe.txt")
     for path in ("pipe.txt", "/dev/zero"):
         given = {**TURN, setting: [path]}
-        for other in {"--table": ["--hinge"], "--history": ["--angle"]}.get(setting, ()):
+        for other in {"--table": ["--hinge"]}.get(setting, ()):
             del given[other]
         code, _, said = sdm(
             "deflect", "wing.su2", "--quiet", "--dry-run", *[w for n, v in given.items() for w in (n, *v)]

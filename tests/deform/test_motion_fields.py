@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from sdm_deflect import InputError, plan
-from sdm_deflect.deform.motion_fields import write_motion
 from sdm_deflect.deform.surface.motions import Powers
 from tests.deform.blocks import two_bodies
-from tests.deform.test_held import AROUND_BOTH, SLAT_AND_FLAP
+from tests.deform.test_mesh_motion import AROUND_BOTH, SLAT_AND_FLAP
 
 TRACK = "controlParameter,angle,dx,dy,dz\n-1,-4,-0.02,0,0\n0,0,0,0,0\n0.5,3,0.03,0,0\n1,4,0.05,0,0.02\n"
 ROUNDING = 1e-14
@@ -81,11 +80,10 @@ def test_the_sum_of_fields_is_the_mesh(held, tmp_path):
 
 def test_powers_and_amounts_of_a_user(held, tmp_path):
     controls = tuple(replace(one, functions=Powers(2, 2.0)) for one in held.controls[:1])
-    modes = held.modes
-    one = replace(modes, controls=controls, rows=modes.rows[:1], fields=modes.fields[:1])
+    one = replace(held, controls=controls, rows=held.rows[:1], fields=held.fields[:1])
     (tmp_path / "constant").mkdir()
     (tmp_path / "constant" / "dynamicMeshDict").write_text("my own\n")
-    assert [path.name for path in write_motion(tmp_path, one)] == ["X0", "left.1", "left.2", "sdmMotion"]
+    assert [path.name for path in one.save_openfoam(tmp_path)] == ["X0", "left.1", "left.2", "sdmMotion"]
     assert (tmp_path / "constant" / "dynamicMeshDict").read_text() == "my own\n"
     assert np.abs(moved(tmp_path, (5.0,)) - one.at((5.0,))).max() <= ROUNDING
 
@@ -96,10 +94,10 @@ def test_what_cannot_be_written_is_refused_and_leaves_nothing(held, tmp_path):
     (tmp_path / "constant").mkdir()
     twice = tuple(replace(one, name="a#b") for one in held.controls)
     with pytest.raises(InputError, match="two surfaces are called a_b in OpenFOAM"):
-        write_motion(tmp_path, replace(held.modes, controls=twice))
+        replace(held, controls=twice).save_openfoam(tmp_path)
     single = plan(two_bodies(), "left", SLAT_AND_FLAP["left"]["hinge"], 4.0, fixed="right", box=AROUND_BOTH)
     with pytest.raises(InputError, match="the plan is of 4 alone; make one with a range"):
-        single.save_openfoam(tmp_path, held.mesh.plan.mesh.points)
+        single.save_openfoam(tmp_path, held.plan.mesh.points)
     with pytest.raises(InputError, match="the plan is of 4 alone; make one with a range"):
         single.save_openfoam(tmp_path)
     assert [path.name for path in tmp_path.rglob("*")] == ["constant"]

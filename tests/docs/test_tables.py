@@ -3,7 +3,7 @@
 from sdm_deflect.cases.aircraft.guide_meshes import GUIDE, mesh_name
 from sdm_deflect.cases.aircraft.registry import CASES
 from sdm_deflect.deform.checks import FEW, FEW_CHANGE, LAYER_CHANGE
-from sdm_deflect.meshing.formats.known import entries
+from sdm_deflect.meshing.formats.registration import REGISTERED
 from tests.docs.commands import ROOT
 
 DOCS = ROOT / "docs"
@@ -11,7 +11,7 @@ DOCS = ROOT / "docs"
 
 def test_the_table_of_formats_has_every_suffix():
     rows = (DOCS / "formats.md").read_text(encoding="utf-8")
-    assert [s for entry in entries().values() for s in entry.suffixes if f"{s}`" not in rows] == []
+    assert [s for entry in REGISTERED.values() for s in entry.suffixes if f"{s}`" not in rows] == []
 
 
 def test_the_table_of_checks_has_the_limits_of_layers():

@@ -97,7 +97,7 @@ def _compare(wanted, found) -> None:
 
 def _write_elsewhere(mesh, out: Path, random: Random) -> None:
     from sdm_deflect.base.errors import MeshFileError
-    from sdm_deflect.meshing.formats.known import writable
+    from sdm_deflect.meshing.formats.registration import writable
     from sdm_deflect.meshing.formats.registry import FORMATS, read
 
     name = random.choice(writable())

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from sdm_deflect.base.files import NAME
-from sdm_deflect.meshing.formats.known import writable
+from sdm_deflect.meshing.formats.registration import writable
 from sdm_deflect.meshing.formats.registry import FORMATS
 from tests.meshing.formats.wing import wing
 

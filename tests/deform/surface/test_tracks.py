@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation as Turned
 
 from sdm_deflect.base.errors import InputError
 from sdm_deflect.deform.box.automatic import Automatic
-from sdm_deflect.deform.held import HeldPlan
+from sdm_deflect.deform.mesh_motion import MeshMotion
 from sdm_deflect.deform.surface.motions import Moving
 from sdm_deflect.deform.surface.tracks import Places, Track, TrackLaw, shifts_of
 from sdm_deflect.deform.volume.deflection import deflect
@@ -152,7 +152,7 @@ def test_a_plan_of_a_track_is_the_deflection_and_keeps_the_mesh_at_zero(tmp_path
     rows[:, 5:] = rows[:, 2:5]
     track = Track(Axis(np.array([0.0, -0.7, 0.0]), np.array([0.0, 0.0, 1.0])), rows)
     plan = Plan.of(mesh, [Job((Moving(("hole",), track, 1.0, (0.0, 1.0)),), box=Automatic(0.4))])
-    held, tolerance = HeldPlan.of(plan), plan.boxes[0].sites.tolerance
+    held, tolerance = MeshMotion.of(plan), plan.boxes[0].sites.tolerance
     assert held.at(0.0).tolist() == mesh.points.tolist()
     assert np.abs(held.at(1.0) - deflect(plan, (1.0,)).points).max() < 20.0 * tolerance
     assert held.judged().passed(0) == (0.0, 1.0)
@@ -162,6 +162,6 @@ def test_a_plan_of_a_track_is_the_deflection_and_keeps_the_mesh_at_zero(tmp_path
         np.testing.assert_allclose((held.at(amount) - mesh.points)[hole], expected, atol=1e-12)
         assert np.abs(held.at(amount) - deflect(plan, (amount,)).points).max() < 20.0 * tolerance
     held.save(tmp_path / "plan.npz")
-    again = HeldPlan.load(tmp_path / "plan.npz")
+    again = MeshMotion.load(tmp_path / "plan.npz")
     assert isinstance(again.controls[0].functions, Places)
     assert again.on(mesh.points).at((0.7,)).tolist() == held.at(0.7).tolist()

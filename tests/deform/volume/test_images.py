@@ -12,7 +12,6 @@ from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.surface.surface import OnPatches
 from sdm_deflect.deform.volume.deflection import deflect
-from sdm_deflect.deform.volume.field import Field
 from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.meshing.mesh.cells import Cells, Patch, Periodic
 from sdm_deflect.meshing.mesh.images import Images
@@ -144,16 +143,6 @@ def test_sensitivities_are_central_differences(name, turned):
     np.testing.assert_allclose(rate, (ends[1] - ends[0]) / (2.0 * h), atol=2e-8)
     for pair in result.plan.mesh.periodic:
         np.testing.assert_allclose(rate[pair.nodes[:, 1]], rate[pair.nodes[:, 0]] @ pair.rotation.T, atol=1e-15)
-
-
-@pytest.mark.parametrize("name", KINDS)
-def test_a_field_has_the_nodes_of_pairs_to_the_bit(name, turned):
-    result = turned(name)
-    mesh = result.plan.mesh
-    nodes = np.unique(np.concatenate([pair.nodes for pair in mesh.periodic]))
-    found = Field.of(result.boxes).apply(mesh.points)
-    assert np.array_equal(found[nodes], result.points[nodes])
-    np.testing.assert_allclose(found, result.points, atol=1e-12)
 
 
 @pytest.mark.parametrize(("name", "angle"), [("cyclic", 45.0), ("empty", 45.0), ("sector", 25.0), ("wedge", 30.0)])

@@ -5,8 +5,8 @@ import pytest
 
 from sdm_deflect.base.errors import InputError
 from sdm_deflect.deform.checks import checks_of
-from sdm_deflect.deform.held import HeldPlan
 from sdm_deflect.deform.loop import run
+from sdm_deflect.deform.mesh_motion import MeshMotion
 from sdm_deflect.deform.surface.motions import Moving, Rotation
 from sdm_deflect.deform.surface.surface import Surface
 from sdm_deflect.deform.volume.deflection import deflect
@@ -100,6 +100,6 @@ def test_a_job_moves_something():
 
 def test_errors_of_two_surfaces_of_a_plan_add_up_to_less_than_the_tolerance(pair):
     job = pair_job(-3.0, 4.0).over([(-3.0, -2.0), (3.0, 4.0)])
-    held = HeldPlan.of(Plan.of(pair, [job]))
+    held = MeshMotion.of(Plan.of(pair, [job]))
     for amounts in ((-3.0, 4.0), (-3.0, 1.0), (3.0, -2.0)):
         assert all(check.passed for check in held.check(amounts))

@@ -9,12 +9,12 @@ import pytest
 from sdm_deflect.base.errors import InputError
 from sdm_deflect.base.threads import HERE
 from sdm_deflect.deform.checks import checks_of
+from sdm_deflect.deform.mesh_motion import MeshMotion
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.surface.surface import OnPatches
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.excerpt import excerpt
-from sdm_deflect.deform.volume.field import Field
 from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.meshing.mesh.cells import Cells, Patch
 from sdm_deflect.meshing.mesh.mesh import Mesh
@@ -140,14 +140,15 @@ def test_a_repair_keeps_both_sides_alike():
         assert result.repairs
 
 
-def test_a_field_knows_the_plane():
+def test_a_plan_knows_the_plane(tmp_path):
     for name in ("empty", "wedge"):
         mesh, wanted = made(name)
         result = turned(mesh, wanted)
-        again = Field.from_arrays(Field.of(result.boxes).arrays())
-        assert again.apply(mesh.points).tobytes() == result.points.tobytes()
-        beside = mesh.points + 1e-7  # no node of the mesh: interpolated
-        assert np.abs(again.apply(beside) - beside - (result.points - mesh.points)).max() < 1e-4
+        MeshMotion.of_one_amount(result, ()).save(tmp_path / "p.npz")
+        again = MeshMotion.load(tmp_path / "p.npz")
+        assert again.on(mesh.points).at(result.amounts).tobytes() == result.points.tobytes()
+        with pytest.raises(InputError, match=r"near a place of the plan|measured on another mesh"):
+            again.on(mesh.points + 1e-7)
 
 
 def test_sides_that_are_fixed_or_oblique_make_no_plane_mesh():

@@ -11,8 +11,8 @@ import pytest
 
 import sdm_deflect
 from sdm_deflect.base.errors import MeshFileError
-from sdm_deflect.cases.run.mesh_files import Targets
-from sdm_deflect.meshing.formats.known import entries
+from sdm_deflect.cases.run.mesh_files import OutputFiles
+from sdm_deflect.meshing.formats.registration import REGISTERED
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of, read
 from sdm_deflect.meshing.formats.ugrid_file import ENCODINGS
 from sdm_deflect.meshing.mesh.cells import Polyhedra
@@ -120,7 +120,7 @@ def refused(path: Path) -> str:
 
 
 def test_a_file_is_made_of_every_format():
-    assert {name.split()[0] for name in MADE} == set(entries())
+    assert {name.split()[0] for name in MADE} == set(REGISTERED)
 
 
 @pytest.mark.parametrize("name", [name for name in SINGLE if "plot3d" not in name])  # the half of a grid may be one
@@ -217,7 +217,7 @@ def test_a_deflection_is_that_of_the_same_mesh_in_memory(name, tmp_path):
 @pytest.mark.parametrize(("name", "suffix"), [("fluent", ".msh.h5"), ("plot3d", ".p3d")])
 def test_a_format_that_is_only_rewritten_says_so_before_anything_is_computed(name, suffix, tmp_path):
     with pytest.raises(MeshFileError, match=rf"b\{suffix}: only a mesh of this format can be written in it"):
-        Targets.of(tmp_path / "a.su2", tmp_path / f"b{suffix}", ((3.0,),))
+        OutputFiles.of(tmp_path / "a.su2", tmp_path / f"b{suffix}", ((3.0,),))
     with pytest.raises(MeshFileError, match="only a mesh of this format"):
         FORMATS[name].write(hybrid(), tmp_path / f"b{suffix}")
     path = made(name, tmp_path)
@@ -267,7 +267,7 @@ def test_progress_rises(name, tmp_path):
         assert 0.0 <= min(fractions) <= max(fractions) <= 1.0
 
 
-@pytest.mark.parametrize("name", [name for name in entries() if name != "openfoam" and entries()[name].written])
+@pytest.mark.parametrize("name", [name for name in REGISTERED if name != "openfoam" and REGISTERED[name].written])
 def test_a_folder_that_cannot_be_written_is_named(name, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(MeshFileError, match="cannot be written"):

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.base.errors import MeshFileError
-from sdm_deflect.meshing.formats.known import writable
+from sdm_deflect.meshing.formats.registration import writable
 from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.formats.vtu import write_vtu
 from sdm_deflect.meshing.mesh.labelled import Skin, tetrahedral

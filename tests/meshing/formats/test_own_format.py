@@ -1,4 +1,4 @@
-"""A format in one file of at most 150 lines: all that commands do with a format follows from its layout."""
+"""A format in one file: all that commands do with a format follows from its layout."""
 
 import importlib.util
 import sys
@@ -9,7 +9,7 @@ import pytest
 
 import sdm_deflect as sdm
 from sdm_deflect.base.errors import MeshFileError
-from sdm_deflect.meshing.formats.known import entries, in_folder
+from sdm_deflect.meshing.formats.registration import REGISTERED
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of, in_pieces, read
 from sdm_deflect.meshing.mesh.cells import Cells, Patch
 from sdm_deflect.meshing.mesh.mesh import Mesh
@@ -27,13 +27,7 @@ def tets():
     sys.modules["own_format"] = module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     yield module
-    del entries()["tets"], sys.modules["own_format"]
-
-
-def test_a_file_is_known_by_its_words_before_it_is_loaded():
-    assert len(FILE.read_text().splitlines()) <= 150
-    assert in_folder(FILE.parent, "examples")["tets"] == ("examples.own_format", "Tets", (".tets",), True)
-    assert "tets" not in FORMATS
+    del REGISTERED["tets"], sys.modules["own_format"]
 
 
 def test_it_is_read_rewritten_and_read_in_pieces(tets, tmp_path):

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from sdm_deflect.base.errors import MeshFileError
-from sdm_deflect.meshing.formats.known import entries, writable
+from sdm_deflect.meshing.formats.registration import REGISTERED, writable
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of, read
 from tests.meshing.formats.examples import hybrid
 
@@ -30,8 +30,8 @@ def test_suffixes(name, form):
 
 @pytest.mark.parametrize("form", FORMATS)
 def test_what_is_known_of_a_format_before_it_is_loaded(form):
-    assert (FORMATS[form].name, FORMATS[form].suffixes) == (form, entries()[form].suffixes)
-    assert FORMATS[form].written == entries()[form].written
+    assert (FORMATS[form].name, FORMATS[form].suffixes) == (form, REGISTERED[form].suffixes)
+    assert FORMATS[form].written == REGISTERED[form].written
     assert FORMATS[form] is FORMATS[form]
 
 
@@ -45,14 +45,14 @@ def test_a_file_loads_the_modules_of_its_own_format():
     ask = """
 import sys
 from pathlib import Path
-from sdm_deflect.cases.run.mesh_files import Targets
+from sdm_deflect.cases.run.mesh_files import OutputFiles
 
-Targets.of(Path("a.cgns"), None, ((1.0,),)).check()
+OutputFiles.of(Path("a.cgns"), None, ((1.0,),)).check()
 print(*sys.modules)
 """
     loaded = subprocess.run([sys.executable, "-c", ask], capture_output=True, text=True, check=True).stdout.split()
     assert "sdm_deflect.meshing.formats.cgns" in loaded
-    assert not {entry.module for name, entry in entries().items() if name != "cgns"} & set(loaded)
+    assert not {entry.module for name, entry in REGISTERED.items() if name != "cgns"} & set(loaded)
 
 
 def test_any_folder_is_an_openfoam_case(tmp_path):

@@ -11,7 +11,7 @@ from vtkmodules.vtkIONetCDF import vtkNetCDFReader
 
 from sdm_deflect.base.errors import MeshFileError
 from sdm_deflect.cases.run.inspection import file_figures, inspect
-from sdm_deflect.cases.run.mesh_files import Targets
+from sdm_deflect.cases.run.mesh_files import OutputFiles
 from sdm_deflect.meshing.formats import tau
 from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
@@ -98,8 +98,10 @@ def test_the_netcdf_library_reads_what_is_written_and_rewritten(tmp_path):
 def test_quality_and_names_of_other_endings(tmp_path):
     written(hybrid(), tmp_path / "wing.grid.def.1")
     assert format_of(tmp_path / "wing.grid.def.1") is FORMATS["tau"]
-    assert Targets.of(tmp_path / "wing.grid.def.1", None, ((5.0,),)).out == tmp_path / "wing.grid.def-deflected.grid"
-    assert Targets.of(tmp_path / "wing.taumesh", None, ((5.0,),)).out == tmp_path / "wing-deflected.taumesh"
+    assert (
+        OutputFiles.of(tmp_path / "wing.grid.def.1", None, ((5.0,),)).out == tmp_path / "wing.grid.def-deflected.grid"
+    )
+    assert OutputFiles.of(tmp_path / "wing.taumesh", None, ((5.0,),)).out == tmp_path / "wing-deflected.taumesh"
     written(hybrid(), tmp_path / "wing", "hdf5")
     for name in ("wing", "wing.grid.def.1"):
         assert file_figures(tmp_path / name)["patches"]["roof"] == 5

@@ -10,7 +10,7 @@ import pytest
 
 from sdm_deflect.base.errors import InputError, MeshFileError
 from sdm_deflect.cases.report.folder import folder_of
-from sdm_deflect.cases.run.mesh_files import Targets
+from sdm_deflect.cases.run.mesh_files import OutputFiles
 from sdm_deflect.meshing.formats.registry import read
 from sdm_deflect.meshing.formats.shapes import mirror_nodes
 from sdm_deflect.meshing.formats.ugrid import Ugrid
@@ -145,8 +145,8 @@ def test_names_that_are_there_are_not_replaced(tmp_path):
     with pytest.raises(MeshFileError, match=r"b\.mapbc: is there and names other surfaces"):
         Ugrid().rewrite(tmp_path / "a.b8.ugrid", hybrid().points, tmp_path / "b.b8.ugrid")
     with pytest.raises(InputError, match=r"b\.mapbc exists already"):
-        Targets.of(tmp_path / "a.b8.ugrid", tmp_path / "b.b8.ugrid", ((3.0,),)).check()
-    elsewhere = Targets.of(tmp_path / "a.su2", tmp_path / "b.b8.ugrid", ((3.0,),))
+        OutputFiles.of(tmp_path / "a.b8.ugrid", tmp_path / "b.b8.ugrid", ((3.0,),)).check()
+    elsewhere = OutputFiles.of(tmp_path / "a.su2", tmp_path / "b.b8.ugrid", ((3.0,),))
     elsewhere.check()
     with pytest.raises(MeshFileError, match=r"b\.mapbc: is there and names other surfaces"):
         elsewhere.check_names(hybrid())
@@ -158,15 +158,15 @@ def test_names_that_are_there_are_not_replaced(tmp_path):
 
 
 def test_names_of_files_keep_the_encoding(tmp_path):
-    one = Targets.of(tmp_path / "wing.v2.LB8.ugrid", None, ((3.0,),))
+    one = OutputFiles.of(tmp_path / "wing.v2.LB8.ugrid", None, ((3.0,),))
     assert one.mesh((3.0,)).name == "wing.v2-deflected.LB8.ugrid"
-    several = Targets.of(tmp_path / "wing.b8.ugrid", None, ((3.0,), (-12.5,)), True, True)
+    several = OutputFiles.of(tmp_path / "wing.b8.ugrid", None, ((3.0,), (-12.5,)), True, True)
     assert [several.mesh(pose).name for pose in several.poses] == [
         "wing-deflected_+3.b8.ugrid", "wing-deflected_-12.5.b8.ugrid",
     ]  # fmt: skip
     assert several.report((3.0,)).name == folder_of(several.mesh((3.0,))).name == "wing-deflected_+3-report"
     assert several.sensitivity((3.0,))[0].name == "wing-deflected_+3-sensitivity.npz"
-    assert Targets.of(tmp_path / "wing.v2.ugrid", None, ((3.0,),)).mesh((3.0,)).name == "wing.v2-deflected.ugrid"
+    assert OutputFiles.of(tmp_path / "wing.v2.ugrid", None, ((3.0,),)).mesh((3.0,)).name == "wing.v2-deflected.ugrid"
 
 
 @pytest.mark.parametrize("suffix", BINARY)

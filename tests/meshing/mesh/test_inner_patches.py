@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import sdm_deflect as sd
-from sdm_deflect import HeldPlan, InputError
+from sdm_deflect import InputError, MeshMotion
 from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.mesh.cells import Cells, Patch
 from sdm_deflect.meshing.mesh.faces import corners_in_order, inner_patches, on_boundary
@@ -68,7 +68,7 @@ def test_a_patch_between_cells_follows_the_mesh(case, form, tmp_path, monkeypatc
         return
     limited(monkeypatch, file=0, held=0, points=97, cells=61)
     plan = sd.plan(path, surface, given["hinge"], 6.0, margin=0.45)
-    assert plan.mesh.plan.mesh.whole
+    assert plan.plan.mesh.whole
     np.testing.assert_array_equal(plan.at(6.0), expected.points)
 
 
@@ -124,7 +124,7 @@ def test_the_nodes_of_a_slit_stay_together_in_a_repair(tmp_path):
             assert 3 < check.over <= len(gaps(mesh, found.points))
         one = sd.plan(mesh, surface, given["hinge"], range=(-10, 10), slide=dict.fromkeys(names, "plane"), margin=0.45)
         one.save(tmp_path / "p.npz")
-        again = HeldPlan.load(tmp_path / "p.npz", mesh.points)
+        again = MeshMotion.load(tmp_path / "p.npz", mesh.points)
         np.testing.assert_array_equal(again.at(10), one.at(10))
 
 

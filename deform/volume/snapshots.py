@@ -1,87 +1,34 @@
-"""A deflected mesh as a sum of fixed fields, its modes, each times a function of one surface's amount.
+"""Deflections of one surface from which the fields of a plan are read.
 
-A hinge gives x(a) = X0 + sin a S + (1 - cos a) V, a table x(s) = X0 + s T, and several surfaces add up; X0 is the
-undeflected mesh. The fields are read from deflections at the ends of the range, each with its own steps and repair.
+Each is a deflection of its own at an end of the range, or one on the same centres between the ends; repairs fade.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
-from math import isfinite
-from numbers import Real
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from sdm_deflect.base.arrays import FloatArray, IntArray
-from sdm_deflect.base.errors import InputError, nearest, short_list, shortened
+from sdm_deflect.base.arrays import FloatArray
+from sdm_deflect.base.errors import InputError
 from sdm_deflect.base.threads import Progress, silent
-from sdm_deflect.deform.surface.motions import Fixed, Functions
-from sdm_deflect.meshing.mesh.cells import LARGEST, bounded
+from sdm_deflect.meshing.mesh.cells import LARGEST
 from sdm_deflect.meshing.mesh.sliding import Plane
 
+from .controls import Control
 from .deflection import BoxDeflection, deflect_box, deflect_in_steps
 from .job import Amounts
 from .plan import BoxPlan
 from .step import take
 
-MOST_ROWS = 60
-"""Largest number of rows of a track at which a plan is measured: one takes about as long as a deflection's checks."""
 SAMPLES, MOST_GROWTH = 101, 5.0
 """Amounts at which the growth of errors between separate readings is sampled, and the largest that is allowed for."""
-Wanted = float | Mapping[str, float] | Sequence[float]
-"""Amounts: of the only surface; by name, 0 where left out; or of all surfaces in order."""
 MISSED = 0.1
-"""Share of the tolerance by which modes may miss a deflection on the same centres between the ends."""
+"""Share of the tolerance by which fields may miss a deflection on the same centres between the ends."""
 
 
-@dataclass(frozen=True, slots=True)
-class Control:
-    """A moving surface and the range of its amount.
-
-    Attributes
-    ----------
-    name, patches, unit : name and patches of the surface, unit of the amount.
-    low, high : ends of the range, which contains 0.
-    functions : functions of the amount that the fields are multiplied by.
-    """
-
-    name: str
-    patches: tuple[str, ...]
-    unit: str
-    low: float
-    high: float
-    functions: Functions
-
-    @property
-    def reads(self) -> tuple[float, ...]:
-        """Amounts at which the fields are read: as many as functions, with the ends of the range."""
-        return self.functions.reads(self.low, self.high)
-
-    def share(self, end: float) -> FloatArray:
-        """Return the weights (k,) by which a repair at an end of the range fades towards the other."""
-        return self.functions.fading(end, self.low + self.high - end)
-
-    def samples(self, count: int) -> tuple[float, ...]:
-        """Return `count` evenly spaced amounts, with 0 in place of the one nearest to it."""
-        amounts = np.linspace(self.low, self.high, count)
-        amounts[np.argmin(np.abs(amounts))] = 0.0
-        return tuple(amounts.tolist())
-
-    def measured(self, count: int) -> tuple[float, ...]:
-        """Return the amounts at which a plan is measured: `count` samples, and the rows of a track, evenly thinned."""
-        rows = [stop for stop in self.functions.stops if self.low <= stop <= self.high]
-        chosen = np.linspace(0, len(rows) - 1, min(len(rows), MOST_ROWS)).round().astype(int).tolist()
-        return tuple(sorted({*self.samples(count), *(rows[i] for i in chosen)}))
-
-    def check(self, amount: float) -> None:
-        """Raise InputError for an amount outside the range."""
-        if not self.low <= amount <= self.high:
-            raise InputError(f"{self.name} = {amount:g} {self.unit} is outside its range {self.low:g}:{self.high:g}")
-
-
-class Readings(NamedTuple):
+class Snapshots(NamedTuple):
     """Deflections of one surface alone, and the weights that turn them into fields.
 
     Attributes
@@ -103,12 +50,12 @@ class Readings(NamedTuple):
     @classmethod
     def of(
         cls, box: BoxPlan, row: int, control: Control, progress: Progress = silent, known: BoxDeflection | None = None
-    ) -> "Readings":
+    ) -> "Snapshots":
         """Deflect the surface `row` of a box to each amount to be read; the others stay.
 
         Where the functions miss a deflection between, further amounts are read. A `known` deflection is used as it is.
 
-        Raises InputError if a surface cannot move so far, or if the modes miss a deflection by more than `MISSED`.
+        Raises InputError if a surface cannot move so far, or if the fields miss a deflection by more than `MISSED`.
         """
         while True:
             found = cls._read(box, row, control, progress, known)
@@ -128,7 +75,7 @@ class Readings(NamedTuple):
     @classmethod
     def _read(
         cls, box: BoxPlan, row: int, control: Control, progress: Progress, known: BoxDeflection | None
-    ) -> "Readings":
+    ) -> "Snapshots":
         """Deflect to the ends of the range as `deflect_box` does, and to amounts between on the centres of the ends.
 
         The fields are read without repairs. The repair of an end has the share 1 there, and 0 at amount 0 and at the
@@ -149,7 +96,7 @@ class Readings(NamedTuple):
 
     def _fading(
         self, own: BoxPlan, poses: Sequence[Amounts], progress: Progress, known: BoxDeflection | None
-    ) -> "Readings":
+    ) -> "Snapshots":
         """Read amounts between the ends on the centres of the end that is there; repairs of the ends fade."""
         control, reads, (end,) = self.control, self.control.reads, self.ends
         last = poses.index(end.amounts)
@@ -171,12 +118,23 @@ class Readings(NamedTuple):
                 plain.append(one)
         return self._replace(deflections=tuple(plain), weights=weights, ends=tuple(ends.values()))
 
+    @property
+    def fields(self) -> FloatArray:
+        """Fields (k, M, 3) of the movable nodes of the box, one for each function of the amount."""
+        nodes = self.box.movable
+        start = self.box.mesh.points[nodes]
+        return weighted(self.weights, [one.exact[nodes] - start for one in self.deflections])
+
+    def residuals(self, steps: int) -> FloatArray:
+        """Return the errors of the fields at the data sites in each step (k, steps, S, 3)."""
+        return weighted(self.weights, [residuals(one, steps) for one in self.deflections])
+
     def nearest(self, amount: float) -> BoxDeflection:
         """Return the deflection at the end of the range nearest to an amount."""
         return min(self.ends, key=lambda one: abs(one.amounts[self.row] - amount))
 
     def error(self) -> float:
-        """Return the largest distance between the modes and a deflection on the centres of one reading.
+        """Return the largest distance between the sum of fields and a deflection on the centres of one reading.
 
         It is measured halfway between the amounts that were read, and 0.
         """
@@ -277,99 +235,7 @@ def residuals(one: BoxDeflection, steps: int) -> FloatArray:
     return np.stack(out + [np.zeros_like(out[0])] * (steps - len(out)))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Modes:
-    """Coordinates of nodes as functions of the surfaces' amounts.
-
-    Attributes
-    ----------
-    controls : the surfaces.
-    start : (N, 3) undeflected coordinates.
-    rows : for each surface the nodes (M,) that it moves.
-    fields : for each surface (k, M, 3), one field for each function.
-    """
-
-    controls: tuple[Control, ...]
-    start: FloatArray = field(repr=False)
-    rows: tuple[IntArray, ...] = field(repr=False)
-    fields: tuple[FloatArray, ...] = field(repr=False)
-
-    def at(self, amounts: Wanted) -> FloatArray:
-        """Return the coordinates (N, 3) at amounts; at zero they equal the mesh's exactly.
-
-        Terms are added in a fixed order, so a part of the nodes has the bits of the whole. InputError as for
-        `in_order`.
-        """
-        out = self.start.copy()
-        pose = in_order(self.controls, amounts)
-        for (rows, fields), control, amount in zip(self._own, self.controls, pose, strict=True):
-            if amount:
-                for value, one in zip(control.functions.values(amount), fields, strict=True):
-                    out[rows] += value * one
-        return out
-
-    def jvp(self, amounts: Wanted, speeds: Wanted) -> FloatArray:
-        """Return the derivative (N, 3) of the coordinates along `speeds`, which are given like amounts."""
-        out, rates, given = np.zeros_like(self.start), self._rates(amounts), by_surface(self.controls, speeds)
-        if not all(map(isfinite, given)):
-            raise InputError(f"speeds = {shortened(speeds)} must be finite")
-        for (rows, fields), own, speed in zip(self._own, rates, given, strict=True):
-            for rate, one in zip(own, fields, strict=True):
-                out[rows] += speed * rate * one
-        return out
-
-    def vjp(self, amounts: Wanted, gradient: ArrayLike) -> FloatArray:
-        """Return the derivative (n,) by the amounts of a function whose gradient by the coordinates is (N, 3).
-
-        Raises InputError for a gradient of another shape, or one that is not finite.
-        """
-        given = bounded(gradient, "gradient")
-        if given.shape != self.start.shape:
-            raise InputError(f"gradient {given.shape} must be {self.start.shape}, one row for each node")
-        pairs = zip(self._own, self._rates(amounts), strict=True)  # sums in jvp's order: BLAS rounds by processor
-        return np.array([sum(rates * np.einsum("kmi,mi->k", own, given[rows])) for (rows, own), rates in pairs])
-
-    @property
-    def _own(self) -> list[tuple[IntArray, FloatArray]]:
-        return list(zip(self.rows, self.fields, strict=True))
-
-    def _rates(self, amounts: Wanted) -> Iterator[FloatArray]:
-        for control, amount in zip(self.controls, in_order(self.controls, amounts), strict=True):
-            yield control.functions.rates(amount)
-
-
-def by_surface(controls: Sequence[Control], values: Wanted) -> Amounts:
-    """Return values in the order of the surfaces; InputError for a wrong name or number of them, or no numbers."""
-    given = values if isinstance(values, Mapping) else dict(enumerate(np.atleast_1d(np.asarray(values, dtype=object))))
-    out, names = [0.0] * len(controls), [one.name for one in controls]
-    if not isinstance(values, Mapping) and len(given) != len(controls):
-        raise InputError(f"amounts = {shortened(values)}: the plan has {len(controls)} surfaces: {', '.join(names)}")
-    for name, value in given.items():
-        rows = [i for i, one in enumerate(controls) if name in (i, one.name, *one.patches)]
-        if not rows or isinstance(name, bool):
-            raise InputError(f"{name!r} is no surface of the plan; {nearest(str(name), names)}")
-        if isinstance(value, bool) or not isinstance(value, Real):
-            raise InputError(f"{names[rows[0]]} = {shortened(value)} must be a number")
-        out[rows[0]] = float(value)
-    return tuple(out)
-
-
-def in_order(controls: Sequence[Control], amounts: Wanted) -> Amounts:
-    """Return amounts in the order of the surfaces.
-
-    Raises InputError as `by_surface`; for an amount outside its range; or, of a plan of one amount, for another pose.
-    """
-    out = by_surface(controls, amounts)
-    for control, amount in zip(controls, out, strict=True):
-        control.check(amount)
-    wanted = [one.functions.amount for one in controls if isinstance(one.functions, Fixed)]
-    if len(wanted) == len(out) and any(out) and out != tuple(wanted):
-        pose, asked = (short_list(f"{value:g}" for value in values) for values in (wanted, out))
-        raise InputError(f"{asked}: the plan is of {pose} alone; make one with a range")
-    return out
-
-
-def fields_of(weights: FloatArray, displacements: Sequence[FloatArray]) -> FloatArray:
+def weighted(weights: FloatArray, displacements: Sequence[FloatArray]) -> FloatArray:
     """Return the fields (k, M, 3): displacements (r, M, 3) weighted by (k, r), summed in a fixed order."""
     out = np.zeros((len(weights), *displacements[0].shape))
     for j, one in enumerate(displacements):

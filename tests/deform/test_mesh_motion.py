@@ -1,13 +1,13 @@
-"""A held plan: ends equal deflections, sums of fields hold between, derivatives are those of the sums."""
+"""The motion of a mesh: ends equal deflections, sums of fields hold between, derivatives are those of the sums."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from sdm_deflect import HeldPlan, InputError, Table, deflect, plan
+from sdm_deflect import InputError, MeshMotion, Table, deflect, plan
 from sdm_deflect.deform.surface.motions import Turn
-from sdm_deflect.deform.volume import modes
+from sdm_deflect.deform.volume import snapshots
 from tests.deform.blocks import two_bodies
 from tests.deform.plates import plate
 from tests.deform.volume.test_triangulated import SIDES, warped_block
@@ -41,7 +41,7 @@ def wing(inboard_wing):
 
 
 def tolerance(held):
-    return held.mesh.plan.boxes[0].sites.tolerance
+    return held.plan.boxes[0].sites.tolerance
 
 
 def test_ends_are_deflections_and_zero_is_the_mesh(held, wing, mesh, inboard_wing):
@@ -58,7 +58,7 @@ def test_ends_are_deflections_and_zero_is_the_mesh(held, wing, mesh, inboard_win
 
 
 def test_a_repair_at_one_end_fades_and_inverts_no_cell(held):
-    assert any(one.repaired for one in held.mesh.readings[0].deflections)
+    assert any(one.repaired for one in held.snapshots[0].deflections)
     least = [min(row.least for row in held.measured[0] if row.amount in ends) for ends in ((-20.0,), (45.0,))]
     for amount in np.linspace(-20.0, 45.0, 20):
         found = held.deflection(amount)
@@ -77,7 +77,7 @@ def test_with_zero_at_an_end_the_other_one_is_exact_and_the_repair_fades(end, me
 
 def test_surface_nodes_are_where_the_motion_has_them(wing):
     one, _ = wing
-    box = one.mesh.plan.boxes[0]
+    box = one.plan.boxes[0]
     nodes = box.boundary.nodes
     for amount in (-8.0, 1.0, 11.0):
         move = one.at(amount)[nodes] - box.mesh.points[nodes]
@@ -102,7 +102,7 @@ def test_the_sites_are_met_at_all_amounts(wing):
     one, _ = wing
     for row in one.measured[0]:
         assert row.site_error <= 1.3 * tolerance(one)
-    ends = one.mesh.readings[0].deflections
+    ends = one.snapshots[0].deflections
     for row, end in ((one.measured[0][0], ends[0]), (one.measured[0][-1], ends[1])):
         assert row.amount == end.amounts[0]
         assert 0.5 * end.site_error <= row.site_error <= end.site_error
@@ -111,11 +111,11 @@ def test_the_sites_are_met_at_all_amounts(wing):
 def test_parts_have_the_bits_of_the_whole_whatever_was_asked_before(held, wing, tmp_path):
     rng = np.random.default_rng(4)
     for one in (held, wing[0]):
-        points, first = one.mesh.plan.mesh.points, one.at(7.0)
+        points, first = one.plan.mesh.points, one.at(7.0)
         one.at(-3.0)
         assert one.at(7.0).tobytes() == first.tobytes()
         one.save(tmp_path / "plan.npz")
-        again = HeldPlan.load(tmp_path / "plan.npz")
+        again = MeshMotion.load(tmp_path / "plan.npz")
         assert again.on(points).at((7.0,)).tobytes() == first.tobytes()
         assert repr(again) == repr(one)
         for count in (2, 4):
@@ -141,10 +141,12 @@ def test_two_surfaces_add_up(tmp_path):
     found = [both.jvp((3.0, -2.0), speeds) for speeds in np.eye(2)]
     np.testing.assert_allclose(both.vjp((3.0, -2.0), gradient), np.sum(found, axis=(1, 2)), atol=1e-12)
     apart = plan(mesh, SLAT_AND_FLAP, box_each=True)
-    assert len(apart.mesh.plan.boxes) == 2
+    assert len(apart.plan.boxes) == 2
     np.testing.assert_allclose(apart.at((8.0, 0.0))[mesh.on("left")], both.at((8.0, 0.0))[mesh.on("left")], atol=1e-14)
+    for one in (apart, plan(mesh, dict(reversed(SLAT_AND_FLAP.items())), box_each=True)):
+        assert one.on(mesh.points).at({"left": 8.0}).tobytes() == one.at({"left": 8.0}).tobytes()
     both.save(tmp_path / "both.npz")
-    again = HeldPlan.load(tmp_path / "both.npz").on(mesh.points)
+    again = MeshMotion.load(tmp_path / "both.npz").on(mesh.points)
     assert again.at((3.0, -2.0)).tobytes() == both.at((3.0, -2.0)).tobytes()
 
 
@@ -163,7 +165,7 @@ def test_a_table_is_read_at_one_amount(mesh):
     points = mesh.points[mesh.on("hole")]
     table = Table(points, 0.05 * np.column_stack([points[:, 1], np.sin(points[:, 0]), 0.0 * points[:, 0]]))
     one = plan(mesh, "hole", motion=table, range=(-0.5, 1.0), **HOLE)
-    assert len(one.mesh.readings[0].deflections) == 1
+    assert len(one.snapshots[0].deflections) == 1
     expected = deflect(mesh, "hole", angle=1.0, motion=table, range=(-0.5, 1.0), **HOLE)
     np.testing.assert_allclose(one.at(1.0), expected.points, atol=1e-12)
     np.testing.assert_allclose(one.at(-0.5), mesh.points - 0.5 * (one.at(1.0) - mesh.points), atol=1e-15)
@@ -173,7 +175,7 @@ def test_a_plan_of_one_amount_is_the_deflection_to_the_bit(mesh, tmp_path):
     expected = deflect(mesh, "hole", PIVOT, 60, **HOLE)
     one = plan(mesh, "hole", PIVOT, 60, **HOLE)
     one.save(tmp_path / "one.npz")
-    for found in (one, HeldPlan.load(tmp_path / "one.npz")):
+    for found in (one, MeshMotion.load(tmp_path / "one.npz")):
         assert found.on(mesh.points).at((60.0,)).tobytes() == expected.points.tobytes()
         assert found.on(mesh.points).at((0.0,)).tobytes() == mesh.points.tobytes()
         with pytest.raises(InputError, match="59: the plan is of 60 alone; make one with a range"):
@@ -229,7 +231,7 @@ def test_a_mesh_is_deflected_to_an_angle_alone(mesh):
 def test_a_plan_of_a_file_has_no_mesh(held, tmp_path):
     held.save(tmp_path / "plan.npz")
     with pytest.raises(InputError, match=r"has no mesh: give the undeflected points .* or take plan.on\(points\)"):
-        HeldPlan.load(tmp_path / "plan.npz").at(3)
+        MeshMotion.load(tmp_path / "plan.npz").at(3)
 
 
 def test_what_passed_is_around_zero_and_says_what_failed_beyond(held):
@@ -254,7 +256,7 @@ def test_a_range_too_narrow_for_its_functions_is_one_sentence(mesh):
 
 
 def test_a_wide_range_asks_for_a_smaller_one_and_names_no_slide(mesh, monkeypatch):
-    monkeypatch.setattr(modes, "MISSED", -1.0)
+    monkeypatch.setattr(snapshots, "MISSED", -1.0)
     with pytest.raises(InputError, match=r"and -1 is allowed; try -40:42\.5, or plan one"):
         plan(mesh, "hole", PIVOT, range=(-80, 85), **HOLE)
 
@@ -309,11 +311,11 @@ def test_what_is_no_plan_is_one_sentence(held, tmp_path):
     path = tmp_path / "plan.npz"
     np.savez(path, kind=np.array("something"))
     with pytest.raises(InputError, match=r"plan\.npz: no plan: it holds something else"):
-        HeldPlan.load(path)
+        MeshMotion.load(path)
     with pytest.raises(InputError, match="is there, and this program did not write it"):
         held.save(path)
     path.unlink()
     held.save(path)
     path.write_bytes(path.read_bytes()[:-100])
     with pytest.raises(InputError, match="no archive of arrays"):
-        HeldPlan.load(path)
+        MeshMotion.load(path)

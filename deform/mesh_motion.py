@@ -1,0 +1,446 @@
+"""The motion of a mesh: its coordinates at any amounts of its surfaces, as a sum of fixed fields.
+
+x(a) = X0 + sum f_k(a) F_k, where X0 is the undeflected mesh. A hinge gives sin a S + (1 - cos a) V, a table s T, and
+several surfaces add up. The fields are read from deflections, each with its own steps and repair.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
+from math import inf, isfinite, nan
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sdm_deflect.base.arrays import FloatArray, IntArray
+from sdm_deflect.base.errors import InputError, shortened
+from sdm_deflect.base.threads import Progress, silent
+from sdm_deflect.deform.surface.motions import Fixed, Moving
+from sdm_deflect.deform.surface.surface import Surface, name_of
+from sdm_deflect.deform.surface.tail_root import RootOnCylinder
+from sdm_deflect.deform.volume.controls import Control, Wanted, by_surface, in_order
+from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection
+from sdm_deflect.deform.volume.job import Amounts
+from sdm_deflect.deform.volume.places import PlaceTable
+from sdm_deflect.deform.volume.plan import BoxPlan, Plan
+from sdm_deflect.deform.volume.snapshots import Snapshots
+from sdm_deflect.meshing.mesh.cells import bounded
+from sdm_deflect.meshing.mesh.precision import EVERY_BIT, Precision
+
+from .checks import Check, checks_of
+from .motion_fields import write_motion
+from .plan_file import Measured, StoredPlan, read_plan, write_plan
+
+MEASURED = 9
+"""Number of amounts of each surface at which the mesh is checked."""
+NO_MIRROR = "a plan holds no mirrored surface: leave mirror out, and give each surface its own hinge"
+NO_MESH = (
+    "a plan from a file has no mesh: give the undeflected points (N, 3) to MeshMotion.load, or take plan.on(points)"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class MeshMotion:
+    """All that moves a mesh to any amounts of its surfaces within their ranges.
+
+    Attributes
+    ----------
+    controls : the surfaces and their ranges.
+    start : (N, 3) undeflected coordinates; of a plan from a file those of its places.
+    rows : for each surface the nodes (M,) that it moves.
+    fields : for each surface (k, M, 3), one field for each function of its amount.
+    amounts : where the other surfaces stand while one is measured.
+    measured : for each surface the checks at some amounts; empty until `judged`.
+    source : name of the file of the undeflected mesh; empty if it came from elsewhere.
+    plan, snapshots, found : the plan; the deflections from which fields were read; of a plan of one amount its
+        deflection. None, empty and None for a plan from a file.
+    table : the places that `start` are; None where `start` are nodes of a mesh.
+    stored : the motion of the places from which this one of some points was taken; None if there is none.
+    """
+
+    controls: tuple[Control, ...]
+    start: FloatArray = field(repr=False)
+    rows: tuple[IntArray, ...] = field(repr=False)
+    fields: tuple[FloatArray, ...] = field(repr=False)
+    amounts: Amounts = ()
+    measured: tuple[tuple[Measured, ...], ...] = field(default=(), repr=False)
+    source: str = ""
+    plan: Plan | None = field(default=None, repr=False)
+    snapshots: tuple[Snapshots, ...] = field(default=(), repr=False)
+    found: Deflection | None = field(default=None, repr=False)
+    table: PlaceTable | None = field(default=None, repr=False)
+    stored: "MeshMotion | None" = field(default=None, repr=False)
+
+    @classmethod
+    def of(cls, plan: Plan, progress: Progress = silent, known: Deflection | None = None) -> "MeshMotion":
+        """Deflect each surface of a plan to the amounts to be read; surfaces without a range stay.
+
+        A `known` deflection is used as it is.
+
+        Raises InputError if no surface has a range, if one cannot move so far, or if the fields miss a deflection by
+        more than a tenth of the tolerance, as on a triangulated slide.
+        """
+        plan = plan.keeping(EVERY_BIT)
+        plan = replace(plan, boxes=tuple(map(_finer, plan.boxes)))
+        _check_unmirrored(plan)
+        taken, amounts = list[Snapshots](), list[float]()
+        for b, box in enumerate(plan.boxes):
+            for row, (moving, surface) in enumerate(box.moving):
+                low, high = moving.ends
+                if low < high:
+                    functions = box.boundary.laws[row].functions.within(low, high)
+                    control = Control(_name(moving, surface), surface.patches, moving.motion.unit, low, high, functions)
+                    there = known.boxes[b] if known else None
+                    taken.append(Snapshots.of(box, row, control, progress, there))
+                    amounts.append(moving.amount)
+        if not taken:
+            raise InputError(f"{plan.mesh.name}: no surface has a range: give one, such as range = (-10, 25)")
+        return cls(
+            tuple(one.control for one in taken), plan.mesh.points, tuple(one.box.movable for one in taken),
+            tuple(one.fields for one in taken), tuple(amounts), source=Path(plan.mesh.source).name, plan=plan,
+            snapshots=tuple(taken),
+        )  # fmt: skip
+
+    @classmethod
+    def of_one_amount(cls, found: Deflection, failed: Sequence[str]) -> "MeshMotion":
+        """Hold an unrounded deflection and the names of its failed checks; it serves these amounts alone.
+
+        The first surface that moves has two fields; with the undeflected mesh they add up exactly to the deflected one.
+        """
+        found = found.rounded(EVERY_BIT)
+        plan, start, controls = found.plan, found.plan.mesh.points, []
+        _check_unmirrored(plan)
+        for (moving, surface), amount in zip(plan.moving, found.amounts, strict=True):
+            ends = min(0.0, amount), max(0.0, amount)
+            controls.append(Control(_name(moving, surface), surface.patches, moving.motion.unit, *ends, Fixed(amount)))
+        first = next((i for i, amount in enumerate(found.amounts) if amount), 0)
+        least = min((one.min for one in found.quality), default=nan)
+        error = max(box.site_error for box in found.boxes)
+        one = Measured(found.amounts[first], least, found.inverted, error, tuple(failed))
+        moved = np.flatnonzero((found.points != start).any(axis=1))
+        move = found.points[moved] - start[moved]
+        whole = np.stack([move, found.points[moved] - (start[moved] + move)])
+        counts = [len(moved) * (i == first) for i in range(len(controls))]
+        return cls(
+            tuple(controls), start, tuple(moved[:count] for count in counts),
+            tuple(whole[:, :count] for count in counts), found.amounts,
+            tuple((one,) if i == first else () for i in range(len(controls))), Path(plan.mesh.source).name, plan,
+            found=found,
+        )  # fmt: skip
+
+    @classmethod
+    def load(cls, path: str | PathLike[str], points: FloatArray | None = None) -> "MeshMotion":
+        """Read a file of `save`.
+
+        Parameters
+        ----------
+        path : The file.
+        points : (N, 3) undeflected coordinates of the mesh, for which `at`, `jvp` and `vjp` then answer.
+
+        Raises InputError if the file is missing, damaged or of another kind, or as `on`.
+        """
+        controls, amounts, measured, rows, fields, source, table = read_plan(Path(path))
+        one = cls(controls, table.places, rows, fields, amounts, measured, source, table=table)
+        return one if points is None else one.on(points)
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the plan to a file, completely or not at all; `load` restores it exactly.
+
+        Raises InputError if the file cannot be written, or is there and no plan; or if nodes at one place move apart.
+        """
+        one = self.by_place
+        own = one.controls, one.amounts, one.measured, one.rows, one.fields, one.source, one.places
+        write_plan(Path(path), StoredPlan(*own))
+
+    def save_openfoam(self, case: str | PathLike[str], points: FloatArray | None = None) -> tuple[Path, ...]:
+        """Write the plan into a case of OpenFOAM, for the solver in `solvers/openfoam`; return the files.
+
+        `points` (N, 3) are the case's undeflected ones, in its order; those of the plan's mesh if None. Raises
+        InputError as `write_motion` and `on` do, or for a plan from a file without points.
+        """
+        one = self if points is None else self.on(points)
+        one._check_nodes()
+        return write_motion(Path(case), one.start, zip(one.controls, one.rows, one.fields, strict=True))
+
+    @cached_property
+    def by_place(self) -> "MeshMotion":
+        """The same motion of the places of the mesh, each once; InputError if nodes at one place move apart."""
+        if self.table or self.stored:
+            return self.stored or self
+        if self.plan is None:
+            raise InputError(NO_MESH)
+        table, nodes, place = PlaceTable.of(self.plan)
+        own, rows, fields = self._on_plan, [], []
+        for moved, some in zip(own.rows, own.fields, strict=True):
+            whole = np.zeros((len(some), len(table.places), 3))
+            at = place[np.searchsorted(nodes, moved)]
+            whole[:, at] = some
+            stays = np.isin(nodes, moved, assume_unique=True, invert=True)
+            if (whole[:, at] != some).any() or whole[:, place[stays]].any():
+                raise InputError(f"{self.plan.mesh.name}: nodes at one place move apart: the motion is no function")
+            rows.append(np.flatnonzero(whole.any(axis=(0, 2))))
+            fields.append(whole[:, rows[-1]])
+        kept = self.controls, table.places, tuple(rows), tuple(fields), self.amounts, self.measured, self.source
+        return MeshMotion(*kept, table=table)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the fields and of their nodes' coordinates: about the size of its file."""
+        return sum(one.nbytes + 24 * one.shape[1] for one in self.fields)
+
+    @property
+    def places(self) -> PlaceTable:
+        """The places of its mesh; errors as of `by_place`."""
+        table = self.by_place.table
+        assert table is not None
+        return table
+
+    def on(self, points: FloatArray) -> "MeshMotion":
+        """Return the motion of undeflected points (N, 3): all nodes of the mesh, or any part of them in any order.
+
+        Raises InputError if the points are not finite (N, 3), or are not those of the plan's mesh: rounded, deflected,
+        or in another unit of length. Of a part of a mesh with several zones some faults cannot be seen.
+        """
+        given = bounded(points, "points")
+        if given.ndim != 2 or given.shape[1] != 3:
+            raise InputError(f"points {given.shape} must be (N, 3)")
+        place = self.places.find(given)
+        self.places.check(given, place)
+        return self.taken(given, place)
+
+    def taken(self, points: FloatArray, place: IntArray) -> "MeshMotion":
+        """Return the motion of points (N, 3), given the index (N,) of the place of each; -1 for those that stay."""
+        whole, rows, fields = self.by_place, [], []
+        slot = np.empty(len(whole.start) + 1, dtype=np.intp)
+        for moved, some in zip(whole.rows, whole.fields, strict=True):
+            slot[:] = -1
+            slot[moved] = np.arange(len(moved))
+            at = slot[place]
+            rows.append(np.flatnonzero(at >= 0))
+            fields.append(some[:, at[rows[-1]]])
+        return replace(whole, start=points, rows=tuple(rows), fields=tuple(fields), table=None, stored=whole)
+
+    def of_whole(self, coordinates: FloatArray) -> "MeshMotion":
+        """Return the motion of all nodes (N, 3) of a mesh of which the plan holds an excerpt."""
+        assert self.plan is not None
+        mesh = self.plan.mesh
+        return replace(self, start=coordinates, rows=tuple(map(mesh.numbers, self.rows)))
+
+    def at(self, amounts: Wanted) -> FloatArray:
+        """Return the coordinates (N, 3) of the mesh at amounts; at 0 they equal the mesh's exactly.
+
+        Terms are added in a fixed order, so a part of the nodes has the bits of the whole.
+
+        Parameters
+        ----------
+        amounts : One number for a single surface; numbers by name, 0 where left out; or numbers of all surfaces in
+            order. Degrees, or shares of a table.
+
+        Raises InputError for an amount outside its range, or for a plan from a file without points: see `load`.
+        """
+        pose, out = self.in_order(amounts), self._check_nodes().copy()
+        for rows, fields, control, amount in zip(self.rows, self.fields, self.controls, pose, strict=True):
+            if amount:
+                for value, one in zip(control.functions.values(amount), fields, strict=True):
+                    out[rows] += value * one
+        return out
+
+    def jvp(self, amounts: Wanted, speeds: Wanted) -> FloatArray:
+        """Return the derivative (N, 3) of the coordinates along `speeds`, which are given like amounts."""
+        out, rates = np.zeros_like(self._check_nodes()), self._rates(amounts)
+        given = by_surface(self.controls, speeds)
+        if not all(map(isfinite, given)):
+            raise InputError(f"speeds = {shortened(speeds)} must be finite")
+        for rows, fields, own, speed in zip(self.rows, self.fields, rates, given, strict=True):
+            for rate, one in zip(own, fields, strict=True):
+                out[rows] += speed * rate * one
+        return out
+
+    def vjp(self, amounts: Wanted, gradient: ArrayLike) -> FloatArray:
+        """Return the derivative (n,) by the amounts of a function whose gradient by the coordinates is (N, 3).
+
+        Raises InputError for a gradient of another shape, or one that is not finite.
+        """
+        given = bounded(gradient, "gradient")
+        if given.shape != self._check_nodes().shape:
+            raise InputError(f"gradient {given.shape} must be {self.start.shape}, one row for each node")
+        pairs = zip(self.rows, self.fields, self._rates(amounts), strict=True)  # in jvp's order: BLAS rounds otherwise
+        return np.array([sum(rates * np.einsum("kmi,mi->k", own, given[rows])) for rows, own, rates in pairs])
+
+    def _rates(self, amounts: Wanted) -> Iterator[FloatArray]:
+        for control, amount in zip(self.controls, self.in_order(amounts), strict=True):
+            yield control.functions.rates(amount)
+
+    def _check_nodes(self) -> FloatArray:
+        """Return `start`; InputError if it holds places in place of nodes."""
+        if self.table:
+            raise InputError(NO_MESH)
+        return self.start
+
+    def deflection(self, amounts: Wanted, precision: Precision = EVERY_BIT) -> Deflection:
+        """Return the mesh at amounts as a deflection, with the steps of the nearest snapshot.
+
+        Raises InputError as `at`.
+        """
+        pose, own = self.in_order(amounts), self._on_plan
+        assert own.plan is not None
+        if self.found:
+            self.controls[0].functions.values(pose[0])
+            return self.found.rounded(precision)
+        points, boxes, plan = own.at(pose), [], own.plan.keeping(precision)
+        for box, of in zip(plan.boxes, own.plan.boxes, strict=True):
+            at_box, read, missed = [0.0] * len(box.job.surfaces), None, np.zeros(1)
+            for one, amount, off in zip(self.snapshots, pose, self._residuals, strict=True):
+                if one.box is of:
+                    at_box[one.row] = amount
+                    read = read or one.nearest(amount)
+                    missed = missed + np.tensordot(one.control.functions.values(amount), off, 1)
+            steps, at = (read.steps, read.amounts) if read else ((), None)
+            error = float(np.abs(missed).max())
+            boxes.append(BoxDeflection(box, tuple(at_box), steps, points, 0.0, None, at, error))
+        return Deflection(plan, tuple(boxes))
+
+    def at_pose(self, pose: Amounts, precision: Precision = EVERY_BIT) -> Deflection:
+        """Return the mesh at a pose of all surfaces of the plan, rounded for a file."""
+        return self.deflection(self._ranged(pose), precision)
+
+    def rates(self, pose: Amounts) -> dict[str, FloatArray]:
+        """Return the derivative (N, 3) of the plan's coordinates by each surface's amount, by the surface's name."""
+        there, units = self._ranged(pose), np.eye(len(self.controls))
+        names = (one.name for one in self.controls)
+        return {name: self._on_plan.jvp(there, tuple(unit)) for name, unit in zip(names, units, strict=True)}
+
+    def check(self, amounts: Wanted) -> tuple[Check, ...]:
+        """Return all checks of the mesh at amounts."""
+        return checks_of(self.deflection(amounts))
+
+    def _ranged(self, pose: Amounts) -> Amounts:
+        """Return the amounts of the surfaces with a range, given those of all."""
+        assert self.plan is not None
+        parts = {id(box): own for box, own in self.plan.by_box(pose)}
+        return tuple(parts[id(one.box)][one.row] for one in self.snapshots)
+
+    @cached_property
+    def _on_plan(self) -> "MeshMotion":
+        """The motion of the nodes that the plan holds; InputError for a plan from a file."""
+        if self.plan is None:
+            raise InputError(NO_MESH)
+        if not self.plan.mesh.whole or self.start is self.plan.mesh.points:
+            return self
+        rows = tuple(one.box.movable for one in self.snapshots)
+        if self.found:
+            rows = tuple(np.searchsorted(self.plan.mesh.whole.nodes, some) for some in self.rows)
+        return replace(self, start=self.plan.mesh.points, rows=rows)
+
+    @cached_property
+    def _residuals(self) -> tuple[FloatArray, ...]:
+        """For each surface the errors of its fields at the data sites in each step (k, steps, S, 3)."""
+        most = max(len(one.steps) for own in self.snapshots for one in own.deflections)
+        return tuple(own.residuals(most) for own in self.snapshots)
+
+    def judged(self, progress: Progress = silent, count: int = MEASURED) -> "MeshMotion":
+        """Return the plan with its mesh checked at amounts of each surface, the others where they stand.
+
+        They are `count` even ones, and the rows of a track.
+        """
+        measured, own = [], self._on_plan.plan
+        assert own is not None
+        for i, control in enumerate(self.controls):
+            rows = []
+            amounts = control.measured(count)
+            for k, amount in enumerate(amounts):
+                progress(f"judging {control.name}", (i + k / len(amounts)) / len(self.controls))
+                pose = [amount if i == j else other for j, other in enumerate(self.amounts)]
+                found = self.deflection(pose)
+                box = found.boxes[next(b for b, one in enumerate(own.boxes) if one is self.snapshots[i].box)]
+                least = min((one.min for one in box.quality), default=nan)
+                failed = tuple(check.name for check in checks_of(found) if not check.passed)
+                rows.append(Measured(amount, least, box.inverted, box.site_error, failed))
+            measured.append(tuple(rows))
+        return replace(self, measured=tuple(measured))
+
+    def passed(self, row: int) -> tuple[float, float] | None:
+        """Return the range of a surface's amounts around where it stands that passed; None if none did."""
+        good, bad = ([one.amount for one in self.measured[row] if bool(one.failed) is fails] for fails in (False, True))
+        here = min(good, key=lambda amount: abs(amount - self.amounts[row]), default=None)
+        if here is None:
+            return None
+        low, high = (max((x for x in bad if x < here), default=-inf), min((x for x in bad if x > here), default=inf))
+        around = [amount for amount in good if low < amount < high]
+        return min(around), max(around)
+
+    @property
+    def shortfalls(self) -> tuple[str, ...]:
+        """A sentence for each surface whose range did not pass as a whole: what did, and half of it as the next try."""
+        out = []
+        for i, one in enumerate(self.controls):
+            passed = self.passed(i) if self.measured and self.measured[i] else (one.low, one.high)
+            if passed != (one.low, one.high):
+                part = f"passed {passed[0]:g}:{passed[1]:g} of" if passed else "passed nowhere in"
+                half = f"{0.5 * one.low:g}:{0.5 * one.high:g}"
+                out.append(f"{one.name} {part} {one.low:g}:{one.high:g} {one.unit}; try range {half}")
+        return tuple(out)
+
+    def faults(self, amounts: Amounts) -> tuple[str, ...]:
+        """Return a sentence for each surface whose amount is outside of those that passed."""
+        out = []
+        for i, (control, amount) in enumerate(zip(self.controls, amounts, strict=True)):
+            rows = self.measured[i] if self.measured else ()
+            passed = self.passed(i) if rows else (-inf, inf)
+            if amount and not (passed and passed[0] <= amount <= passed[1]):
+                failed = ", ".join(dict.fromkeys(name for one in rows for name in one.failed))
+                among = f"outside {passed[0]:g}:{passed[1]:g}, which passed" if passed else "no amount passed"
+                out.append(f"{control.name} = {amount:g} {control.unit}: {among}; failed: {failed}")
+        return tuple(out)
+
+    def is_measured(self, amounts: Amounts) -> bool:
+        """Return whether at most one surface is away from where it stood during the checks."""
+        return sum(one != other for one, other in zip(amounts, self.amounts, strict=True)) <= 1
+
+    def in_order(self, amounts: Wanted) -> Amounts:
+        """Return amounts in the order of the surfaces; InputError for a wrong name, number or amount."""
+        return in_order(self.controls, amounts)
+
+    def figures(self) -> list[dict[str, Any]]:
+        """Return range, passed amounts and measurements of each surface, for JSON."""
+        out = []
+        for i, one in enumerate(self.controls):
+            rows = [asdict(row) | {"least": row.least if isfinite(row.least) else None} for row in self.measured[i]]
+            own = {"name": one.name, "unit": one.unit, "range": [one.low, one.high]}
+            out.append(own | {"passed": self.passed(i), "measured": rows})
+        return out
+
+    @property
+    def lines(self) -> list[str]:
+        """Range, passed amounts and least quality of each surface, as text."""
+        lines = []
+        for i, one in enumerate(self.controls):
+            passed = self.passed(i) if self.measured else None
+            least = min((row.least for row in self.measured[i]), default=nan) if self.measured else nan
+            said = f", passed {passed[0]:g}:{passed[1]:g}, least quality {least:.3f}" if passed else ""
+            said = said or ", none passed" * bool(self.measured)
+            lines.append(f"{one.name} {one.low:g}:{one.high:g} {one.unit}{said}")
+        return lines
+
+    def __repr__(self) -> str:
+        return f"<MeshMotion: {'; '.join(self.lines)}>"
+
+
+def _check_unmirrored(plan: Plan) -> None:
+    """Raise InputError if a surface is the reflection of another one."""
+    if any(box.mirror for box in plan.boxes):
+        raise InputError(NO_MIRROR)
+
+
+def _finer(box: BoxPlan) -> BoxPlan:
+    """Return a box whose fits are finer by the number of its surfaces with a range: their errors add up."""
+    return replace(box, margin=float(max(1, sum(moving.ends[0] < moving.ends[1] for moving in box.job.surfaces))))
+
+
+def _name(moving: Moving, surface: Surface) -> str:
+    """Return a name for a surface, without the panel that moves with its root."""
+    following = moving.motion.panel if isinstance(moving.motion, RootOnCylinder) else ()
+    return name_of([name for name in surface.plain_names if name not in following])

@@ -1,0 +1,85 @@
+"""Where the coordinates of a mesh stand in its file, and copies of the file with others: all else stays."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, BinaryIO, Protocol
+
+import numpy as np
+
+from sdm_deflect.base.arrays import FloatArray
+from sdm_deflect.base.files import fresh
+from sdm_deflect.base.threads import Progress, silent
+from sdm_deflect.meshing.errors import about
+from sdm_deflect.meshing.mesh.precision import DOUBLE, fewest_bits
+
+from .numbers import Placed, copy_text
+from .table_pieces import TablePieces
+
+
+class Coordinates(Protocol):
+    """Coordinates (N, 3) in a file, with a type of number; of several types the one with the fewest bits."""
+
+    @property
+    def count(self) -> int:
+        """Number of nodes N."""
+        ...
+
+    @property
+    def kind(self) -> np.dtype[Any]:
+        """Type of the numbers; text has all digits that they need."""
+        ...
+
+    def copy(self, points: FloatArray, out: Path, progress: Progress = silent) -> None:
+        """Write a copy of the file with coordinates `points` (N, 3), completely or not at all.
+
+        Coordinates that did not change keep their bytes. MeshFileError or ValueError for coordinates that the file's
+        numbers cannot hold.
+        """
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """Coordinates in rows of bytes at equal distances."""
+
+    pieces: TablePieces
+
+    @property
+    def count(self) -> int:
+        return self.pieces.points
+
+    @property
+    def kind(self) -> np.dtype[Any]:
+        return fewest_bits(np.dtype(part.table.kind) for part in self.pieces.ranges)
+
+    def copy(self, points: FloatArray, out: Path, progress: Progress = silent) -> None:
+        self.pieces.rewrite(np.arange(len(points)), points, out, progress)
+
+
+@dataclass(frozen=True, slots=True)
+class Words:
+    """Coordinates that stand as words in a text; each that changed is written with as many digits as it needs.
+
+    Attributes
+    ----------
+    path : the file.
+    count : number of nodes.
+    read : yields where each piece of the text of an open file begins, the piece, and the coordinates in it, node after
+        node; it reports the fraction read.
+    dimension : number of coordinates of each node.
+    """
+
+    path: Path
+    count: int
+    read: Callable[[BinaryIO, Callable[[float], None]], Iterator[tuple[int, bytes, Placed]]]
+    dimension: int = 3
+
+    @property
+    def kind(self) -> np.dtype[Any]:
+        return DOUBLE
+
+    def copy(self, points: FloatArray, out: Path, progress: Progress = silent) -> None:
+        report = partial(progress, f"writing {out.name}")
+        with fresh(out, self.path) as beside, about(self.path), self.path.open("rb") as file, beside.open("wb") as copy:
+            copy_text(file, self.read(file, report), points[:, : self.dimension].ravel(), copy)
