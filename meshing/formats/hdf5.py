@@ -186,27 +186,25 @@ class Datasets:
         with fresh(out, self.path) as beside, about(self.path):
             shutil.copyfile(self.path, beside)
             with damage(), h5py.File(beside, "r+") as file:
-                moved = self._moved(file, points)
+                moved = self._moved(file, points) if len(self.index) > self.count else None
                 for i, part in enumerate(self.parts, 1):
-                    nodes, axes = self.index[part.start : part.stop], slice(part.first, part.end)
-                    put, new = moved[nodes, axes], points[nodes, axes]
+                    own, axes = file[part.name], slice(part.first, part.end)
+                    nodes = slice(part.start, part.stop) if moved is None else self.index[part.start : part.stop]
+                    before, new = own[()], points[nodes, axes]
+                    put = moved[nodes, axes] if moved is not None else before.reshape(new.shape) != new
                     if put.any():
-                        own = file[part.name]
-                        before = own[()]
-                        new = np.where(put.reshape(before.shape), new.reshape(before.shape), before)
-                        own[...] = new.astype(part.kind)
+                        check_large(new[put], part.kind)
+                        np.copyto(before.reshape(new.shape), new, "same_kind", put)
+                        own[...] = before
                     progress(f"writing {out.name}", i / len(self.parts))
 
     def _moved(self, file: Any, points: FloatArray) -> BoolArray:
-        """Return which coordinates (N, 3) differ from those in an open file."""
+        """Return which coordinates (N, 3) differ from those of the first stored point of each node."""
         moved = np.zeros(points.shape, dtype=np.bool_)
         for part in self.parts:
             nodes = np.flatnonzero((self.stored >= part.start) & (self.stored < part.stop))
-            own = file[part.name][()].reshape(part.stop - part.start, -1)
-            for column, axis in enumerate(range(part.first, part.end)):
-                new = points[nodes, axis]
-                moved[nodes, axis] = own[self.stored[nodes] - part.start, column] != new
-                check_large(new[moved[nodes, axis]], part.kind)
+            own = file[part.name][()].reshape(part.stop - part.start, -1)[self.stored[nodes] - part.start]
+            moved[nodes, part.first : part.end] = own != points[nodes, part.first : part.end]
         return moved
 
 
