@@ -185,11 +185,11 @@ def rows(example: Example, kept: Path, beside: Path | None) -> Iterator[str]:
 
 def row(plans: tuple[BoxPlan, ...], points: FloatArray, seconds: float) -> str:
     """Return the figures of a mesh at points (N, 3)."""
-    scores = [plan.touched.scores(points) for plan in plans]
+    scores = [plan.affected.scores(points) for plan in plans]
     quality = np.concatenate([one.quality for one in scores])
-    inverted = sum(int(plan.touched.newly_inverted(points).sum()) for plan in plans)
+    inverted = sum(int(plan.affected.newly_inverted(points).sum()) for plan in plans)
     plan = plans[0]
-    columns = LayerColumns.of(plan.touched, plan.walls, kept=max(LAYERS))
+    columns = LayerColumns.of(plan.affected, plan.walls, kept=max(LAYERS))
 
     def change(start: int, stop: int) -> LayerChange:
         some = replace(columns, cells=columns.cells[start:stop])

@@ -31,9 +31,9 @@ from sdm_deflect.deform.checks import Check, checks_of
 from sdm_deflect.deform.loop import run
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.volume.deflection import Deflection
-from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.job import Amounts, Job
 from sdm_deflect.deform.volume.plan import Plan
+from sdm_deflect.deform.volume.submesh import submesh
 from sdm_deflect.meshing.formats import adapters
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.quality import Quality
@@ -205,8 +205,8 @@ class Result:
             if place.exists() and any(place.iterdir()) and not (place / "report.html").exists():
                 raise InputError(f"{place} holds other files already: name a new folder")
             with permitted_as(self.plan.mesh.source), output_folder(place) as scratch:
-                held = plan_around(self.deflection)
-                write_run_folder(scratch, self.deflection, self.checks, None, {}, place, held)
+                motion = plan_around(self.deflection)
+                write_run_folder(scratch, self.deflection, self.checks, None, {}, place, motion)
         except (OSError, OutputError, MeshFileError) as error:
             raise InputError(str(error)) from None
         return place / "report.html"
@@ -241,7 +241,7 @@ class Result:
         field array ``patch_names`` names the patches, its first item ``volume`` the cells.
         """
         mesh = self.plan.mesh.with_points(self.points).for_file()
-        return adapters.to_pyvista(mesh, self.displacement, self.plan.touched.orientation)
+        return adapters.to_pyvista(mesh, self.displacement, self.plan.affected.orientation)
 
     def to_meshio(self) -> Any:
         """Return a meshio Mesh: cells and faces, ``displacement`` (N, 3) on the nodes, one cell set for each patch.
@@ -429,7 +429,7 @@ def _read_needed(path: Path, jobs: Sequence[Job], progress: Progress) -> Mesh:
         if path.exists() and size_of(path) >= threads.LIMITS.file:
             with in_pieces(path, progress) as large:
                 if large:
-                    return excerpt(large, jobs, (), Threads(), progress)
+                    return submesh(large, jobs, (), Threads(), progress)
         return read(path, progress)
 
 

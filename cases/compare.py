@@ -193,7 +193,7 @@ def _interpolation(blocks: Sequence[Json], unit: str) -> Iterator[Row]:
 
 def _mesh(blocks: Sequence[Json]) -> Iterator[Row]:
     yield Row("nodes in the box", _of(blocks, "confinement", "inside"))
-    yield Row("cells touched", _of(blocks, "cells_touched"))
+    yield Row("cells affected", _of(blocks, "cells_touched"))
     states = [_at(one, "quality_inside", "after") for one in blocks]
     shapes = dict.fromkeys(shape for one in states if isinstance(one, Mapping) for shape in one)
     for shape in shapes:

@@ -19,9 +19,9 @@ def read_run(folder: Path) -> FinishedRun:
     if is_report(folder):
         return FinishedRun.of(folder)
     if (folder / "case.toml").is_file():
-        from sdm_deflect.cases.aircraft.run_folder import FinishedCase
+        from sdm_deflect.cases.aircraft.run_folder import finished_case
 
-        return FinishedCase.of(folder)
+        return finished_case(folder)
     beside = folder.with_name(f"{folder.name.removesuffix(folder.suffix)}-deflected-report")
     hint = f"; try {beside}" if beside.is_dir() else ""
     raise InputError(f"{folder} is not the output folder of a run: it has no case.toml and no settings.toml{hint}")
@@ -52,7 +52,7 @@ def export_run(
     if target.exists() and any(path.samefile(target) for path in folder.iterdir()):
         raise InputError(f"--out {target} is a file of the run; export to another name")
     mesh = run.plan.mesh if which == "undeflected" else run.plan.mesh.with_points(run.points)
-    if known.zoned and (background := run.background) is not None:
+    if known.zoned and run.validation and (background := run.validation.background) is not None:
         mesh = join_zones(("block", "background"), (mesh, background))
     with permitted_as(folder):
         return target, known.write(mesh, target, progress)

@@ -14,11 +14,11 @@ from sdm_deflect.base.errors import short_list
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.surface import OnPatches
 from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection, fell_poor
-from sdm_deflect.deform.volume.excerpt import boundary_in_file
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
+from sdm_deflect.deform.volume.submesh import boundary_in_file
 from sdm_deflect.meshing.mesh import polyhedra
 from sdm_deflect.meshing.mesh.cells import Polyhedra
-from sdm_deflect.meshing.mesh.crossing import Crossings
+from sdm_deflect.meshing.mesh.crossing import IntersectingFaces
 from sdm_deflect.meshing.mesh.edges import edges_of, polygons_of
 from sdm_deflect.meshing.mesh.faces import faces_of, on_boundary
 from sdm_deflect.meshing.mesh.images import plane_of
@@ -272,7 +272,7 @@ def _staying(
     may = still.copy()
     may[union(mesh.on(*box.boundary.fixed, *names), *(pair.nodes.ravel() for pair in mesh.periodic))] = False
     rows = np.flatnonzero(may)
-    rows = rows[region.hexahedron.contains(box.touched.places[rows], near)]
+    rows = rows[region.hexahedron.contains(box.affected.places[rows], near)]
     for patch in mesh.patches:
         own = np.intersect1d(patch.nodes, rows, assume_unique=True)
         rows = np.setdiff1d(rows, own, assume_unique=True)
@@ -302,7 +302,7 @@ def _staying(
 def _sliding(deflection: Deflection, unit: str) -> Iterator[Check]:
     for box in deflection.boxes:
         checks, thin = [], box.plan.boundary.thin
-        for name, nodes, shape, _ in (one for addition in box.plan.additions for one in addition.shapes()):
+        for name, nodes, shape, _ in (one for modifier in box.plan.modifiers for one in modifier.shapes()):
             if not isinstance(shape, str):  # the mesh before says which plane face
                 states = (at[nodes] for at in (box.plan.mesh.points, box.points))
                 before, now = map(shape.distance, map(thin.halfway.places, states) if thin else states)
@@ -383,18 +383,18 @@ def _pairs(deflection: Deflection) -> Iterator[Check]:
 
 
 def _inverted_cells(deflection: Deflection) -> Check:
-    touched = deflection.plan.touched
+    affected = deflection.plan.affected
     before = sum(quality.inverted for quality in deflection.plan.before)
-    where = f"of {touched.count} cells with a node in the box"
+    where = f"of {affected.count} cells with a node in the box"
     where += f", without {before} that were inverted before" if before else ""
     if deflection.inverted:
         where += f"; {first_inverted(deflection)}"
-    return Check("inverted_cells", deflection.inverted, 0, "cells", where, over=touched.count)
+    return Check("inverted_cells", deflection.inverted, 0, "cells", where, over=affected.count)
 
 
 def surfaces_crossed(mesh: Mesh, points: FloatArray) -> Check:
     """Check that no face newly intersects another one, with the nodes at points (N, 3)."""
-    crossings = Crossings.of(mesh, points)
+    crossings = IntersectingFaces.of(mesh, points)
     where = f"of {crossings.moved} faces that moved, beside {crossings.near - crossings.moved} near them"
     where += f"; {crossings.where}" if crossings.faces else ""
     return Check("surfaces_crossed", crossings.faces, 0, "faces", where, over=crossings.moved)
@@ -433,7 +433,9 @@ def first_inverted(deflection: Deflection) -> str:
     """Describe the first newly inverted cell: number, patches, and whether the repair could move it."""
     plan, mesh, row = deflection.plan, deflection.plan.mesh, 0
     numbers = whole.rows if (whole := mesh.whole) else tuple(np.arange(len(block)) for block in mesh.cells)
-    for i, (block, rows, sign) in enumerate(zip(mesh.cells, plan.touched.rows, plan.touched.orientation, strict=True)):
+    for i, (block, rows, sign) in enumerate(
+        zip(mesh.cells, plan.affected.rows, plan.affected.orientation, strict=True)
+    ):
         bad = inverted_of(deflection.points, block, rows, sign) & ~inverted_of(mesh.points, block, rows, sign)
         if bad.any():
             cell = int(rows[np.argmax(bad)])
@@ -451,8 +453,8 @@ def cell_text(deflection: Deflection, row: int, nodes: IntArray, shape: str) -> 
     text = f"the first is cell {row} ({shape})" + (f" with nodes on {short_list(on)}" if on else "")
     if not repairs:
         return text
-    held = not any(np.isin(nodes, repair.freedom.nodes).any() for repair in repairs)
-    return f"{text}; all its nodes are held: no repair can mend it" if held else f"{text}; the repair could not mend it"
+    stay = not any(np.isin(nodes, repair.freedom.nodes).any() for repair in repairs)
+    return f"{text}; all its nodes stay: no repair can mend it" if stay else f"{text}; the repair could not mend it"
 
 
 def _rounding(deflection: Deflection) -> Check:
@@ -471,7 +473,7 @@ def _rounding(deflection: Deflection) -> Check:
 
 def _boundary_checks(deflection: Deflection) -> Iterator[Check]:
     """Check that patches cover the boundary where nodes may move, and have no other faces."""
-    gaps = [box.unheld for box in deflection.plan.boxes]
+    gaps = [box.uncovered for box in deflection.plan.boxes]
     faces, loose, inner = (sum(getattr(gap, name) for gap in gaps) for name in ("faces", "loose", "inner"))
     if faces:
         where = f"on no patch, of {faces} faces of the boundary in the box that are on none"
@@ -482,7 +484,7 @@ def _boundary_checks(deflection: Deflection) -> Iterator[Check]:
 
 
 def _quality_checks(deflection: Deflection) -> Iterator[Check]:
-    """Check that the touched cells of each type keep a share of their least quality before.
+    """Check that the affected cells of each type keep a share of their least quality before.
 
     Cells that were inverted or of quality 0 before are left out.
     """

@@ -21,7 +21,7 @@ from sdm_deflect.base.threads import Progress, silent
 from sdm_deflect.deform.surface.motions import Fixed, Moving
 from sdm_deflect.deform.surface.surface import Surface, name_of
 from sdm_deflect.deform.surface.tail_root import RootOnCylinder
-from sdm_deflect.deform.volume.controls import Control, Wanted, by_surface, in_order
+from sdm_deflect.deform.volume.controls import ControlRange, Wanted, by_surface, in_order
 from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection
 from sdm_deflect.deform.volume.job import Amounts
 from sdm_deflect.deform.volume.places import PlaceTable
@@ -61,7 +61,7 @@ class MeshMotion:
     stored : the motion of the places from which this one of some points was taken; None if there is none.
     """
 
-    controls: tuple[Control, ...]
+    controls: tuple[ControlRange, ...]
     start: FloatArray = field(repr=False)
     rows: tuple[IntArray, ...] = field(repr=False)
     fields: tuple[FloatArray, ...] = field(repr=False)
@@ -92,7 +92,9 @@ class MeshMotion:
                 low, high = moving.ends
                 if low < high:
                     functions = box.boundary.laws[row].functions.within(low, high)
-                    control = Control(_name(moving, surface), surface.patches, moving.motion.unit, low, high, functions)
+                    control = ControlRange(
+                        _name(moving, surface), surface.patches, moving.motion.unit, low, high, functions
+                    )
                     there = known.boxes[b] if known else None
                     taken.append(Snapshots.of(box, row, control, progress, there))
                     amounts.append(moving.amount)
@@ -115,7 +117,9 @@ class MeshMotion:
         _check_unmirrored(plan)
         for (moving, surface), amount in zip(plan.moving, found.amounts, strict=True):
             ends = min(0.0, amount), max(0.0, amount)
-            controls.append(Control(_name(moving, surface), surface.patches, moving.motion.unit, *ends, Fixed(amount)))
+            controls.append(
+                ControlRange(_name(moving, surface), surface.patches, moving.motion.unit, *ends, Fixed(amount))
+            )
         first = next((i for i, amount in enumerate(found.amounts) if amount), 0)
         least = min((one.min for one in found.quality), default=nan)
         error = max(box.site_error for box in found.boxes)
@@ -224,7 +228,7 @@ class MeshMotion:
         return replace(whole, start=points, rows=tuple(rows), fields=tuple(fields), table=None, stored=whole)
 
     def of_whole(self, coordinates: FloatArray) -> "MeshMotion":
-        """Return the motion of all nodes (N, 3) of a mesh of which the plan holds an excerpt."""
+        """Return the motion of all nodes (N, 3) of a mesh of which the plan holds a submesh."""
         assert self.plan is not None
         mesh = self.plan.mesh
         return replace(self, start=coordinates, rows=tuple(map(mesh.numbers, self.rows)))

@@ -16,7 +16,7 @@ from sdm_deflect.base.errors import InputError
 from sdm_deflect.base.files import replacing_together
 
 from .surface.motions import Fixed, Powers, Turn
-from .volume.controls import Control
+from .volume.controls import ControlRange
 
 ROWS = 2000
 """Rows of a table of functions between the stops of a track: cubics between them are exact to 1e-15."""
@@ -42,7 +42,7 @@ sdmMotionCoeffs
 
 
 def write_motion(
-    case: Path, start: FloatArray, surfaces: Iterable[tuple[Control, IntArray, FloatArray]]
+    case: Path, start: FloatArray, surfaces: Iterable[tuple[ControlRange, IntArray, FloatArray]]
 ) -> tuple[Path, ...]:
     """Write X0 and F_k into ``case/0``, and functions and ranges into ``constant/sdmMotion``; return all files.
 
@@ -90,21 +90,21 @@ def write_motion(
     return tuple(files)
 
 
-def _names(controls: Sequence[Control]) -> list[str]:
+def _names(controls: Sequence[ControlRange]) -> list[str]:
     names = [re.sub(r"[^\w.]|^(?=\d)", "_", control.name) for control in controls]
     if len(set(names)) < len(names):
         raise InputError(f"two surfaces are called {max(names, key=names.count)} in OpenFOAM; rename one")
     return names
 
 
-def _letters(control: Control, k: int) -> str:
+def _letters(control: ControlRange, k: int) -> str:
     """Return the end of the name of a field: S, V, S2, V2 and so on for a turn, else its number from 1."""
     if not isinstance(control.functions, Turn):
         return str(k + 1)
     return "SV"[k % 2] + (str(k // 2 + 1) if k > 1 else "")
 
 
-def _functions(control: Control) -> str:
+def _functions(control: ControlRange) -> str:
     """Return the entries of a surface that tell its functions of the amount; InputError if there is but one amount."""
     functions, text = control.functions, f"    range ({control.low:.17g} {control.high:.17g});\n"
     if isinstance(functions, Fixed):

@@ -18,11 +18,11 @@ from sdm_deflect.base.unpacking import damaged, read_arrays
 from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.surface.motions import Fixed, Functions, Powers, Turn
 from sdm_deflect.deform.surface.tracks import Places
-from sdm_deflect.deform.volume.controls import Control
+from sdm_deflect.deform.volume.controls import ControlRange
 from sdm_deflect.deform.volume.job import Amounts
 from sdm_deflect.deform.volume.places import PlaceTable, PlanBox
 from sdm_deflect.meshing.mesh.cells import LARGEST, bounded
-from sdm_deflect.meshing.mesh.thin import Halfway
+from sdm_deflect.meshing.mesh.thin import MidPlane
 
 FILE = "plan of sdm-deflect, 3"
 EARLIER = ("plan of sdm-deflect, 1", "plan of sdm-deflect, 2")
@@ -60,7 +60,7 @@ class StoredPlan(NamedTuple):
     controls, amounts, measured, rows, fields, source, table : as in `MeshMotion`; rows are those of the table.
     """
 
-    controls: tuple[Control, ...]
+    controls: tuple[ControlRange, ...]
     amounts: Amounts
     measured: tuple[tuple[Measured, ...], ...]
     rows: tuple[IntArray, ...]
@@ -159,7 +159,7 @@ def _table(arrays: Mapping[str, Any], text: _Text) -> PlaceTable:
     boxes = []
     for b, zones in enumerate(text.boxes):
         numbers = bounded(arrays[f"halfway_{b}"], "halfway") if f"halfway_{b}" in arrays else None
-        halfway = None if numbers is None else Halfway.from_numbers(numbers)
+        halfway = None if numbers is None else MidPlane.from_numbers(numbers)
         boxes.append(PlanBox(Hexahedron(_bounded(arrays, f"corners_{b}", (8, 3))), zones, halfway))
     count = len(arrays["places"])
     places, box = _bounded(arrays, "places", (count, 3)), _indices(arrays, "box", len(boxes))
@@ -186,16 +186,16 @@ def _indices(arrays: Mapping[str, Any], name: str, end: int, rising: bool = Fals
     return np.asarray(found, dtype=np.intp)
 
 
-def _control(table: dict[str, Any]) -> Control:
+def _control(table: dict[str, Any]) -> ControlRange:
     """Return a surface; ValueError for values that cannot be."""
     kind, *numbers = table.pop("functions")
     hints = get_type_hints(KINDS[kind])
     values = [_value(one, hints[own.name]) for own, one in zip(fields(KINDS[kind]), numbers, strict=True)]
     functions: Functions = KINDS[kind](*values)
-    hints = {name: hint for name, hint in get_type_hints(Control).items() if name != "functions"}
+    hints = {name: hint for name, hint in get_type_hints(ControlRange).items() if name != "functions"}
     if {*table} != {*hints}:
         raise ValueError("a surface lacks a value")
-    one = Control(**{name: _value(table[name], hint) for name, hint in hints.items()}, functions=functions)
+    one = ControlRange(**{name: _value(table[name], hint) for name, hint in hints.items()}, functions=functions)
     if not one.patches or not -LARGEST < one.low <= 0.0 <= one.high < LARGEST:
         raise ValueError(f"{one.name}: the range {one.low:g}:{one.high:g} does not hold 0, or there are no patches")
     functions.check()

@@ -46,7 +46,7 @@ PLANTED = [
     (METHOD, "deform/around/bound.py", "sdm_deflect.deform.volume.plan"),
     (SUMS, "deform/rbf/problem.py", "sdm_deflect.meshing.mesh.mesh"),
     (MESHING, "meshing/mesh/layers.py", "sdm_deflect.meshing.repair.freedom"),
-    (MESHING, "meshing/repair/patch.py", "sdm_deflect.meshing.formats.shapes"),
+    (MESHING, "meshing/repair/region.py", "sdm_deflect.meshing.formats.shapes"),
     (GENERAL, "cases/api.py", "sdm_deflect.cases.aircraft.case"),
     (GENERAL, "cases/report/page.py", "sdm_deflect.geometry.datum"),
     (GENERAL, "meshing/formats/su2.py", "sdm_deflect.meshing.generate.parameters"),

@@ -219,13 +219,13 @@ def blended_law(shape: Shape) -> FloatArray:
     normal, trailing = np.cross(second - first, lower[0] - first), datum.trailing_edge(fighter, shape.surface)[:1]
     turned = (axis_of(fighter, shape.surface).rotated(trailing, shape.angle) - trailing)[0]
     out = np.outer((points - first) @ normal / ((trailing[0] - first) @ normal), turned)
-    held, strip = Wedge.of(shape.mesh, fighter, shape.surface).fixed, parts_of(shape)["strip"]
+    fixed, strip = Wedge.of(shape.mesh, fighter, shape.surface).fixed, parts_of(shape)["strip"]
     if strip.any():
-        rows = np.flatnonzero(~strip & ~held)
-        known = np.concatenate([np.flatnonzero(held), rows[farthest(points[rows], STRIP_SITES)]])
-        values = np.where(held[known, None], 0.0, out[known])
+        rows = np.flatnonzero(~strip & ~fixed)
+        known = np.concatenate([np.flatnonzero(fixed), rows[farthest(points[rows], STRIP_SITES)]])
+        values = np.where(fixed[known, None], 0.0, out[known])
         out[strip] = _multiquadric(points[known], values, shape.case.blending.epsilon, points[strip])
-    out[held] = 0.0
+    out[fixed] = 0.0
     return out
 
 

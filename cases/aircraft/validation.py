@@ -51,7 +51,7 @@ def validate(
     """
     mesh, repair = deflection.plan.mesh, deflection.moved_by_repair
     deflected, slid = mesh.with_points(deflection.points), slid_nodes(deflection)
-    checks = [held_moved(deflection), whole_quality(case, deflected)]
+    checks = [fixed_moved(deflection), whole_quality(case, deflected)]
     if repair is not None:
         free = union(*(one.freedom.nodes for one in deflection.repairs))
         still = np.setdiff1d(np.arange(len(repair)), free, assume_unique=True)
@@ -68,13 +68,13 @@ def validate(
     return (*(check for check in mesh_checks if check.name not in names), *checks)
 
 
-def held_moved(deflection: Deflection) -> Check:
+def fixed_moved(deflection: Deflection) -> Check:
     """Check that the fixed nodes of moving patches stayed, such as the border of a panel."""
-    held, sliding = [], union(*(repair.freedom.sliding for repair in deflection.repairs))
+    fixed, sliding = [], union(*(repair.freedom.sliding for repair in deflection.repairs))
     for box in deflection.boxes:
         boundary = box.plan.boundary
-        held.append(boundary.nodes[~boundary.displacement(box.amounts).any(axis=1)])
-    nodes = np.setdiff1d(union(*held), sliding, assume_unique=True)
+        fixed.append(boundary.nodes[~boundary.displacement(box.amounts).any(axis=1)])
+    nodes = np.setdiff1d(union(*fixed), sliding, assume_unique=True)
     return check_unmoved("held_moved", deflection.points - deflection.plan.mesh.points, nodes, deflection.points)
 
 

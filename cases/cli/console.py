@@ -111,7 +111,7 @@ def result_table(done: "Outcome", whole: bool) -> Group:
     ordered = sorted(done.poses, key=lambda summary: summary.amounts)
     tables, texts = _of_one_pose(done, ordered[0], whole) if len(ordered) == 1 else _of_many_poses(done, ordered)
     texts = [*_lines(done.plan, whole), *texts, *(f"note: {text}" for text in done.notes)]
-    texts += [f"not held by this format: {text}" for text in done.lost]
+    texts += [f"lost in this format: {text}" for text in done.lost]
     if whole:
         further = [summary.seconds for summary in done.poses[1:]]
         mean = f", {sum(further) / len(further):.2f} s for each further one" if further else ""
@@ -190,7 +190,7 @@ def _unit(done: "Outcome") -> str:
 
 
 def quality_table(before: Sequence[Quality], after: Sequence[Quality]) -> Table:
-    """Return the quality of the touched cells before and after, by type."""
+    """Return the quality of the affected cells before and after, by type."""
     headings = ("cells", "min", "1 %", "mean", "inverted")
     table = _table("cells with a node in the box: before, after", ("type", "measure"), headings)
     for old, new in zip(before, after, strict=True):
@@ -200,7 +200,7 @@ def quality_table(before: Sequence[Quality], after: Sequence[Quality]) -> Table:
 
 
 def _quality_lines(before: Sequence[Quality], after: Sequence[Quality]) -> Iterator[str]:
-    """Yield the quality of the touched cells of each type before and after."""
+    """Yield the quality of the affected cells of each type before and after."""
     yield from ["quality of the cells with a node in the box, before to after:"] * bool(after)
     for old, new in zip(before, after, strict=True):
         pairs = (("least", old.min, new.min), ("1 %", old.p01, new.p01), ("mean", old.mean, new.mean))
@@ -285,7 +285,7 @@ def _box_lines(plan: BoxPlan) -> list[str]:
     low, high = (", ".join(f"{x:.4g}" for x in region.hexahedron.corners[i]) for i in (0, 7))
     return [
         f"box {region.box.why}; from ({low}) to ({high})",
-        f"{len(plan.inside)} of {plan.mesh.point_count} nodes inside, {plan.touched.count} cells touched",
+        f"{len(plan.inside)} of {plan.mesh.point_count} nodes inside, {plan.affected.count} cells affected",
         f"data sites: {len(sites.distinct)} moving, {len(sites.sampled)} fixed, {len(sites.sampled_sliding)} sliding, "
         f"{sum(map(len, sites.zero))} on the box {sites.spacing:.3g} apart; tolerance {sites.tolerance:.3g}",
         f"kernel: {kernel_text(kernel_figures(plan))}",

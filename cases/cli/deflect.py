@@ -324,7 +324,7 @@ def convert(mesh: Path, out: Path, as_json: bool, quiet: bool, verbose: bool) ->
         with watch.stage("write") as progress:
             target, lost = written(found, found.points, out, progress)
     sizes = {"points": len(found.points), "cells": sum(found.cell_counts), "patches": list(found.names)}
-    lines = [*(f"note: {text}" for text in found.notes), *(f"not held by this format: {text}" for text in lost)]
+    lines = [*(f"note: {text}" for text in found.notes), *(f"lost in this format: {text}" for text in lost)]
     last = f"wrote {target}: {sizes['points']} points, {sizes['cells']} cells, patches {', '.join(found.names)}"
     options.print_either(as_json, {"file": target, **sizes, "notes": found.notes, "lost": lost}, *lines, last)
 

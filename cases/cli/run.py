@@ -133,7 +133,7 @@ def validate(folder: Path, as_json: bool, quiet: bool, verbose: bool) -> int:
         run = read_run(folder)
         checks = run.recheck()
     skipped = run.not_repeated(checks)
-    notes = [f"not measured again: {', '.join(skipped)}; {run.lacks}"] if skipped else []
+    notes = [f"not measured again: {', '.join(skipped)}; {run.validation.lacks}"] if skipped and run.validation else []
     tables = (check_table(checks, str(folder)), *rigid_lines(checks), *notes, outcome(checks))
     options.print_either(as_json, {"folder": folder, **verdict_figures(checks), "skipped": skipped}, *tables)
     return options.code_of(all(check.passed for check in checks))

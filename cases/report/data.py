@@ -25,11 +25,11 @@ from sdm_deflect.deform.surface.surface import name_of
 from sdm_deflect.deform.volume.deflection import BoxDeflection
 from sdm_deflect.deform.volume.job import Amounts
 from sdm_deflect.deform.volume.plan import BoxPlan
+from sdm_deflect.meshing.mesh.affected import AffectedCells
 from sdm_deflect.meshing.mesh.axis import Axis
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.quality import MEASURES, Quality, quality_of
 from sdm_deflect.meshing.mesh.standard import parts_of
-from sdm_deflect.meshing.mesh.touched import TouchedCells
 
 from .near import with_near_cells
 
@@ -144,7 +144,7 @@ class Box:
     surfaces : at least one.
     nodes : (M,) nodes that may move.
     sites : (K,) nodes of the surfaces that are data sites.
-    touched : cells with such a node.
+    affected : cells with such a node.
     zero : (Z, 3) data sites of zero displacement.
     tolerance : of the residual at the data sites, a length.
     """
@@ -154,7 +154,7 @@ class Box:
     hexahedron: Hexahedron
     nodes: IntArray = field(repr=False)
     sites: IntArray = field(repr=False)
-    touched: TouchedCells = field(repr=False)
+    affected: AffectedCells = field(repr=False)
     zero: FloatArray = field(repr=False)
     tolerance: float
     fits: FitRows = field(repr=False)
@@ -180,7 +180,7 @@ class Box:
             hexahedron=plan.hexahedron,
             nodes=plan.movable,
             sites=plan.sites.moving,
-            touched=plan.touched,
+            affected=plan.affected,
             zero=np.vstack([np.empty((0, 3)), *(part.points for part in plan.sites.zero)]),
             tolerance=plan.sites.tolerance,
             fits=fits,
@@ -235,9 +235,9 @@ class ReportData:
     def near(self) -> "ReportData":
         """The same data with only the cells that touch a box, or that a slice through one can show."""
         around = [_bounds_of_slices(box.hexahedron.corners) for box in self.boxes]
-        touched = with_near_cells(self.mesh, [box.touched for box in self.boxes], around)
-        boxes = tuple(replace(box, touched=own) for box, own in zip(self.boxes, touched, strict=True))
-        return replace(self, mesh=touched[0].mesh, boxes=boxes)
+        affected = with_near_cells(self.mesh, [box.affected for box in self.boxes], around)
+        boxes = tuple(replace(box, affected=own) for box, own in zip(self.boxes, affected, strict=True))
+        return replace(self, mesh=affected[0].mesh, boxes=boxes)
 
     @property
     def surfaces(self) -> tuple[MovedSurface, ...]:
@@ -256,12 +256,12 @@ class ReportData:
 
     @cached_property
     def after(self) -> tuple[tuple[Quality, ...], ...]:
-        """Quality of the touched cells of each box after, by type."""
-        return tuple(box.touched.quality(self.points) for box in self.boxes)
+        """Quality of the affected cells of each box after, by type."""
+        return tuple(box.affected.quality(self.points) for box in self.boxes)
 
     def worst(self) -> tuple[float, float] | None:
-        """Return the smallest quality of the touched cells before and after, None without cells."""
-        before = [one.min for box in self.boxes for one in box.touched.quality_before]
+        """Return the smallest quality of the affected cells before and after, None without cells."""
+        before = [one.min for box in self.boxes for one in box.affected.quality_before]
         after = [one.min for some in self.after for one in some]
         return (min(before), min(after)) if before and after else None
 
@@ -299,10 +299,10 @@ def diagonal(points: FloatArray) -> float:
     return float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 0.0
 
 
-def qualities(touched: TouchedCells, states: Sequence[FloatArray]) -> dict[str, FloatArray]:
-    """Return the quality (S, M) of the touched cells with their nodes at each of S states (N, 3), by type."""
+def qualities(affected: AffectedCells, states: Sequence[FloatArray]) -> dict[str, FloatArray]:
+    """Return the quality (S, M) of the affected cells with their nodes at each of S states (N, 3), by type."""
     parts: dict[str, list[FloatArray]] = {}
-    for block, rows, sign in zip(touched.mesh.cells, touched.rows, touched.orientation, strict=True):
+    for block, rows, sign in zip(affected.mesh.cells, affected.rows, affected.orientation, strict=True):
         if len(rows):
             values = np.array([quality_of(points, block, rows, sign) for points in states])
             for shape, _, _, at in parts_of(block, rows):
@@ -313,7 +313,7 @@ def qualities(touched: TouchedCells, states: Sequence[FloatArray]) -> dict[str, 
 def measure_in_words(boxes: Sequence[Box]) -> str:
     """Return what the colours of the cells that touch boxes mean, in words."""
     shapes: dict[str, set[str]] = {}
-    for shape, _ in (pair for box in boxes for pair in box.touched.by_shape()):
+    for shape, _ in (pair for box in boxes for pair in box.affected.by_shape()):
         shapes.setdefault(MEASURES[shape], set()).add(shape)
     alone = len(shapes) == 1
     texts = [one if alone else f"{one} ({', '.join(sorted(own))})" for one, own in sorted(shapes.items())]

@@ -66,7 +66,7 @@ def convergence(data: ReportData) -> tuple[Figure, str]:
 def quality(data: ReportData) -> tuple[Figure, str]:
     """Quality of the cells that touch each hexahedron by type, before and after, and what is seen."""
     states = list(data.states.values())
-    found = [(box, *pair) for box in data.boxes for pair in qualities(box.touched, states).items()]
+    found = [(box, *pair) for box in data.boxes for pair in qualities(box.affected, states).items()]
     figure, axes = panels(len(found))
     texts = [_histogram(data, one, *part) for one, part in zip(axes, found, strict=True)]
     return figure, "Histograms of the quality of cells before and after the deflection. " + " ".join(texts)

@@ -1,10 +1,10 @@
-"""A finished run, read from its folder: what is asked of it, whether it is of a case or of any mesh."""
+"""A finished run, read from its folder: its checks and its report made again."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tomllib import loads
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -29,6 +29,38 @@ from .folder import PLAN, job_data, part_of
 if TYPE_CHECKING:
     from .pictures import Exhibit
 
+STORED = "the checks and their values are those of the run, and there are no maps of distances from the CAD"
+
+
+class Validation(Protocol):
+    """What a case adds to a finished run: its page, checks against the CAD, their pictures, a mesh around its own."""
+
+    @property
+    def lacks(self) -> str:
+        """Sentence naming the libraries without which some checks cannot be made again; empty if none is missing."""
+        ...
+
+    @property
+    def background(self) -> Mesh | None:
+        """The mesh around a Chimera block; None without one."""
+        ...
+
+    def page(self, plan: Plan, points: FloatArray, fits: Sequence[FitRows], repair: FloatArray | None) -> ReportData:
+        """Return what the report shows, before it is judged."""
+        ...
+
+    def checks(self, found: Deflection, cache: bool) -> tuple[Check, ...]:
+        """Return all checks of the deflected mesh; `cache` allows CAD that was kept."""
+        ...
+
+    def undeflected_checks(self, mesh: Mesh) -> tuple[Check, ...]:
+        """Return the checks of the meshes before the deflection against newly built CAD."""
+        ...
+
+    def draw(self, data: ReportData, folder: Path) -> "Sequence[Exhibit]":
+        """Draw the distances from the CAD into `folder`."""
+        ...
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FinishedRun:
@@ -38,9 +70,10 @@ class FinishedRun:
     ----------
     folder : its files.
     plan : what was decided before the fit, from its settings and its undeflected mesh.
-    points : (N, 3) where it brought the mesh.
-    repair : (N, 3) how far its repair moved each node; None without one.
+    points : (N, 3) deflected coordinates.
+    repair : (N, 3) displacement by the repair; None without one.
     settings : content of settings.toml, or of case.toml.
+    validation : what a case adds; None for a mesh.
     """
 
     folder: Path
@@ -48,6 +81,7 @@ class FinishedRun:
     points: FloatArray = field(repr=False)
     repair: FloatArray | None = field(repr=False)
     settings: str = field(repr=False)
+    validation: Validation | None = field(default=None, repr=False)
 
     @classmethod
     def of(cls, folder: Path) -> "FinishedRun":
@@ -65,21 +99,16 @@ class FinishedRun:
         points = _read_points(folder / "deflected.vtu", plan)
         return cls(folder, plan, points, moved_by_repair(folder / "deflected.vtu", len(points)), settings)
 
-    @property
-    def background(self) -> Mesh | None:
-        """The mesh around a Chimera block; None without one."""
-        return None
-
     def report_data(self) -> ReportData:
         """Return what its report shows, with the checks that it made itself; InputError if a file is damaged."""
         figures, checks, fits = read_figures(self.folder)
         with damaged(self.folder, RUN):
-            data = self._data(fits)
+            if self.validation:
+                data = self.validation.page(self.plan, self.points, fits, self.repair)
+            else:
+                stored = self.settings, self.folder.resolve().name
+                data = job_data(self.plan, self.plan.pose, self.points, stored, fits, self.repair)
         return replace(data, motion=self.motion).with_verdict(checks, figures)
-
-    def _data(self, fits: Sequence[FitRows]) -> ReportData:
-        stored = self.settings, self.folder.resolve().name
-        return job_data(self.plan, self.plan.pose, self.points, stored, fits, self.repair)
 
     @property
     def motion(self) -> MeshMotion | None:
@@ -90,9 +119,14 @@ class FinishedRun:
     def recheck(self) -> tuple[Check, ...]:
         """Return its checks, made again from its files, and those of the files.
 
-        Raises InputError or MeshFileError if a file is missing or damaged, or the files do not belong together.
+        All files are read before any CAD is built. Raises InputError or MeshFileError if a file is missing or damaged,
+        or the files do not belong together.
         """
         figures, stored, _ = read_figures(self.folder)
+        if self.validation:
+            found = Deflection.at(self.plan, self.points, self.repair)
+            own = self.validation.checks(found, cache=False), self.validation.undeflected_checks(self.plan.mesh)
+            return (*own[0], *stored_checks(stored), *own[1])
         with damaged(self.folder, RUN):
             names = [Path(name).name for name in figures["files"]]
         if not names:
@@ -103,33 +137,34 @@ class FinishedRun:
         whole = Check("mesh_file", float(bool(text)), 0.0, "faults", f"{out.name}: {text}" if text else out.name)
         return (*checks_of(Deflection.at(plan, self.points, self.repair)), *stored_checks(stored), whole)
 
-    @property
-    def lacks(self) -> str:
-        """What is not installed without which some checks cannot be made again, as a sentence."""
-        return ""
-
     def not_repeated(self, checks: Sequence[Check]) -> tuple[str, ...]:
         """Return the names of the run's checks that are not among those that were made again."""
         names = {check.name for check in checks}
         return tuple(check.name for check in read_figures(self.folder)[1] if check.name not in names)
 
-    def fresh_report_data(self) -> ReportData:
-        """Return what a report made anew shows."""
-        return self.report_data()
-
-    def further_pictures(self, data: ReportData, folder: Path) -> "Sequence[Exhibit]":
-        """Draw into `folder` what only this kind of run has."""
-        return ()
+    def rejudged_data(self) -> ReportData:
+        """Return what its report shows, with the checks against CAD made again; those of the fits are stored ones."""
+        data = self.report_data()
+        if not self.validation:
+            return data
+        if lacking := self.validation.lacks:
+            notes = [*data.figures.get("notes", ()), f"{STORED}; {lacking}"]
+            return replace(data, figures={**data.figures, "notes": notes})
+        found = Deflection.at(self.plan, self.points, self.repair)
+        fresh = {check.name: check for check in self.validation.checks(found, cache=True)}
+        return replace(data, checks=(*(fresh.pop(one.name, one) for one in data.checks), *fresh.values()))
 
     def report(self, form: str = "") -> ReportData:
         """Make report.html and the figures again, these also in a form for a paper (pdf, svg, png)."""
         from .page import write_report
         from .pictures import draw_pictures
 
-        data = self.fresh_report_data()
+        data = self.rejudged_data()
         with output_files(self.folder, PAGE) as scratch:
             figures = scratch / "figures"
-            gallery = draw_pictures(data, figures).with_more(self.further_pictures(data, figures))
+            gallery = draw_pictures(data, figures)
+            if self.validation:
+                gallery = gallery.with_more(self.validation.draw(data, figures))
             write_report(data, gallery, scratch)
             for exhibit in gallery.exhibits if form else ():
                 exhibit.write(form)
@@ -141,7 +176,7 @@ def _read_points(path: Path, plan: Plan) -> FloatArray:
     points, out = format_of(path).read(path).points, plan.mesh.points.copy()
     node = np.arange(len(out))
     if len(points) != len(out):
-        node = part_of(plan.mesh, plan.touched.rows, plan.movable)[1]
+        node = part_of(plan.mesh, plan.affected.rows, plan.movable)[1]
     if len(points) != len(node):
         raise InputError(f"{path} does not belong to the mesh {plan.mesh.name}")
     out[node] = points

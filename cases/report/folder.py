@@ -106,7 +106,7 @@ def write_run_folder(
         way = _plan_command(settings_of(deflection, place, folder), place, motion)
         figures["notes"].append(f"{PLAN} would have {motion.nbytes / 1e6:.2g} MB and is left out; `{way}` writes it")
         data = replace(data, moves=f"{way} && {data.moves.replace(str(Path(place.name, PLAN)), PLAN)}")
-    figures["notes"] += [] if whole else [PART.format(cells=deflection.plan.touched.count)]
+    figures["notes"] += [] if whole else [PART.format(cells=deflection.plan.affected.count)]
     (folder / "metrics.json").write_text(json.dumps(figures, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     data = data.with_verdict(checks, figures)
     if not lacks("report"):
@@ -361,9 +361,9 @@ def write_arrays(folder: Path, deflection: Deflection, whole: bool) -> None:
 
 def _mesh_shown(plan: Plan, points: FloatArray, whole: bool) -> tuple[Mesh, IntArray, FloatArray]:
     """Return a mesh at `points` (N, 3) or the part that may change, its nodes (P,), and its cells' quality (L,)."""
-    mesh, touched, node = plan.mesh.with_points(points), plan.touched, np.arange(len(points))
-    rows = [np.arange(len(block)) for block in mesh.cells] if whole else list(touched.rows)
-    parts = zip(mesh.cells, rows, touched.orientation, strict=True)
+    mesh, affected, node = plan.mesh.with_points(points), plan.affected, np.arange(len(points))
+    rows = [np.arange(len(block)) for block in mesh.cells] if whole else list(affected.rows)
+    parts = zip(mesh.cells, rows, affected.orientation, strict=True)
     quality = np.concatenate([np.empty(0), *(quality_of(points, *part) for part in parts)])
     if not whole:
         mesh, node = part_of(mesh, rows, plan.movable)

@@ -8,7 +8,7 @@ from sdm_deflect.meshing.mesh.mesh import Mesh
 
 from .data import MESH_UNITS, ReportData, diagonal
 from .page import HERE, picture, templates
-from .turnable import turnable
+from .scene3d import turnable
 
 MOST_TRIANGLES = 100_000
 """Patches of more are thinned."""

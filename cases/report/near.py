@@ -7,17 +7,17 @@ import numpy as np
 
 from sdm_deflect.base.arrays import FloatArray, IntArray, union
 from sdm_deflect.meshing.formats.shapes import turn_faces
+from sdm_deflect.meshing.mesh.affected import AffectedCells
 from sdm_deflect.meshing.mesh.cells import Cells, Polyhedra, Volume, take_faces
 from sdm_deflect.meshing.mesh.mesh import Mesh
-from sdm_deflect.meshing.mesh.touched import TouchedCells
 
 EVERY_SIDE = 0b111111
 
 
-def with_near_cells(mesh: Mesh, touched: Sequence[TouchedCells], boxes: Sequence[FloatArray]) -> list[TouchedCells]:
-    """Return the touched cells in a mesh reduced to them and to the cells at boxes (2, 3) of two corners.
+def with_near_cells(mesh: Mesh, affected: Sequence[AffectedCells], boxes: Sequence[FloatArray]) -> list[AffectedCells]:
+    """Return the affected cells in a mesh reduced to them and to the cells at boxes (2, 3) of two corners.
 
-    An excerpt is reduced to the touched ones: its other cells are there for their centres, and may lack faces.
+    A submesh is reduced to the affected ones: its other cells are there for their centres, and may lack faces.
     """
     sides = [np.zeros(len(mesh.points), dtype=np.uint8) for _ in boxes] if not mesh.is_part else []
     for bits, (low, high) in zip(sides, boxes, strict=False):
@@ -25,12 +25,12 @@ def with_near_cells(mesh: Mesh, touched: Sequence[TouchedCells], boxes: Sequence
             bits |= (places > low[axis]).astype(np.uint8) << axis
             bits |= (places < high[axis]).astype(np.uint8) << (3 + axis)
     rows = [
-        union(*(part.rows[i] for part in touched), *(_between(block, bits) for bits in sides))
+        union(*(part.rows[i] for part in affected), *(_between(block, bits) for bits in sides))
         for i, block in enumerate(mesh.cells)
     ]
     whole = mesh.whole and replace(mesh.whole, rows=tuple(map(np.take, mesh.whole.rows, rows)))
     near = replace(mesh, cells=tuple(map(some_cells, mesh.cells, rows)), whole=whole)
-    return [replace(part, mesh=near, rows=tuple(map(np.searchsorted, rows, part.rows))) for part in touched]
+    return [replace(part, mesh=near, rows=tuple(map(np.searchsorted, rows, part.rows))) for part in affected]
 
 
 def _between(block: Volume, bits: np.ndarray) -> IntArray:

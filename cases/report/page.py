@@ -22,7 +22,7 @@ from sdm_deflect.meshing.mesh.quality import Quality
 
 from .data import ReportData, measure_in_words
 from .pictures import Exhibit, Gallery
-from .turnable import pack, turnable
+from .scene3d import pack, turnable
 
 HERE = "sdm_deflect.cases.report"
 LIBRARY = "three.min.js.gz"
@@ -116,7 +116,7 @@ def picture(data: ReportData, scene: Json) -> Json:
         "data": data,
         "turn": scene["turn"],
         "scene": dict(zip(("data", "arrays"), pack(scene), strict=True)),
-        "touched": sum(box.touched.count for box in data.boxes),
+        "touched": sum(box.affected.count for box in data.boxes),
         "shown": scene["cells"]["shown"],
         "style": style(),
         "library": b64encode(library).decode("ascii"),
@@ -155,11 +155,11 @@ def page(data: ReportData, gallery: Gallery) -> str:
 
 
 def qualities(data: ReportData) -> Iterator[tuple[str, str, Quality | Json]]:
-    """Yield box, state and quality of the touched cells of each type."""
+    """Yield box, state and quality of the affected cells of each type."""
     for box, after in zip(data.boxes, data.after, strict=True):
         figures = data.figures.get("deflections", {}).get(box.name, {})
         repaired = figures.get("repair")
-        for one, then in zip(box.touched.quality_before, after, strict=True):
+        for one, then in zip(box.affected.quality_before, after, strict=True):
             yield box.name, STATES["before"], one
             if repaired:
                 yield box.name, STATES["interpolated"], repaired["quality"][one.shape]

@@ -209,7 +209,7 @@ def slices(data: ReportData, box: Box, surface: MovedSurface) -> tuple[Figure, s
 def draw_slice(axes: Axes, data: ReportData, points: FloatArray, box: Box, plane: CutPlane, state: str) -> float:
     """Draw one slice; return the smallest quality of a cell in it."""
     factor, unit, (right, up) = data.length.factor, data.length.shown, plane.across
-    signed = zip(data.mesh.cells, box.touched.orientation, strict=True)
+    signed = zip(data.mesh.cells, box.affected.orientation, strict=True)
     found = [cut_cells(points, block, plane, sign) for block, sign in signed]
     polygons = [polygon for some, _ in found for polygon in some]
     shades = np.concatenate([np.empty(0), *(own for _, own in found)])

@@ -101,7 +101,7 @@ class Outcome:
 
 
 def read_needed(wanted: OutputFiles, jobs: Sequence[Job], progress: Progress, runner: Runner = HERE) -> Mesh:
-    """Read a mesh, or only the excerpt that jobs need if the file is large and can be read in pieces.
+    """Read a mesh, or only the submesh that jobs need if the file is large and can be read in pieces.
 
     Raises InputError if others than this process are to work on it and it cannot.
     """
@@ -113,9 +113,9 @@ def read_needed(wanted: OutputFiles, jobs: Sequence[Job], progress: Progress, ru
     if wanted.is_copy and (sent or size_of(source) >= threads.LIMITS.file):
         with in_pieces(source, progress) as mesh:
             if mesh:
-                from sdm_deflect.deform.volume.excerpt import excerpt
+                from sdm_deflect.deform.volume.submesh import submesh
 
-                return excerpt(mesh, jobs, wanted.poses, runner, progress)
+                return submesh(mesh, jobs, wanted.poses, runner, progress)
     if sent:
         raise InputError(f"{source}: workers need {_sendable()}, and this file is something else")
     return read(source, progress)
@@ -257,7 +257,7 @@ def plan_figures(plan: Plan) -> Json:
         "mesh": mesh_figures(plan),
         **boxes[0],
         **({"boxes": dict(zip((box.surface for box in plan.boxes), boxes, strict=True))} if boxes[1:] else {}),
-        "cells_touched": plan.touched.count,
+        "cells_touched": plan.affected.count,
         "farthest": {name: {"at": at.tolist(), "move": move.tolist()} for name, at, move in farthest(plan)},
         "motion": motion_figures(plan, plan.largest),
         "warnings": list(warnings_of(plan)),

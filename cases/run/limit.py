@@ -42,7 +42,7 @@ class Trial:
     Attributes
     ----------
     angle : the amount: degrees, or the share of a table.
-    quality_min : least quality of the touched cells; 0 where one is inverted or there is no mesh.
+    quality_min : least quality of the affected cells; 0 where one is inverted or there is no mesh.
     steps : of the deflection.
     where : at which patches the worst cell is.
     reason : why there is no mesh: a surface leaves its box, or a tail's root leaves the fuselage.
@@ -145,7 +145,7 @@ class Search:
         """Deflect by an amount, and judge the mesh; without one the trial says why."""
         try:
             plan = self.plan(angle, repair)
-            if not plan.touched.count:
+            if not plan.affected.count:
                 raise InputError(f"{plan.mesh.name} has no cells that move: there is no quality to keep")
             (judged,) = run(plan)
         except InputError as error:
@@ -223,9 +223,9 @@ def search_of(mesh: Mesh, jobs: Sequence[Job], resolution: float = 0.0, precisio
 
 def where_worst(deflection: Deflection) -> str:
     """Say at which patches the worst cell of a single box is."""
-    mesh, touched = deflection.plan.mesh, deflection.plan.touched
+    mesh, affected = deflection.plan.mesh, deflection.plan.affected
     worst = []
-    for block, rows, orientation in zip(mesh.cells, touched.rows, touched.orientation, strict=True):
+    for block, rows, orientation in zip(mesh.cells, affected.rows, affected.orientation, strict=True):
         if len(rows):
             quality, _ = quality_and_inverted(deflection.points, block, rows, orientation)
             row = int(rows[np.argmin(quality)])

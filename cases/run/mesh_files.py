@@ -327,7 +327,7 @@ def check_written(mesh: Mesh, points: FloatArray, staged: Path, out: Path) -> No
 
 
 def difference(mesh: Mesh, points: FloatArray, path: Path) -> str:
-    """Describe how the points of a file differ from those of a mesh, or of its excerpt."""
+    """Describe how the points of a file differ from those of a mesh, or of its submesh."""
     try:
         stored = _points_in(mesh, path)
     except (MeshFileError, InputError) as error:

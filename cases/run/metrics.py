@@ -13,7 +13,7 @@ from sdm_deflect.deform.rbf.data_sites import DIRECTIONS
 from sdm_deflect.deform.rbf.fitting import KERNELS, ORDERS
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import TRACK_UNIT, Motion, MotionLaw, Moving
-from sdm_deflect.deform.surface.reached import Reached
+from sdm_deflect.deform.surface.reached_share import ReachedShare
 from sdm_deflect.deform.surface.tail_root import Root
 from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection
 from sdm_deflect.deform.volume.job import Amounts
@@ -79,7 +79,7 @@ def deflection_figures(deflection: Deflection) -> Json:
         "error_between_sites": asdict(first.error_between) if first.error_between else None,
         "motion": motion_figures(whole, deflection.amounts),
         "surfaces": surface_figures(whole, deflection.amounts),
-        "cells_touched": whole.touched.count,
+        "cells_touched": whole.affected.count,
         "quality_inside": {"before": by_shape(whole.before), "after": by_shape(deflection.quality)},
         **face_figures(deflection),
         "repair": repair_figures(deflection),
@@ -115,7 +115,7 @@ def fit_text(figures: Json) -> str:
 
 
 def face_figures(deflection: Deflection) -> Json:
-    """Return what checkMesh says of the faces of touched polyhedra before and after; nothing without polyhedra."""
+    """Return what checkMesh says of the faces of affected polyhedra before and after; nothing without polyhedra."""
     faces, after = deflection.plan.faces, deflection.faces
     if not faces or not after:
         return {}
@@ -125,21 +125,21 @@ def face_figures(deflection: Deflection) -> Json:
 
 def face_rows(figures: Json) -> tuple[str, list[tuple[str, str, str]]]:
     """Return the scope of the face metrics and each of them before and after; empty if none were measured."""
-    touched = figures.get("face_quality", {}).get("touched")
-    if not touched:
+    affected = figures.get("face_quality", {}).get("touched")
+    if not affected:
         return "", []
-    pairs = ((*FACES[key], *(touched[when][key] for when in ("before", "after"))) for key in FACES)
-    return "faces of the touched cells", [(name, f"{old:{form}}", f"{new:{form}}") for name, form, old, new in pairs]
+    pairs = ((*FACES[key], *(affected[when][key] for when in ("before", "after"))) for key in FACES)
+    return "faces of the affected cells", [(name, f"{old:{form}}", f"{new:{form}}") for name, form, old, new in pairs]
 
 
 def repair_figures(deflection: Deflection) -> Json | None:
-    """Return what repairs did, and the quality of the touched cells before them; None without one."""
+    """Return what repairs did, and the quality of the affected cells before them; None without one."""
     repairs = deflection.repairs
     if not repairs:
         return None
     quality = repairs[0].quality
     if len(deflection.boxes) > 1 and (moved := deflection.moved_by_repair) is not None:
-        quality = deflection.plan.touched.quality(deflection.points - moved)
+        quality = deflection.plan.affected.quality(deflection.points - moved)
     return {
         "spoiled": sum(repair.spoiled for repair in repairs),
         "left": sum(repair.left for repair in repairs),
@@ -184,7 +184,7 @@ def warnings_of(plan: Plan) -> tuple[str, ...]:
     return tuple(dict.fromkeys([*notes, *texts]))
 
 
-def _figures(reached: Reached) -> Json:
+def _figures(reached: ReachedShare) -> Json:
     return {name: value for name, value in asdict(reached).items() if name != "but"}
 
 
@@ -215,9 +215,9 @@ def notes_of(plan: Plan) -> tuple[str, ...]:
     notes = [note for note in (*plan.mesh.notes, *plan.reflections) if not isinstance(note, Warned)]
     if coincident := sum(box.sites.coincident for box in plan.boxes):
         notes.append(f"{coincident} moving nodes coincide with others; they move as one")
-    if min(plan.touched.orientation, default=1.0) < 0.0:
+    if min(plan.affected.orientation, default=1.0) < 0.0:
         notes.append("the file counts the nodes of cells left-handed; judged accordingly")
-    inverted = sum(plan.touched.inverted)
+    inverted = sum(plan.affected.inverted)
     if inverted:
         notes.append(f"{inverted} cells were inverted in the file already")
     return tuple(notes)
@@ -231,7 +231,7 @@ def farthest(plan: Plan) -> Iterator[tuple[str, FloatArray, FloatArray]]:
 
 
 def motion_figures(plan: Plan, pose: Amounts) -> Json:
-    """Return how much of its angle each surface reaches (`Reached`); null for a motion without an angle."""
+    """Return how much of its angle each surface reaches (`ReachedShare`); null for a motion without an angle."""
     return {name: reached and _figures(reached) for name, reached in _reaches(plan, pose)}
 
 
@@ -286,7 +286,7 @@ def motions(plan: Plan) -> Iterator[tuple[str, str]]:
             yield name, reached.text
 
 
-def _reaches(plan: Plan, pose: Amounts) -> Iterator[tuple[str, Reached | None]]:
+def _reaches(plan: Plan, pose: Amounts) -> Iterator[tuple[str, ReachedShare | None]]:
     """Yield the name of each surface, and what it reaches at a pose."""
     for box, own in plan.by_box(pose):
         for surface, reached in box.boundary.reaches(own):

@@ -1,1 +1,1 @@
-"""Additions to the paper's method, one in each file."""
+"""Modifiers to the paper's method, one in each file."""

@@ -13,14 +13,14 @@ from sdm_deflect.deform.rbf.data_sites import DataSites
 from sdm_deflect.meshing.mesh.images import Images
 from sdm_deflect.meshing.mesh.sliding import Plane, SlidingSurface
 
-from .addition import Acting, Addition, Kept
+from .modifier import Modifier, ModifierAtStep, NodesOnShape
 
 ROUNDS = 8
 """How often nodes on several shapes are projected onto each in turn."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Bind(Addition):
+class ConstrainedNodes(Modifier):
     """Bound nodes: those that slide, and those that move like their images.
 
     Attributes
@@ -38,7 +38,7 @@ class Bind(Addition):
 
     nodes: IntArray = field(repr=False)
     sampled: IntArray = field(repr=False)
-    slides: tuple[Kept, ...] = field(repr=False)
+    slides: tuple[NodesOnShape, ...] = field(repr=False)
     faces: tuple[tuple[Plane, IntArray], ...] = field(repr=False)
     images: Images = field(repr=False)
     components: tuple[int, ...]
@@ -61,18 +61,20 @@ class Bind(Addition):
             sites = sites[plane.distance(sites) * sign >= -near]
         return np.ascontiguousarray(sites)
 
-    def shapes(self) -> Sequence[Kept]:
+    def shapes(self) -> Sequence[NodesOnShape]:
         """Return the sliding patches with their shapes."""
         return self.slides
 
-    def at(self, points: FloatArray, free: IntArray) -> "Binding":
+    def at(self, points: FloatArray, free: IntArray) -> "ConstraintAtStep":
         slides = [(one.shape, one.nodes) for one in self.slides if not isinstance(one.shape, str)]
         shapes = tuple((shape, np.searchsorted(self.nodes, nodes)) for shape, nodes in (*slides, *self.faces))
-        return Binding(self, points[self.nodes], shapes, self.images.among(self.nodes), self.images.among(free))
+        return ConstraintAtStep(
+            self, points[self.nodes], shapes, self.images.among(self.nodes), self.images.among(free)
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Binding(Acting):
+class ConstraintAtStep(ModifierAtStep):
     """Bound nodes in one step.
 
     Attributes
@@ -83,7 +85,7 @@ class Binding(Acting):
     bound, free : images among the bound nodes, and among the free ones.
     """
 
-    of: Bind = field(repr=False)
+    of: ConstrainedNodes = field(repr=False)
     points: FloatArray = field(repr=False)
     shapes: tuple[tuple[SlidingSurface, IntArray], ...] = field(repr=False)
     bound: Images = field(repr=False)

@@ -37,8 +37,8 @@ from sdm_deflect.base.arrays import FloatArray, IntArray, union
 from sdm_deflect.base.compiled import compiled_exactly
 from sdm_deflect.deform.rbf.data_sites import DataSites
 
-from .addition import Acting, Addition
 from .local_rotation import LocalRotation
+from .modifier import Modifier, ModifierAtStep
 
 # Share of the reach up to which nodes follow the wall rigidly. It keeps five layers of a slotted airfoil upright at no
 # loss; ten upright layers, by .1 of eight edges, cost .03 to .05 of the least quality.
@@ -194,7 +194,7 @@ class NearWall:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FollowWalls(Addition):
+class FollowWalls(Modifier):
     """Nodes near walls follow them.
 
     Attributes
@@ -231,7 +231,7 @@ class FollowWalls(Addition):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FollowingWalls(Acting):
+class FollowingWalls(ModifierAtStep):
     """Nodes near walls in one step.
 
     Attributes

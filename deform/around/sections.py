@@ -7,18 +7,18 @@ import numpy as np
 
 from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
 
-from .addition import Acting, Addition, Kept
+from .modifier import Modifier, ModifierAtStep, NodesOnShape
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StayInFaces(Addition):
+class StayInFaces(Modifier):
     """Faces: for each its patch, its nodes, and the direction of its normal, 0, 1 or 2."""
 
     faces: tuple[tuple[str, IntArray, int], ...] = field(repr=False)
 
-    def shapes(self) -> Sequence[Kept]:
+    def shapes(self) -> Sequence[NodesOnShape]:
         """Return the patches; plane ones keep their nodes in the plane."""
-        return [Kept(patch, nodes, "plane", of_patch=True) for patch, nodes, _ in self.faces]
+        return [NodesOnShape(patch, nodes, "plane", of_patch=True) for patch, nodes, _ in self.faces]
 
     def at(self, points: FloatArray, free: IntArray) -> "StayingInFaces":
         del points
@@ -26,7 +26,7 @@ class StayInFaces(Addition):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StayingInFaces(Acting):
+class StayingInFaces(ModifierAtStep):
     """Rows of the free nodes (Q,) on each face."""
 
     faces: tuple[tuple[int, BoolArray], ...] = field(repr=False)

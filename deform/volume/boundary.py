@@ -12,7 +12,7 @@ from sdm_deflect.deform.rbf.data_sites import XYZ
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import TRACK_UNIT, MotionLaw, Table
 from sdm_deflect.deform.surface.placement import Placement, TablePlacement, check_aft
-from sdm_deflect.deform.surface.reached import Reached
+from sdm_deflect.deform.surface.reached_share import ReachedShare
 from sdm_deflect.deform.surface.surface import Surface
 from sdm_deflect.deform.surface.tail_root import Root
 from sdm_deflect.meshing.mesh.edges import median_edge
@@ -36,7 +36,7 @@ COARSE = 0.1  # of the moving surface's median edge: a larger tolerance is proba
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PrescribedNodes:
+class PrescribedMotion:
     """Moving, fixed and sliding nodes of the whole mesh. A node with several roles is moving first, then fixed.
 
     Attributes
@@ -76,7 +76,7 @@ class PrescribedNodes:
     known: Mapping[Amounts, FloatArray] = field(default_factory=dict, repr=False)
 
     @classmethod
-    def of(cls, mesh: Mesh, job: Job) -> "PrescribedNodes":
+    def of(cls, mesh: Mesh, job: Job) -> "PrescribedMotion":
         """Sort the patches of a mesh by role; InputError for an unknown patch, or one with two roles."""
         thin, mesh = _thin(mesh, job)
         moves = [name for moving in job.surfaces for name in mesh.expand(moving.patches, "the surface")]
@@ -154,11 +154,11 @@ class PrescribedNodes:
         out.flags.writeable = False
         return out
 
-    def knowing(self, some: Iterable[Amounts]) -> "PrescribedNodes":
+    def knowing(self, some: Iterable[Amounts]) -> "PrescribedMotion":
         """Return the same with the displacements at some amounts computed in advance: a motion may need a fit."""
         return replace(self, known={amounts: self.displacement(amounts) for amounts in some})
 
-    def frozen_at(self, amounts: Amounts) -> "PrescribedNodes":
+    def frozen_at(self, amounts: Amounts) -> "PrescribedMotion":
         """Return the same with each law's choices frozen at its amount, so that displacements are smooth around it."""
         laws = (law.frozen_at(amount) for law, amount in zip(self.laws, amounts, strict=True))
         return replace(self, laws=tuple(laws), known={})
@@ -188,13 +188,13 @@ class PrescribedNodes:
             row = int(np.argmax(np.linalg.norm(vectors, axis=1)))
             yield surface, surface.points[row], vectors[row]
 
-    def reaches(self, amounts: Amounts) -> Iterator[tuple[Surface, Reached | None]]:
+    def reaches(self, amounts: Amounts) -> Iterator[tuple[Surface, ReachedShare | None]]:
         """Yield each surface with the share of its angle that it reaches; None without a hinge, and at angle 0."""
         move = self.displacement(amounts)
         for surface, law, moving, amount in zip(self.surfaces, self.laws, self.job.surfaces, amounts, strict=True):
             vectors, axis = move[np.searchsorted(self.nodes, surface.nodes)], moving.motion.axis
             turns = axis is not None and moving.motion.unit == "deg" and amount != 0.0
-            yield surface, Reached.of(surface.points, vectors, axis, amount, law) if axis and turns else None
+            yield surface, ReachedShare.of(surface.points, vectors, axis, amount, law) if axis and turns else None
 
     @property
     def shared_with_fixed(self) -> BoolArray:

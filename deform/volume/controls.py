@@ -19,7 +19,7 @@ Wanted = float | Mapping[str, float] | Sequence[float]
 
 
 @dataclass(frozen=True, slots=True)
-class Control:
+class ControlRange:
     """A moving surface and the range of its amount.
 
     Attributes
@@ -63,7 +63,7 @@ class Control:
             raise InputError(f"{self.name} = {amount:g} {self.unit} is outside its range {self.low:g}:{self.high:g}")
 
 
-def by_surface(controls: Sequence[Control], values: Wanted) -> Amounts:
+def by_surface(controls: Sequence[ControlRange], values: Wanted) -> Amounts:
     """Return values in the order of the surfaces; InputError for a wrong name or number of them, or no numbers."""
     given = values if isinstance(values, Mapping) else dict(enumerate(np.atleast_1d(np.asarray(values, dtype=object))))
     out, names = [0.0] * len(controls), [one.name for one in controls]
@@ -79,7 +79,7 @@ def by_surface(controls: Sequence[Control], values: Wanted) -> Amounts:
     return tuple(out)
 
 
-def in_order(controls: Sequence[Control], amounts: Wanted) -> Amounts:
+def in_order(controls: Sequence[ControlRange], amounts: Wanted) -> Amounts:
     """Return amounts in the order of the surfaces.
 
     Raises InputError as `by_surface`; for an amount outside its range; or, of a plan of one amount, for another pose.

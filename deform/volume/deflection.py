@@ -12,15 +12,15 @@ from sdm_deflect.base.arrays import FloatArray
 from sdm_deflect.base.errors import InputError
 from sdm_deflect.base.threads import Progress, silent, single_threaded_blas
 from sdm_deflect.deform.rbf.interpolant import SolveError
+from sdm_deflect.meshing.mesh.affected import AffectedCells, Least
 from sdm_deflect.meshing.mesh.cells import Polygons
 from sdm_deflect.meshing.mesh.edges import are_lines, edges_of, polygons_of
 from sdm_deflect.meshing.mesh.precision import Precision
 from sdm_deflect.meshing.mesh.quality import Quality
-from sdm_deflect.meshing.mesh.touched import Least, TouchedCells
-from sdm_deflect.meshing.repair.patch import RepairResult
+from sdm_deflect.meshing.repair.region import RepairResult
 from sdm_deflect.meshing.repair.repair import repair_cells
 
-from .boundary import PrescribedNodes
+from .boundary import PrescribedMotion
 from .job import Amounts
 from .plan import BoxPlan, Plan
 from .step import Step, take
@@ -51,7 +51,7 @@ class ErrorBetween:
     points: int
 
     @classmethod
-    def of(cls, boundary: PrescribedNodes, steps: Sequence[Step], displacement: FloatArray) -> "ErrorBetween | None":
+    def of(cls, boundary: PrescribedMotion, steps: Sequence[Step], displacement: FloatArray) -> "ErrorBetween | None":
         """Measure a deflection, given the displacement (K, 3) of its moving nodes; None for surfaces without faces.
 
         The reference displacement of a midpoint is the mean of its corners': exact for a rotation. For motions that
@@ -128,7 +128,7 @@ class BoxDeflection:
         repaired, wanted = None, plan.job.repair
         if repair is not None and wanted.mode != "off" and repair[plan.movable].any():
             start = points - repair
-            repaired = RepairResult.of(start, points, plan.touched, plan.freedom(start), wanted.wanted)
+            repaired = RepairResult.of(start, points, plan.affected, plan.freedom(start), wanted.wanted)
         return cls(plan, amounts, (), points, 0.0, repaired)
 
     @property
@@ -144,12 +144,12 @@ class BoxDeflection:
     @cached_property
     def inverted(self) -> int:
         """Number of newly inverted cells."""
-        return inverted_count(self.plan.touched, self.points)
+        return inverted_count(self.plan.affected, self.points)
 
     @cached_property
     def quality(self) -> tuple[Quality, ...]:
-        """Quality of the touched cells by type."""
-        return self.plan.touched.quality(self.points)
+        """Quality of the affected cells by type."""
+        return self.plan.affected.quality(self.points)
 
     def rounded(self, precision: Precision) -> "BoxDeflection":
         """Return the deflection rounded for another file, from its unrounded coordinates."""
@@ -231,7 +231,7 @@ class Deflection:
     @cached_property
     def inverted(self) -> int:
         """Number of newly inverted cells."""
-        return inverted_count(self.plan.touched, self.points)
+        return inverted_count(self.plan.affected, self.points)
 
     @property
     def seconds(self) -> float:
@@ -245,17 +245,17 @@ class Deflection:
 
     @cached_property
     def quality(self) -> tuple[Quality, ...]:
-        """Quality of the touched cells by type."""
-        return self.boxes[0].quality if len(self.boxes) == 1 else self.plan.touched.quality(self.points)
+        """Quality of the affected cells by type."""
+        return self.boxes[0].quality if len(self.boxes) == 1 else self.plan.affected.quality(self.points)
 
     @cached_property
     def least(self) -> tuple[tuple[Least, Least], ...]:
-        """Least quality before and now by type, of the touched cells that were good before."""
-        return least_of(self.plan.touched, self.points, self.quality)
+        """Least quality before and now by type, of the affected cells that were good before."""
+        return least_of(self.plan.affected, self.points, self.quality)
 
     @cached_property
     def faces(self) -> "State | None":
-        """Measures of the touched cells' faces, as OpenFOAM's checkMesh has them; None without polyhedra."""
+        """Measures of the affected cells' faces, as OpenFOAM's checkMesh has them; None without polyhedra."""
         return self.plan.faces.at(self.points) if self.plan.faces else None
 
     @property
@@ -303,7 +303,7 @@ def _rate(one: BoxDeflection, row: int) -> FloatArray:
     for k in (-2, -1, 1, 2):
         amounts = tuple(amount + k * h * (i == row) for i, amount in enumerate(one.amounts))
         move = boundary.displacement(amounts)
-        points = take(step.start, move + before, step, held=True, runner=plan.runner).points
+        points = take(step.start, move + before, step, keep_centers=True, runner=plan.runner).points
         points[plan.sites.moving] = boundary.mesh.points[plan.sites.moving] + move
         ends.append(plan.to_whole_mesh(points))
     return np.asarray((8.0 * (ends[2] - ends[1]) - (ends[3] - ends[0])) / (12.0 * h))
@@ -369,7 +369,7 @@ def _worst_share(deflection: BoxDeflection) -> float:
 
     Types whose worst cell was poor before do not count.
     """
-    least = least_of(deflection.plan.touched, deflection.points, deflection.quality)
+    least = least_of(deflection.plan.affected, deflection.points, deflection.quality)
     shares = (new.quality / old.quality for old, new in least if old.quality >= POOR and fell_poor(old, new))
     return min(shares, default=1.0)
 
@@ -385,30 +385,32 @@ def _possible(plan: BoxPlan, amounts: Amounts, count: int, progress: Progress) -
 def with_repair(deflection: BoxDeflection, progress: Progress = silent) -> BoxDeflection:
     """Repair the mesh if the job asks for it, and cells are inverted or too poor."""
     plan, wanted = deflection.plan, deflection.plan.job.repair
-    if wanted.mode == "off" or not plan.touched.count:
+    if wanted.mode == "off" or not plan.affected.count:
         return deflection
-    least = least_of(plan.touched, deflection.points, deflection.quality)
+    least = least_of(plan.affected, deflection.points, deflection.quality)
     fell = any(old.cells and new.quality < wanted.wanted * old.quality for old, new in least)
     if not fell and not deflection.inverted:
         return deflection
     freedom, aim = plan.freedom(deflection.points), (wanted.wanted, wanted.min_quality)
-    repair = repair_cells(deflection.points, plan.touched, freedom, *aim, progress)
+    repair = repair_cells(deflection.points, plan.affected, freedom, *aim, progress)
     return replace(deflection, exact=repair.points, seconds=deflection.seconds + repair.seconds, repaired=repair)
 
 
-def least_of(touched: TouchedCells, points: FloatArray, quality: Sequence[Quality]) -> tuple[tuple[Least, Least], ...]:
-    """Return the least quality before and at points (N, 3) by type, of the touched cells that were good before."""
-    before = touched.least(touched.mesh.points, touched.quality_before)
-    return tuple(zip(before, touched.least(points, quality), strict=True))
+def least_of(
+    affected: AffectedCells, points: FloatArray, quality: Sequence[Quality]
+) -> tuple[tuple[Least, Least], ...]:
+    """Return the least quality before and at points (N, 3) by type, of the affected cells that were good before."""
+    before = affected.least(affected.mesh.points, affected.quality_before)
+    return tuple(zip(before, affected.least(points, quality), strict=True))
 
 
 def deflect_in_steps(
     plan: BoxPlan, amounts: Amounts, count: int, progress: Progress = silent, earlier: Step | None = None,
-    held: bool = False,
+    keep_centers: bool = False,
 ) -> BoxDeflection:  # fmt: skip
     """Deflect in equal steps, each from the end of the last one.
 
-    A single step starts from the centres of an earlier one, and adds none if they are `held`.
+    A single step starts from the centres of an earlier one, and adds none with `keep_centers`.
 
     Raises InputError for a system that cannot be solved; the message names the kernel's radius, if it has one.
     """
@@ -418,7 +420,7 @@ def deflect_in_steps(
         target = plan.boundary.displacement(share_of(amounts, k, count))
         begins = earlier.start if earlier else plan.start(points)
         try:
-            steps.append(take(begins, target - reached, earlier, held, progress, plan.runner))
+            steps.append(take(begins, target - reached, earlier, keep_centers, progress, plan.runner))
         except SolveError as error:
             if not plan.sites.radius:
                 raise
@@ -435,6 +437,6 @@ def share_of(amounts: Amounts, k: int, count: int) -> Amounts:
     return tuple(amount * k / count for amount in amounts)
 
 
-def inverted_count(touched: TouchedCells, points: FloatArray) -> int:
-    """Return the number of newly inverted touched cells, with the mesh at `points` (N, 3)."""
-    return int(np.count_nonzero(touched.newly_inverted(points)))
+def inverted_count(affected: AffectedCells, points: FloatArray) -> int:
+    """Return the number of newly inverted affected cells, with the mesh at `points` (N, 3)."""
+    return int(np.count_nonzero(affected.newly_inverted(points)))

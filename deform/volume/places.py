@@ -15,7 +15,7 @@ from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, union
 from sdm_deflect.base.errors import InputError
 from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.surface.placement import UNITS
-from sdm_deflect.meshing.mesh.thin import Halfway
+from sdm_deflect.meshing.mesh.thin import MidPlane
 
 from .plan import Plan
 
@@ -42,7 +42,7 @@ class PlanBox:
 
     hexahedron: Hexahedron
     zones: tuple[str, ...]
-    halfway: Halfway | None = None
+    halfway: MidPlane | None = None
 
     def contains(self, points: FloatArray) -> BoolArray:
         """Return which points (N, 3) lie inside."""

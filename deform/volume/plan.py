@@ -11,13 +11,14 @@ import numpy as np
 from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, union
 from sdm_deflect.base.errors import InputError
 from sdm_deflect.base.threads import HERE, Progress, Runner, silent
-from sdm_deflect.deform.around.addition import Addition
+from sdm_deflect.deform.around.modifier import Modifier
 from sdm_deflect.deform.around.near_wall import RIGID, Nearby
 from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.confined import Choice
 from sdm_deflect.deform.rbf.rules import GreedyOptions
 from sdm_deflect.deform.surface.motions import Moving
 from sdm_deflect.deform.surface.surface import Surface
+from sdm_deflect.meshing.mesh.affected import AffectedCells
 from sdm_deflect.meshing.mesh.cells import Polyhedra
 from sdm_deflect.meshing.mesh.faces import BoundaryGaps
 from sdm_deflect.meshing.mesh.layers import LayerColumns
@@ -25,41 +26,40 @@ from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.precision import EVERY_BIT, Precision
 from sdm_deflect.meshing.mesh.quality import Quality
 from sdm_deflect.meshing.mesh.sliding import SlidingSurface
-from sdm_deflect.meshing.mesh.touched import TouchedCells
 from sdm_deflect.meshing.repair.freedom import FreeNodes
 
-from .boundary import PrescribedNodes
+from .boundary import PrescribedMotion
 from .job import Amounts, Job, by_job, pose_of, poses_of, prepare
 from .region import ON_FACE, BoxNodes, check_disjoint
 from .sites import Sites
 from .step import Start
 
 if TYPE_CHECKING:
-    from sdm_deflect.meshing.mesh.orthogonality import TouchedFaces
+    from sdm_deflect.meshing.mesh.orthogonality import AffectedFaces
 
     from .mirror import Mirror
 
 
 @dataclass(frozen=True, eq=False)
 class BoxPlan:
-    """Known nodes, box, sites and touched cells of one box, for all poses of a job.
+    """Known nodes, box, sites and affected cells of one box, for all poses of a job.
 
     Attributes
     ----------
     boundary, region, sites : the known nodes, the box and the nodes in it, the data sites.
-    touched : the cells that may change.
-    more : additions beyond those of the job.
+    affected : the cells that may change.
+    more : modifiers beyond those of the job.
     runner : evaluates the interpolant.
     precision : how the file to be written rounds coordinates.
     margin : factor by which fits are more accurate than the tolerance.
     mirror : nodes whose places are reflected from the box of another job; None without.
     """
 
-    boundary: PrescribedNodes
+    boundary: PrescribedMotion
     region: BoxNodes
     sites: Sites
-    touched: TouchedCells = field(repr=False)
-    more: tuple[Addition, ...] = ()
+    affected: AffectedCells = field(repr=False)
+    more: tuple[Modifier, ...] = ()
     runner: Runner = HERE
     precision: Precision = EVERY_BIT
     margin: float = 1.0
@@ -67,14 +67,14 @@ class BoxPlan:
 
     @classmethod
     def of(
-        cls, mesh: Mesh, job: Job, poses: Sequence[Amounts], progress: Progress = silent, more: Sequence[Addition] = ()
+        cls, mesh: Mesh, job: Job, poses: Sequence[Amounts], progress: Progress = silent, more: Sequence[Modifier] = ()
     ) -> "BoxPlan":
-        """Plan a job for several poses in a mesh that `prepare` returned for it; `more` are further additions.
+        """Plan a job for several poses in a mesh that `prepare` returned for it; `more` are further modifiers.
 
         Raises InputError if the job does not suit the mesh.
         """
         progress("surfaces", nan)
-        boundary, ends = PrescribedNodes.of(mesh, job), job.ends(poses)
+        boundary, ends = PrescribedMotion.of(mesh, job), job.ends(poses)
         progress("box", nan)
         try:
             boundary = boundary.knowing({*ends, job.amounts})
@@ -83,14 +83,14 @@ class BoxPlan:
             raise InputError("; ".join([str(error), *boundary.warnings])) from None
         sites = Sites.of(boundary, region, more)
         progress("cells", nan)
-        touched = TouchedCells.of(mesh, boundary.both(union(region.inside, sites.moving)), boundary.mesh.points)
-        touched.check(job.allow_inverted)
-        return cls(boundary, region, sites, touched, tuple(more))
+        affected = AffectedCells.of(mesh, boundary.both(union(region.inside, sites.moving)), boundary.mesh.points)
+        affected.check(job.allow_inverted)
+        return cls(boundary, region, sites, affected, tuple(more))
 
     @property
     def mesh(self) -> Mesh:
         """The mesh."""
-        return self.touched.mesh
+        return self.affected.mesh
 
     @property
     def job(self) -> Job:
@@ -139,9 +139,9 @@ class BoxPlan:
         return self.boundary.both(union(self.sites.moving, self.sites.fixed))
 
     @cached_property
-    def unheld(self) -> BoundaryGaps:
+    def uncovered(self) -> BoundaryGaps:
         """Boundary faces near moving nodes that are on no patch, and patch faces that are no boundary."""
-        return BoundaryGaps.of(self.touched, self.movable, self.patches)
+        return BoundaryGaps.of(self.affected, self.movable, self.patches)
 
     @cached_property
     def twins(self) -> IntArray:
@@ -163,14 +163,14 @@ class BoxPlan:
         shapes: dict[str, SlidingSurface | str] = {}
         for slide in job.repair_slides:
             shapes |= dict.fromkeys(mesh.expand([slide.patch], "repair_slides"), slide.shape)
-        kept = [one for addition in self.additions for one in addition.shapes()]
+        kept = [one for modifier in self.modifiers for one in modifier.shapes()]
         shapes |= {one.name: one.shape for one in kept if one.of_patch}
         inside = np.zeros(len(mesh.points), dtype=np.bool_)
         both, images, size = self.boundary.both, (self.boundary.thin or self.boundary).images, self.boundary.size
         moving, fixed = both(self.sites.moving), both(self.sites.fixed)
         inside[self.inside] = True
-        inside[moving] = self.region.hexahedron.contains(self.touched.places[moving], ON_FACE * size)
-        inside[np.setdiff1d(fixed, mesh.on(*shapes), assume_unique=True)] = inside[self.unheld.nodes] = False
+        inside[moving] = self.region.hexahedron.contains(self.affected.places[moving], ON_FACE * size)
+        inside[np.setdiff1d(fixed, mesh.on(*shapes), assume_unique=True)] = inside[self.uncovered.nodes] = False
         inside[self.twins] = False
         free = inside.copy()
         others = {*mesh.names}.difference(self.boundary.pairs, self.boundary.sides)
@@ -192,7 +192,7 @@ class BoxPlan:
     @cached_property
     def layers(self) -> LayerColumns:
         """Layers over the moving and fixed nodes inside."""
-        return LayerColumns.of(self.touched, self.walls)
+        return LayerColumns.of(self.affected, self.walls)
 
     @cached_property
     def moved_walls(self) -> BoolArray:
@@ -205,7 +205,7 @@ class BoxPlan:
     @cached_property
     def reach(self) -> float:
         """Distance up to which nodes follow walls, where there is room: one edge, or what thick layers need."""
-        return max(self.edge, self.layers.first_height(self.touched.places, self.moved_walls) / RIGID)
+        return max(self.edge, self.layers.first_height(self.affected.places, self.moved_walls) / RIGID)
 
     @cached_property
     def edge(self) -> float:
@@ -228,10 +228,10 @@ class BoxPlan:
         return self.boundary.thin.to_whole_mesh(places) if self.boundary.thin else places
 
     @cached_property
-    def additions(self) -> tuple[Addition, ...]:
-        """Additions in the order in which they act; those that are off are not loaded."""
+    def modifiers(self) -> tuple[Modifier, ...]:
+        """Modifiers in the order in which they act; those that are off are not loaded."""
         job, sites = self.job, self.sites
-        found: list[Addition] = []
+        found: list[Modifier] = []
         if job.near_wall:
             from sdm_deflect.deform.around.near_wall import FollowWalls
 
@@ -257,10 +257,10 @@ class BoxPlan:
         initial = fitting.initial_surface, fitting.initial_hexahedron
         how = Choice(sites.kernel, fitting.strategy, fitting.rule, initial, options)
         rows = np.concatenate([sites.distinct, len(sites.moving) + sites.sampled])
-        acting = tuple(one.at(points, free) for one in self.additions)
+        modifiers = tuple(one.at(points, free) for one in self.modifiers)
         return Start(
             points, sites.known, len(sites.slid), rows, len(sites.distinct), free, sites.zero, self.boundary.components,
-            how, acting,
+            how, modifiers,
         )  # fmt: skip
 
 
@@ -397,20 +397,20 @@ class Plan:
         return self.precision.rounded(self.mesh.points, self.mesh.points)
 
     @cached_property
-    def touched(self) -> TouchedCells:
+    def affected(self) -> AffectedCells:
         """The cells that may change."""
-        return TouchedCells.together([box.touched for box in self.boxes])
+        return AffectedCells.together([box.affected for box in self.boxes])
 
     @property
     def before(self) -> tuple[Quality, ...]:
-        """Quality of the touched cells before, by type."""
-        return self.touched.quality_before
+        """Quality of the affected cells before, by type."""
+        return self.affected.quality_before
 
     @cached_property
-    def faces(self) -> "TouchedFaces | None":
-        """Faces of touched cells, measured as OpenFOAM's checkMesh does; None without polyhedra."""
+    def faces(self) -> "AffectedFaces | None":
+        """Faces of affected cells, measured as OpenFOAM's checkMesh does; None without polyhedra."""
         if not any(isinstance(block, Polyhedra) for block in self.mesh.cells):
             return None
-        from sdm_deflect.meshing.mesh.orthogonality import TouchedFaces
+        from sdm_deflect.meshing.mesh.orthogonality import AffectedFaces
 
-        return TouchedFaces.of(self.touched)
+        return AffectedFaces.of(self.affected)

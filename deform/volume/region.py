@@ -16,7 +16,7 @@ from sdm_deflect.deform.surface.motions import TRACK_UNIT
 from sdm_deflect.meshing.mesh.cells import Patch, Zone
 from sdm_deflect.meshing.mesh.mesh import Mesh
 
-from .boundary import ZERO_LENGTH, PrescribedNodes
+from .boundary import ZERO_LENGTH, PrescribedMotion
 from .job import Amounts, Section
 
 POSES = 4  # positions between rest and the full angle that the box must contain
@@ -51,7 +51,7 @@ class BoxNodes:
         return self.box.hexahedron
 
     @classmethod
-    def of(cls, boundary: PrescribedNodes, all_amounts: Sequence[Amounts]) -> "BoxNodes":
+    def of(cls, boundary: PrescribedMotion, all_amounts: Sequence[Amounts]) -> "BoxNodes":
         """Confine the motion to all of the given amounts.
 
         Raises InputError if a moving node leaves the box, or if nodes of a patch without a role are in the box.
@@ -70,7 +70,7 @@ class BoxNodes:
         return cls(box, inside, tuple(zone.name for zone in zones), fixed, sections, seconds)
 
 
-def confining_box(boundary: PrescribedNodes, all_amounts: Sequence[Amounts]) -> tuple[tuple[Zone, ...], Chosen]:
+def confining_box(boundary: PrescribedMotion, all_amounts: Sequence[Amounts]) -> tuple[tuple[Zone, ...], Chosen]:
     """Return the zones that deform, and the box that contains the motion to all of the given amounts.
 
     Of the mesh only the patches are needed.
@@ -102,7 +102,7 @@ def shared_depth(a: Hexahedron, b: Hexahedron) -> float:
     return float(result.x[3])
 
 
-def _zones(boundary: PrescribedNodes) -> tuple[Zone, ...]:
+def _zones(boundary: PrescribedMotion) -> tuple[Zone, ...]:
     """Return the zones with moving nodes, and those that the job names."""
     mesh, wanted = boundary.mesh, boundary.job.zones
     names = [name for zone in mesh.zones for name in zone.blocks or (zone.name,)]
@@ -124,7 +124,7 @@ def _inside(mesh: Mesh, zones: tuple[Zone, ...], hexahedron: Hexahedron) -> IntA
     return np.concatenate(parts)
 
 
-def _scene(boundary: PrescribedNodes, zones: tuple[Zone, ...], all_amounts: Sequence[Amounts]) -> BoxScene:
+def _scene(boundary: PrescribedMotion, zones: tuple[Zone, ...], all_amounts: Sequence[Amounts]) -> BoxScene:
     moving = boundary.mesh.points[boundary.nodes]
     poses = dict.fromkeys(
         tuple(share * amount for amount in amounts) for amounts in all_amounts for share in _shares(boundary, amounts)
@@ -138,7 +138,7 @@ def _scene(boundary: PrescribedNodes, zones: tuple[Zone, ...], all_amounts: Sequ
     return BoxScene(moving, track, largest, hinge, boundary.mesh.points[_obstacles(boundary, zones)], far)
 
 
-def _shares(boundary: PrescribedNodes, amounts: Amounts) -> list[float]:
+def _shares(boundary: PrescribedMotion, amounts: Amounts) -> list[float]:
     """Return shares of the amounts that the box must contain: `POSES` even ones, and the rows of tracks."""
     shares = {k / POSES for k in range(1, POSES + 1)}
     for surface, law, amount in zip(boundary.job.surfaces, boundary.laws, amounts, strict=True):
@@ -147,21 +147,21 @@ def _shares(boundary: PrescribedNodes, amounts: Amounts) -> list[float]:
     return sorted(map(float, shares))
 
 
-def _obstacles(boundary: PrescribedNodes, zones: tuple[Zone, ...]) -> IntArray:
+def _obstacles(boundary: PrescribedMotion, zones: tuple[Zone, ...]) -> IntArray:
     """Return the nodes (O,) of patches without a role, in the zones that deform."""
     known = (*boundary.declared_patches, *boundary.sides)
     nodes = boundary.mesh.on(*(name for name in boundary.mesh.names if name not in known))
     return np.concatenate([nodes[(nodes >= zone.start) & (nodes < zone.stop)] for zone in zones])
 
 
-def check_moving(boundary: PrescribedNodes, hexahedron: Hexahedron, all_amounts: Sequence[Amounts]) -> None:
+def check_moving(boundary: PrescribedMotion, hexahedron: Hexahedron, all_amounts: Sequence[Amounts]) -> None:
     """Raise if a moving node starts or ends outside the box."""
     start = boundary.mesh.points[boundary.nodes]
     for amounts in all_amounts:
         move = boundary.displacement(amounts)
         moves = np.abs(move).max(axis=1) > ZERO_LENGTH * boundary.size
-        held = [hexahedron.contains(places[moves], ON_FACE * boundary.size) for places in (start, start + move)]
-        out = int(np.count_nonzero(~(held[0] & held[1])))
+        contained = [hexahedron.contains(places[moves], ON_FACE * boundary.size) for places in (start, start + move)]
+        out = int(np.count_nonzero(~(contained[0] & contained[1])))
         if out:
             names = short_list(surface.label for surface in boundary.surfaces)
             both = np.vstack([start[moves], (start + move)[moves]])
@@ -172,7 +172,7 @@ def check_moving(boundary: PrescribedNodes, hexahedron: Hexahedron, all_amounts:
             )
 
 
-def _check_clear(boundary: PrescribedNodes, hexahedron: Hexahedron, inside: IntArray) -> None:
+def _check_clear(boundary: PrescribedMotion, hexahedron: Hexahedron, inside: IntArray) -> None:
     mesh, job, tol = boundary.mesh, boundary.job, ON_FACE * boundary.size
     allowed = {*boundary.declared_patches, *boundary.sides} - (set() if job.near_wall else set(boundary.fixed))
     for patch in mesh.patches:
@@ -210,7 +210,7 @@ def _remedy(mesh: Mesh, patch: Patch, tol: float) -> str:
     return f"name it in fixed{f' or slide ({patch.name}:plane)' if plane else ''}"
 
 
-def _at_rest(boundary: PrescribedNodes, inside: IntArray) -> tuple[IntArray, tuple[tuple[Section, IntArray], ...]]:
+def _at_rest(boundary: PrescribedMotion, inside: IntArray) -> tuple[IntArray, tuple[tuple[Section, IntArray], ...]]:
     """Return the boundary nodes inside that stay, and the nodes of each section that slide in its plane."""
     mesh, tol = boundary.mesh, ON_FACE * boundary.size
     slides = [section for section in boundary.job.sections if section.slides]
@@ -227,7 +227,7 @@ def _at_rest(boundary: PrescribedNodes, inside: IntArray) -> tuple[IntArray, tup
     return _with_images(boundary, inside, fixed), tuple(sections)
 
 
-def _with_images(boundary: PrescribedNodes, inside: IntArray, fixed: IntArray) -> IntArray:
+def _with_images(boundary: PrescribedMotion, inside: IntArray, fixed: IntArray) -> IntArray:
     """Return the nodes inside that stay, with those whose image stays or is not inside."""
     images, moves = boundary.images, np.zeros(len(boundary.mesh.points), dtype=np.bool_)
     if not len(images.nodes):

@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 
 from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, distinct, first_coincident, union
 from sdm_deflect.base.errors import InputError
-from sdm_deflect.deform.around.addition import Addition, Kept
 from sdm_deflect.deform.around.local_rotation import LocalRotation
+from sdm_deflect.deform.around.modifier import Modifier, NodesOnShape
 from sdm_deflect.deform.box.face_sites import border_sites, polygon_sites
 from sdm_deflect.deform.box.hexahedron import FACES
 from sdm_deflect.deform.confined import zero_sites
@@ -21,11 +21,11 @@ from sdm_deflect.meshing.mesh.edges import edges_of, median_edge, polygons_of
 from sdm_deflect.meshing.mesh.images import PLANE_TOLERANCE
 from sdm_deflect.meshing.mesh.sliding import Plane
 
-from .boundary import TOLERANCE, ZERO_LENGTH, PrescribedNodes
+from .boundary import TOLERANCE, ZERO_LENGTH, PrescribedMotion
 from .region import BoxNodes
 
 if TYPE_CHECKING:
-    from sdm_deflect.deform.around.bound import Bind
+    from sdm_deflect.deform.around.bound import ConstrainedNodes
 
 NO_ROWS = np.empty(0, dtype=np.intp)
 NEIGHBOURS = 7
@@ -58,7 +58,7 @@ class Sites:
     distinct: IntArray = field(repr=False)
     fixed: IntArray = field(repr=False)
     sampled: IntArray = field(repr=False)
-    bind: "Bind | None" = field(repr=False)
+    bind: "ConstrainedNodes | None" = field(repr=False)
     zero: tuple[DataSites, ...] = field(repr=False)
     edges: IntArray = field(repr=False)
     sheared: BoolArray = field(repr=False)
@@ -93,8 +93,8 @@ class Sites:
         return sum(len(sites) for sites in self.zero if component in sites.components)
 
     @classmethod
-    def of(cls, boundary: PrescribedNodes, region: BoxNodes, more: Sequence[Addition] = ()) -> "Sites":
-        """Place the sites; `more` are additions beyond those of the job."""
+    def of(cls, boundary: PrescribedMotion, region: BoxNodes, more: Sequence[Modifier] = ()) -> "Sites":
+        """Place the sites; `more` are modifiers beyond those of the job."""
         job, mesh = boundary.job, boundary.mesh
         bind = _bind(boundary, region)
         slid = bind.nodes if bind else NO_ROWS
@@ -105,8 +105,8 @@ class Sites:
         edge = _surface_edge(boundary, distinct)
         known = np.concatenate([boundary.nodes, region.fixed, slid])
         around = known if job.near_wall else boundary.nodes
-        additions = (*more, bind) if bind else tuple(more)
-        spacing, zero = _sites_on_box(boundary, region, additions, mesh.points[around], edge)
+        modifiers = (*more, bind) if bind else tuple(more)
+        spacing, zero = _sites_on_box(boundary, region, modifiers, mesh.points[around], edge)
         tolerance = job.fitting.tolerance or TOLERANCE * edge
         radius = _radius(job.fitting, region.hexahedron.corners, edge)
         kernel = kernel_of(job.fitting.kernel, radius)
@@ -117,7 +117,7 @@ class Sites:
             kernel, radius,
         )  # fmt: skip
 
-    def parts(self, boundary: PrescribedNodes) -> list[IntArray]:
+    def parts(self, boundary: PrescribedMotion) -> list[IntArray]:
         """Return the rows of `known` in each part of the boundary that may move differently from the others.
 
         Walls that share nodes, or have nodes at the same place, are joined: a blended flap and its wing are one part,
@@ -143,7 +143,7 @@ class Sites:
             owner = np.append(owner, owner[cKDTree(points[:certain]).query(points[certain:])[1]])
         return [np.flatnonzero(owner == i) for i in range(len(moving) + 1)]
 
-    def finer_edge(self, boundary: PrescribedNodes, parts: Sequence[IntArray]) -> float:
+    def finer_edge(self, boundary: PrescribedMotion, parts: Sequence[IntArray]) -> float:
         """Return the smaller median edge of the moving surfaces and of the parts to which they belong."""
         points, own = boundary.mesh.points[self.known], np.zeros(len(self.known), dtype=np.bool_)
         edge = self.edge
@@ -157,7 +157,7 @@ class Sites:
         return edge
 
 
-def _on_sides(boundary: PrescribedNodes, nodes: IntArray, points: FloatArray) -> BoolArray:
+def _on_sides(boundary: PrescribedMotion, nodes: IntArray, points: FloatArray) -> BoolArray:
     """Return which of the nodes (K,), at points (K, 3), are on a fixed plane patch with all others on one side."""
     found, near = np.zeros(len(nodes), dtype=np.bool_), PLANE_TOLERANCE * boundary.size
     for name in boundary.fixed:
@@ -169,7 +169,7 @@ def _on_sides(boundary: PrescribedNodes, nodes: IntArray, points: FloatArray) ->
     return found
 
 
-def _edges(boundary: PrescribedNodes, known: IntArray) -> IntArray:
+def _edges(boundary: PrescribedMotion, known: IntArray) -> IntArray:
     mesh = boundary.mesh
     faces = mesh.faces_of(boundary.declared_patches)
     if not faces:
@@ -181,7 +181,7 @@ def _edges(boundary: PrescribedNodes, known: IntArray) -> IntArray:
     return np.unique(np.sort(edges[(edges >= 0).all(axis=1)], axis=1), axis=0).astype(np.intp)
 
 
-def _shear_mask(boundary: PrescribedNodes, known: IntArray, edges: IntArray, certain: int) -> BoolArray:
+def _shear_mask(boundary: PrescribedMotion, known: IntArray, edges: IntArray, certain: int) -> BoolArray:
     """Return the mask `Sites.sheared`; the first `certain` of the known nodes (B,) are moving or fixed."""
     move = np.zeros((len(known), 3))
     for surface, law in zip(boundary.surfaces, boundary.laws, strict=True):
@@ -210,7 +210,7 @@ def _radius(fitting: Fitting, corners: FloatArray, edge: float) -> float:
     return radius
 
 
-def _distinct(boundary: PrescribedNodes, fixed: IntArray, slid: IntArray) -> tuple[IntArray, IntArray, IntArray]:
+def _distinct(boundary: PrescribedMotion, fixed: IntArray, slid: IntArray) -> tuple[IntArray, IntArray, IntArray]:
     """Return the rows of moving, fixed and bound nodes, without repeated places.
 
     Raises InputError if coincident nodes would move differently.
@@ -236,29 +236,29 @@ def _sample(mask: BoolArray) -> IntArray:
     return rows[:: max(1, -(-len(rows) // MOST_FIXED))]
 
 
-def _bind(boundary: PrescribedNodes, region: BoxNodes) -> "Bind | None":
+def _bind(boundary: PrescribedMotion, region: BoxNodes) -> "ConstrainedNodes | None":
     """Return the bound nodes inside, without data sites yet; None if there are none."""
     mesh, known = boundary.mesh, union(boundary.nodes, region.fixed)
     pairs = union(*(pair.nodes for pair in mesh.periodic if not pair.thin))
     if not boundary.sliding and not len(boundary.images.nodes) and not len(pairs):
         return None
-    from sdm_deflect.deform.around.bound import Bind
+    from sdm_deflect.deform.around.bound import ConstrainedNodes
 
     def within(nodes: IntArray) -> IntArray:
         return np.setdiff1d(np.intersect1d(nodes, region.inside, assume_unique=True), known, assume_unique=True)
 
-    slides = tuple(Kept(one.patch, within(one.nodes), one.surface, of_patch=True) for one in boundary.sliding)
+    slides = tuple(NodesOnShape(one.patch, within(one.nodes), one.surface, of_patch=True) for one in boundary.sliding)
     slid, planes = union(*(one.nodes for one in slides), within(pairs)), []
     for section, nodes in region.sections:
         if len(both := np.intersect1d(nodes, slid, assume_unique=True)):
             planes.append((Plane(section.point, np.eye(3)[section.component]), both))
     faces = tuple(planes)
     walls = boundary.walls if mesh.normal is None else ()
-    return Bind(slid, NO_ROWS, slides, faces, boundary.images, boundary.components, _sides(boundary), walls)
+    return ConstrainedNodes(slid, NO_ROWS, slides, faces, boundary.images, boundary.components, _sides(boundary), walls)
 
 
-def _sides(boundary: PrescribedNodes) -> tuple[tuple[Plane, float, float], ...]:
-    """Return `Bind.sides`: sliding planes and periodic planes with the whole surface on one side."""
+def _sides(boundary: PrescribedMotion) -> tuple[tuple[Plane, float, float], ...]:
+    """Return `ConstrainedNodes.sides`: sliding planes and periodic planes with the whole surface on one side."""
     sliding = [(one.surface, ZERO_LENGTH) for one in boundary.sliding if isinstance(one.surface, Plane)]
     found = []
     for plane, near in (*sliding, *((wall, PLANE_TOLERANCE) for wall in boundary.walls)):
@@ -268,7 +268,7 @@ def _sides(boundary: PrescribedNodes) -> tuple[tuple[Plane, float, float], ...]:
     return tuple(found)
 
 
-def _surface_edge(boundary: PrescribedNodes, distinct: IntArray) -> float:
+def _surface_edge(boundary: PrescribedMotion, distinct: IntArray) -> float:
     """Return the median edge of the moving surfaces; without faces, the median distance of nearest nodes."""
     mesh = boundary.mesh
     faces = [faces for surface in boundary.surfaces for faces in mesh.faces_of(surface.patches)]
@@ -281,7 +281,7 @@ def _surface_edge(boundary: PrescribedNodes, distinct: IntArray) -> float:
 
 
 def _sites_on_box(
-    boundary: PrescribedNodes, region: BoxNodes, additions: Sequence[Addition], known: FloatArray, edge: float
+    boundary: PrescribedMotion, region: BoxNodes, modifiers: Sequence[Modifier], known: FloatArray, edge: float
 ) -> tuple[float, tuple[DataSites, ...]]:
     """Return the spacing of zero sites, and the sites, at some distance from known nodes (K, 3).
 
@@ -290,21 +290,21 @@ def _sites_on_box(
     fitting = boundary.job.fitting
     spacing = region.hexahedron.spacing(fitting.spacing, fitting.spacing_edges * edge)
     for _ in range(0 if fitting.spacing else HALVINGS):
-        if len(zero_sites(_on_box(boundary, region, additions, spacing), known, spacing)):
+        if len(zero_sites(_on_box(boundary, region, modifiers, spacing), known, spacing)):
             break
         spacing *= 0.5
-    return spacing, _zero_sites(boundary, region, additions, known, spacing)
+    return spacing, _zero_sites(boundary, region, modifiers, known, spacing)
 
 
 def _zero_sites(
-    boundary: PrescribedNodes, region: BoxNodes, additions: Sequence[Addition], known: FloatArray, spacing: float
+    boundary: PrescribedMotion, region: BoxNodes, modifiers: Sequence[Modifier], known: FloatArray, spacing: float
 ) -> tuple[DataSites, ...]:
     """Return the zero sites at some distance from the known nodes (K, 3).
 
     All faces of the box but the open ones hold all directions. The section of a block's face holds its normal direction
     alone if nodes slide in its plane (section 5.2).
     """
-    inner = _on_box(boundary, region, additions, spacing)
+    inner = _on_box(boundary, region, modifiers, spacing)
     faces = zero_sites(inner, known, spacing)
     if not len(faces) and region.box.open_faces != FACES.keys():
         if not len(inner):
@@ -330,7 +330,7 @@ def _zero_sites(
     return tuple(sites)
 
 
-def _on_box(boundary: PrescribedNodes, region: BoxNodes, additions: Sequence[Addition], spacing: float) -> FloatArray:
+def _on_box(boundary: PrescribedMotion, region: BoxNodes, modifiers: Sequence[Modifier], spacing: float) -> FloatArray:
     """Return points (P, 3) on the faces of the box that are not open; in a plane mesh on its outline."""
     mesh, box = boundary.mesh, region.hexahedron
     if mesh.normal is None:
@@ -338,6 +338,6 @@ def _on_box(boundary: PrescribedNodes, region: BoxNodes, additions: Sequence[Add
     else:
         sites = border_sites(box.section(mesh.points[0], mesh.normal), spacing)
         sites[:, mesh.across] = mesh.points[0, mesh.across]
-    for one in additions:
+    for one in modifiers:
         sites = one.on_box(box, sites, spacing)
     return sites

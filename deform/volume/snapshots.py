@@ -16,7 +16,7 @@ from sdm_deflect.base.threads import Progress, silent
 from sdm_deflect.meshing.mesh.cells import LARGEST
 from sdm_deflect.meshing.mesh.sliding import Plane
 
-from .controls import Control
+from .controls import ControlRange
 from .deflection import BoxDeflection, deflect_box, deflect_in_steps
 from .job import Amounts
 from .plan import BoxPlan
@@ -40,7 +40,7 @@ class Snapshots(NamedTuple):
     ends : deflections to the ends of the range, with their adaptations.
     """
 
-    control: Control
+    control: ControlRange
     box: BoxPlan
     row: int
     deflections: tuple[BoxDeflection, ...]
@@ -49,7 +49,12 @@ class Snapshots(NamedTuple):
 
     @classmethod
     def of(
-        cls, box: BoxPlan, row: int, control: Control, progress: Progress = silent, known: BoxDeflection | None = None
+        cls,
+        box: BoxPlan,
+        row: int,
+        control: ControlRange,
+        progress: Progress = silent,
+        known: BoxDeflection | None = None,
     ) -> "Snapshots":
         """Deflect the surface `row` of a box to each amount to be read; the others stay.
 
@@ -74,7 +79,7 @@ class Snapshots(NamedTuple):
 
     @classmethod
     def _read(
-        cls, box: BoxPlan, row: int, control: Control, progress: Progress, known: BoxDeflection | None
+        cls, box: BoxPlan, row: int, control: ControlRange, progress: Progress, known: BoxDeflection | None
     ) -> "Snapshots":
         """Deflect to the ends of the range as `deflect_box` does, and to amounts between on the centres of the ends.
 
@@ -144,7 +149,7 @@ class Snapshots(NamedTuple):
         def on_centers(amount: float) -> FloatArray:
             """Return the displacement (M, 3) of the nodes inside on the centres of the end's first step."""
             move, step = self.box.boundary.displacement(_alone(self.box, self.row, amount)), end.steps[0]
-            points = take(step.start, move, step, held=True, runner=self.box.runner).points
+            points = take(step.start, move, step, keep_centers=True, runner=self.box.runner).points
             return (points - step.start.points)[self.box.region.inside]
 
         functions, known = self.control.functions, [on_centers(amount) for amount in reads]
@@ -157,7 +162,7 @@ class Snapshots(NamedTuple):
         return error
 
 
-def _inverse(control: Control, reads: Sequence[float]) -> FloatArray:
+def _inverse(control: ControlRange, reads: Sequence[float]) -> FloatArray:
     """Return the weights (k, k) of deflections at k amounts; InputError if the range is too narrow for them."""
     values = np.array([control.functions.values(amount) for amount in reads], dtype=np.float64)
     try:
@@ -183,7 +188,7 @@ def _on_shared_centers(
         before = len(step.fits.interpolant.centers)
         for pose in poses:
             step = deflect_in_steps(box, pose, 1, progress, step).steps[0]
-        found = [deflect_in_steps(box, pose, 1, progress, step, held=True) for pose in poses]
+        found = [deflect_in_steps(box, pose, 1, progress, step, keep_centers=True) for pose in poses]
         added = len(step.fits.interpolant.centers) > before
         grown |= added
         # centres that one pose adds may raise the error of another above the tolerance

@@ -1,4 +1,4 @@
-"""One step: the paper's displacement, then the corrections of the additions."""
+"""One step: the paper's displacement, then the corrections of the modifiers."""
 
 from dataclasses import dataclass, field
 from time import perf_counter
@@ -8,7 +8,7 @@ import numpy as np
 from sdm_deflect.base import threads
 from sdm_deflect.base.arrays import FloatArray, IntArray
 from sdm_deflect.base.threads import HERE, Progress, Runner, silent
-from sdm_deflect.deform.around.addition import Acting
+from sdm_deflect.deform.around.modifier import ModifierAtStep
 from sdm_deflect.deform.confined import Choice, Confined
 from sdm_deflect.deform.rbf.data_sites import DataSites
 from sdm_deflect.deform.rbf.interpolant import Interpolant
@@ -27,7 +27,7 @@ class Start:
     zero : data sites on the box.
     components : directions in which nodes move.
     how : choice of centres.
-    acting : the additions, in the order in which they act.
+    modifiers : the modifiers in the order in which they act.
     """
 
     points: FloatArray = field(repr=False)
@@ -39,7 +39,7 @@ class Start:
     zero: tuple[DataSites, ...] = field(repr=False)
     components: tuple[int, ...]
     how: Choice
-    acting: tuple[Acting, ...] = field(repr=False)
+    modifiers: tuple[ModifierAtStep, ...] = field(repr=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,8 +77,8 @@ class Step:
 
 
 def take(
-    start: Start, moving: FloatArray, earlier: Step | None = None, held: bool = False, progress: Progress = silent,
-    runner: Runner = HERE,
+    start: Start, moving: FloatArray, earlier: Step | None = None, keep_centers: bool = False,
+    progress: Progress = silent, runner: Runner = HERE,
 ) -> Step:  # fmt: skip
     """Move the surface by `moving` (K, 3): interpolate at bound nodes first, if there are any, then at free nodes.
 
@@ -87,7 +87,7 @@ def take(
     start : The mesh before.
     moving : Displacements (K, 3) of the moving nodes, the first of the known nodes.
     earlier : A step from the same start; its centres come first.
-    held : Whether to add no centre to these.
+    keep_centers : Whether to add no centre to these.
     progress : Called during the fits.
     runner : Evaluates the interpolant at the free nodes.
 
@@ -97,9 +97,9 @@ def take(
     known[: len(moving)] = moving
     if start.bound:
         earlier_first = earlier.first if earlier else None
-        first, bound, _ = _passed(start, known, False, earlier_first, held, progress, runner)
+        first, bound, _ = _passed(start, known, False, earlier_first, keep_centers, progress, runner)
         known[-start.bound :] = bound
-    fits, to, seconds = _passed(start, known, True, earlier.fits if earlier else None, held, progress, runner)
+    fits, to, seconds = _passed(start, known, True, earlier.fits if earlier else None, keep_centers, progress, runner)
     points = start.points.copy()
     if known.any():
         points[start.free] += to
@@ -108,15 +108,15 @@ def take(
 
 
 def _passed(
-    start: Start, known: FloatArray, last: bool, earlier: Confined | None, held: bool, progress: Progress,
+    start: Start, known: FloatArray, last: bool, earlier: Confined | None, keep_centers: bool, progress: Progress,
     runner: Runner,
 ) -> tuple[Confined, FloatArray, float]:  # fmt: skip
     """Return the fit, the displacements (M, 3) of free or bound nodes, and the seconds that evaluation took."""
     nodes = start.points[start.known]
     own = DataSites(nodes[start.rows], known[start.rows][:, start.components], start.components)
-    further = [sites for one in start.acting for sites in one.sites(known, last)]
+    further = [sites for one in start.modifiers for sites in one.sites(known, last)]
     sites = [own, *further, *start.zero]
-    if earlier and held:
+    if earlier and keep_centers:
         u = earlier.refit(sites, start.how.strategy)
     else:
         u = Confined.fit(sites, start.surface, start.how, earlier, progress)
@@ -124,7 +124,7 @@ def _passed(
     begin = perf_counter()
     to = evaluate(u.interpolant, start.points[start.free], runner) if last else u(nodes[-start.bound :])
     seconds = perf_counter() - begin
-    for one in start.acting:
+    for one in start.modifiers:
         to = one.correct(to, known, last)
     return u, to, seconds
 

@@ -58,7 +58,7 @@ def aircraft(parts: Sequence[float]) -> Iterator[Any]:
     mesh = mesh_of_case(case, Stopwatch())[0]
     plan = plan_of(case, mesh, [AIRCRAFT * part for part in parts])
     known = deflect(plan)
-    orientation = plan.touched.orientation
+    orientation = plan.affected.orientation
     for pose in plan.poses:
         displacement = deflect(plan, pose, earlier=known).points - mesh.points
         yield to_pyvista(mesh.with_points(mesh.points + displacement), displacement, orientation)

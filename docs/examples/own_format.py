@@ -19,7 +19,7 @@ from sdm_deflect.meshing.formats.table_pieces import CellTable, PointRange, Tabl
 from sdm_deflect.meshing.formats.tables import FileTable
 from sdm_deflect.meshing.mesh.cells import Cells, Patch, Zone
 from sdm_deflect.meshing.mesh.mesh import Mesh
-from sdm_deflect.meshing.mesh.pieces import MeshInPieces
+from sdm_deflect.meshing.mesh.pieces import MeshOnDisk
 
 HEADER = np.dtype([("mark", "S4"), ("points", "<i4"), ("tets", "<i4"), ("faces", "<i4"), ("names", "<i4")])
 """Mark of the format, then how many points, tetrahedra, boundary triangles and letters of names there are."""
@@ -32,7 +32,7 @@ class Tets(Format):
     name, suffixes = "tets", (".tets",)
     for_workers = "files of tetrahedra"
 
-    def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshInPieces:
+    def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshOnDisk:
         """See `Format.layout`."""
         with about(path):
             head = np.fromfile(path, HEADER, 1)
@@ -55,7 +55,7 @@ class Tets(Format):
             patches = tuple(Patch(name, (Cells("triangle", triangles[number == i]),)) for i, name in enumerate(names))
             ranges = (PointRange(0, points.rows, points),)
             pieces = TablePieces(str(path.resolve()), points.rows, ranges, (CellTable("tetra", tets, 0),)).orient()
-        return MeshInPieces(path.resolve().name, pieces, patches, (Zone("", 0, points.rows),))
+        return MeshOnDisk(path.resolve().name, pieces, patches, (Zone("", 0, points.rows),))
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """See `Format.write`; other cells than tetrahedra are a MeshFileError."""

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from sdm_deflect.cases.report.finished import FinishedRun
-from sdm_deflect.cases.report.turnable import turnable
+from sdm_deflect.cases.report.scene3d import turnable
 from sdm_deflect.meshing.formats.registry import read
 from sdm_deflect.meshing.mesh.quality import inverted_of
 from tests.calls import sdm
@@ -70,7 +70,7 @@ def test_settings_page_and_view_of_a_plane_mesh(folder, deflected, capsys):
     assert run.motion.passed(0) == (run.motion.controls[0].low, run.motion.controls[0].high)
     groups = turnable(run.report_data().near, 10**6)["cells"]["groups"]
     shown = {len(one["table"]): len(b64decode(one["rows"])) // 4 for one in groups}
-    assert sum(shown.values()) == run.plan.touched.count
+    assert sum(shown.values()) == run.plan.affected.count
     assert set(shown) == {3, 6}
     capsys.readouterr()
 

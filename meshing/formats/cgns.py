@@ -22,7 +22,7 @@ from sdm_deflect.base.threads import Progress, silent
 from sdm_deflect.meshing.errors import about
 from sdm_deflect.meshing.mesh.cells import MIRRORED, VOLUMES, Polyhedra, Zone
 from sdm_deflect.meshing.mesh.mesh import Mesh
-from sdm_deflect.meshing.mesh.pieces import MeshInPieces
+from sdm_deflect.meshing.mesh.pieces import MeshOnDisk
 
 from .cgns_boundary import NumberedFaces, notes_of, without, zone_border
 from .cgns_elements import MIXED, NFACE, NGON, SHAPES, SIZES, ElementSection, blocks, sections
@@ -45,7 +45,7 @@ ADF = b"ADF Database"
 """Mark at the beginning of files in ADF."""
 
 
-def in_pieces(path: Path, file: Any) -> MeshInPieces | None:
+def in_pieces(path: Path, file: Any) -> MeshOnDisk | None:
     """Return the mesh of an open file; None if it must be read as a whole.
 
     MeshFileError or ValueError if the file is damaged.
@@ -65,7 +65,7 @@ def in_pieces(path: Path, file: Any) -> MeshInPieces | None:
     patches = without(border.patches, {fault.patch for fault in border.faults})
     pieces = TablePieces(str(path.resolve()), count, points, cells).orient()
     notes = (*notes_of({name: border.faults}), *coordinates_beside(file, base))
-    return MeshInPieces(path.name, pieces, patches, (Zone(name, 0, count),), notes)
+    return MeshOnDisk(path.name, pieces, patches, (Zone(name, 0, count),), notes)
 
 
 def _points(path: Path, base: Base, zone: str, count: int) -> tuple[PointRange, ...]:
@@ -141,7 +141,7 @@ class Cgns(Format):
     for_workers = "CGNS files in HDF5 of one unstructured zone"
     zoned = True
 
-    def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshInPieces | None:
+    def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshOnDisk | None:
         with about(path), _open(path) as file:
             return in_pieces(path.resolve(), file)
 

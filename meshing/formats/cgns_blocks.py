@@ -95,10 +95,10 @@ def block_border(base: Any, zone: Any, size: Size, left_handed: bool) -> tuple[B
             free[axis, at] = np.ones(prod(_faces_along(size, axis)), dtype=np.bool_)
     found: dict[str, list[Cells]] = {}
     faults: list[Fault] = []
-    families, numbers, held = set(), 0, list[tuple[str, Constraint]]()
+    families, numbers, constraints = set(), 0, list[tuple[str, Constraint]]()
     for name, node, patch, of_family in named_conditions(base, zone, faults, always=True):
         families |= {patch} if of_family else set()
-        held.append((patch, constraint(base, node)))
+        constraints.append((patch, constraint(base, node)))
         with as_faults(faults, name, patch, of_family):
             for plane in list(_planes(node, size)):
                 numbers += len(plane.rows)
@@ -111,7 +111,7 @@ def block_border(base: Any, zone: Any, size: Size, left_handed: bool) -> tuple[B
         for (axis, at), mask in free.items()
         if len(rows := np.flatnonzero(mask))
     ]
-    kinds = common_constraints(held)
+    kinds = common_constraints(constraints)
     patches = [Patch(name, tuple(own), constraint=kinds[name]) for name, own in found.items()]
     return Border(patches, frozenset(families), faults), rest
 

@@ -87,12 +87,12 @@ def zone_border(base: Any, zone: Any, faces: Sequence[NumberedFaces], last: int,
     faults: list[Fault] = []
     found = _conditions(base, zone, faults, (last, points, dimension))
     free = [np.ones(len(part.numbers), dtype=np.bool_) for part in faces]
-    held = common_constraints((condition.patch, condition.constraint) for condition in found)
+    constraints = common_constraints((condition.patch, condition.constraint) for condition in found)
     named = _by_patch(found, faces, last, free, faults)
     for part, left in zip(faces, free, strict=True):
         if left.any() and (section := part.section or (UNNAMED if part.outer and faults else None)):
             named.setdefault(section, []).append(chosen(part.faces, np.flatnonzero(left)))
-    patches = [Patch(name, tuple(own), constraint=held.get(name, "")) for name, own in named.items() if own]
+    patches = [Patch(name, tuple(own), constraint=constraints.get(name, "")) for name, own in named.items() if own]
     families = {one.patch: one.of_family for one in found}
     return Border(patches, frozenset(filter(families.get, families)), faults)
 
@@ -168,8 +168,8 @@ def without(patches: Sequence[Patch], absent: Container[str]) -> tuple[Patch, ..
     named = [replace(one, name=PART.format(one.name)) if one.name in absent else one for one in patches]
     for patch in named:
         faces.setdefault(patch.name, []).extend(patch.faces)
-    held = common_constraints((patch.name, patch.constraint) for patch in named)
-    return tuple(Patch(name, tuple(own), constraint=held[name]) for name, own in faces.items())
+    constraints = common_constraints((patch.name, patch.constraint) for patch in named)
+    return tuple(Patch(name, tuple(own), constraint=constraints[name]) for name, own in faces.items())
 
 
 def notes_of(faults: Mapping[str, Sequence[Fault]]) -> tuple[str, ...]:
@@ -226,14 +226,14 @@ def _numbers(node: Any, place: str, where: str, last: int, points: int, dimensio
     if (where == "EdgeCenter" and dimension > 2) or not len(numbers):
         return False, numbers[:0]
     by_points = where not in (*ON_FACES, "EdgeCenter") and place.startswith("Point")
-    held, most = ("points", points) if by_points else ("elements", last)
+    counted, most = ("points", points) if by_points else ("elements", last)
     if place.endswith("Range"):
         if len(numbers) != 2:
             raise MeshFileError(f"its range has {len(numbers)} numbers, expected 2")
         check_range(numbers[:1].tolist(), numbers[1:].tolist(), [most])
     if numbers.min() < 1 or numbers.max() > most:
         raise MeshFileError(
-            f"it is on {held} {numbers.min()} to {numbers.max()}, but they are numbered from 1 to {most}"
+            f"it is on {counted} {numbers.min()} to {numbers.max()}, but they are numbered from 1 to {most}"
         )
     if place.endswith("Range"):
         if numbers[1] < numbers[0]:

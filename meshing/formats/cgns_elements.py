@@ -127,8 +127,8 @@ def _mixed_elements(section: ElementSection, points: int) -> Iterator[tuple[Cell
     distinct, first = np.unique(kinds, return_index=True)
     for kind in distinct[np.argsort(first)].tolist():
         if kind not in SIZES:
-            held = f"section {section.name} holds elements of SIDS type {kind}"
-            raise MeshFileError(f"{held}; only linear ones can be read")
+            found = f"section {section.name} holds elements of SIDS type {kind}"
+            raise MeshFileError(f"{found}; only linear ones can be read")
         rows = np.flatnonzero(kinds == kind)
         if np.any(offsets[rows + 1] - begin[rows] != 1 + SIZES[kind]):
             raise MeshFileError(f"section {section.name}: its offsets do not fit its elements; the file is damaged")

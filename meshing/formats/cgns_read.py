@@ -20,7 +20,7 @@ from .cgns_boundary import PART, Fault, NumberedFaces, notes_of, without, zone_b
 from .cgns_elements import NFACE, NGON, ElementSection, blocks, read_polyhedra, sections
 from .cgns_interfaces import Interface, interfaces, meeting, pairs, periodic_pairs
 from .cgns_nodes import AXES, child, children, data, has, integers, text
-from .fitted import Fitted, ZoneMesh, fit_zones, simple
+from .conforming_zones import Fitted, ZoneMesh, fit_zones, simple
 from .hdf5 import is_real
 from .shapes import all_of, check_faces, chosen, orient
 from .zones import Listed, with_pairs
@@ -117,8 +117,8 @@ def _only_base(file: Any) -> tuple[Any, tuple[int, int]]:
     solid = [i for i, pair in enumerate(each) if pair == (3, 3)]
     chosen = solid or [i for i, pair in enumerate(each) if pair in DIMENSIONS]
     if len(chosen) != 1:
-        held = "cells in three dimensions" if solid else "cells in three dimensions, or in a plane"
-        raise MeshFileError(f"{len(chosen)} of {len(bases)} bases have {held}; one is needed")
+        needed = "cells in three dimensions" if solid else "cells in three dimensions, or in a plane"
+        raise MeshFileError(f"{len(chosen)} of {len(bases)} bases have {needed}; one is needed")
     return bases[chosen[0]], each[chosen[0]]
 
 
@@ -126,7 +126,7 @@ def coordinates_beside(file: Any, base: Base) -> tuple[str, ...]:
     """Return warnings of coordinates that stay as they are: of other bases, and of other times in the zones."""
     own = base.node.name.strip("/")
     zones = {f"base {name}": children(one, "Zone_t") for name, one in children(file, "CGNSBase_t") if name != own}
-    others = [name for name, held in zones.items() if any(any(children(zone, GRID)) for _, zone in held)]
+    others = [name for name, those in zones.items() if any(any(children(zone, GRID)) for _, zone in those)]
     for name, zone in base.zones.items():
         others += [f"{one} of zone {name}" for one, _ in children(zone, GRID) if one != "GridCoordinates"]
     return tuple(Warned(STAYS.format(one)) for one in others)

@@ -47,10 +47,10 @@ def write_base(file: Any, mesh: Mesh, report: Callable[[float], None]) -> tuple[
     zones = node_names([zone.name or "Zone" for zone in mesh.zones], ())
     families: dict[str, str] = {}
     constraints: dict[str, Constraint] = {}
-    lost, held = [], set[str]()
+    lost, written = [], set[str]()
     for i, (zone, zone_name) in enumerate(zip(mesh.zones, zones, strict=True)):
         own = part(mesh, zone)
-        held |= {pair.name for pair in pairs_to_write(own)}
+        written |= {pair.name for pair in pairs_to_write(own)}
         fresh = [patch.name for patch in own.patches if patch.name not in families]
         families |= dict(zip(fresh, node_names(fresh, (*zones, *families.values())), strict=True))
         constraints |= {patch.name: patch.constraint for patch in own.patches}
@@ -58,7 +58,7 @@ def write_base(file: Any, mesh: Mesh, report: Callable[[float], None]) -> tuple[
         report((i + 1) / len(zones))
     for name, family in families.items():
         _write_family(base, family, constraints[name] == "symmetry")
-    lost += unwritten(pair for pair in mesh.periodic if pair.name not in held)
+    lost += unwritten(pair for pair in mesh.periodic if pair.name not in written)
     return (
         *lost,
         *_renamings("zone", [zone.name for zone in mesh.zones], zones),

@@ -40,7 +40,7 @@ class Coordinates(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Columns:
+class ByteColumns:
     """Coordinates in rows of bytes at equal distances."""
 
     pieces: TablePieces

@@ -21,17 +21,17 @@ from sdm_deflect.meshing.errors import about
 from sdm_deflect.meshing.mesh.cells import MIRRORED, Cells, Patch, Periodic, Zone
 from sdm_deflect.meshing.mesh.labelled import VOLUME
 from sdm_deflect.meshing.mesh.mesh import Mesh
-from sdm_deflect.meshing.mesh.pieces import MeshInPieces
+from sdm_deflect.meshing.mesh.pieces import MeshOnDisk
 from sdm_deflect.meshing.mesh.precision import DOUBLE
 
-from .coordinates import Columns, Words
+from .coordinates import ByteColumns, Words
 from .gmsh_file import ByteCursor, Cursor, GmshFile, Nodes, TextCursor, gmsh_file, nodes, periodic
 from .layout import Format, fitting_names
 from .numbers import NumberLines, Placed
 from .polyhedra import standard_cells
 from .shapes import mirror_nodes, simple_faces
 from .table_pieces import CellTable, PointRange, TablePieces
-from .tables import FileTable, Held, Joined
+from .tables import FileTable, Joined, MemoryTable
 from .zones import Listed, pairs_of, pairs_to_write, unwritten
 
 CORNERS = {15: 1, 1: 2, 2: 3, 3: 4, 4: 4, 5: 8, 6: 6, 7: 5}
@@ -53,7 +53,7 @@ class ElementBlock:
     """
 
     kind: int
-    nodes: FileTable | Held = field(repr=False)
+    nodes: FileTable | MemoryTable = field(repr=False)
     group: IntArray = field(repr=False)
     entity: IntArray = field(repr=False)
 
@@ -139,7 +139,7 @@ def _lines22(words: NumberLines) -> Iterator[ElementBlock]:
         at = first[rows]
         nodes = values[(at + 3 + tags[rows])[:, None] + np.arange(corners)]
         group, entity = (np.where(tags[rows] > i, values[at + 3 + i], 0) for i in (0, 1))
-        yield ElementBlock(kind, Held(nodes), np.abs(group), entity)
+        yield ElementBlock(kind, MemoryTable(nodes), np.abs(group), entity)
 
 
 def _records22(cursor: ByteCursor) -> Iterator[ElementBlock]:
@@ -152,7 +152,7 @@ def _records22(cursor: ByteCursor) -> Iterator[ElementBlock]:
         width = 1 + tags + corner_count(kind, count)
         table = _alike(cursor, width) if count == 1 else cursor.ints(count * width).reshape(count, width)
         group, entity = (table[:, 1 + i] if tags > i else np.zeros(len(table), dtype=np.intp) for i in (0, 1))
-        yield ElementBlock(kind, Held(table[:, 1 + tags :]), np.abs(group), entity)
+        yield ElementBlock(kind, MemoryTable(table[:, 1 + tags :]), np.abs(group), entity)
         left -= len(table)
 
 
@@ -184,15 +184,17 @@ class Gmsh(Format):
 
     for_workers = "binary Gmsh files of version 4.1"
 
-    def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshInPieces | None:
+    def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshOnDisk | None:
         """See `Format.layout`; None for a file that is no binary one of version 4.1, with its nodes in order."""
         with about(path), gmsh_file(path) as file:
             return _layout(file, path, scratch is not None)
 
-    def coordinates(self, path: Path) -> Columns | Words:
+    def coordinates(self, path: Path) -> ByteColumns | Words:
         with gmsh_file(path) as file:
             stored = nodes(file)
-        return Words(path, stored.count, partial(_words, stored)) if stored.placed else Columns(_points(path, stored))
+        return (
+            Words(path, stored.count, partial(_words, stored)) if stored.placed else ByteColumns(_points(path, stored))
+        )
 
     def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
         return DOUBLE
@@ -218,7 +220,7 @@ def _points(path: Path, stored: Nodes) -> TablePieces:
     return TablePieces(str(path.resolve()), stored.count, ranges, ())
 
 
-def _layout(file: GmshFile, path: Path, in_file: bool) -> MeshInPieces | None:
+def _layout(file: GmshFile, path: Path, in_file: bool) -> MeshOnDisk | None:
     """Return the layout of a file; None if some of it would be in memory, and all must be `in_file`."""
     if "PartitionedEntities" in file.sections:
         raise MeshFileError("is partitioned; `gmsh FILE -save -format msh22 -o NEW.msh` saves it in one part")
@@ -241,7 +243,7 @@ def _is_plane(points: TablePieces) -> bool:
 
 def _mesh_of(
     file: GmshFile, stored: Nodes, points: TablePieces, given: Iterable[ElementBlock], dimension: int
-) -> MeshInPieces:
+) -> MeshOnDisk:
     """Return the mesh of these elements; cells are the elements of `dimension`."""
     solids, faces = KINDS[dimension]
     blocks = _by_kind(given, solids | faces)
@@ -252,7 +254,7 @@ def _mesh_of(
     listed, notes = pairs_listed(file, dimension - 1, stored.index)
     pairs = pairs_of(border, listed, pieces.places)
     zones = (Zone("", 0, stored.count),)
-    return MeshInPieces("", pieces, pairs.patches, zones, (*notes, *pairs.notes), periodic=pairs.periodic)
+    return MeshOnDisk("", pieces, pairs.patches, zones, (*notes, *pairs.notes), periodic=pairs.periodic)
 
 
 def _by_kind(blocks: Iterable[ElementBlock], wanted: Container[int]) -> dict[int, list[ElementBlock]]:
@@ -267,7 +269,7 @@ def _cells(shape: str, parts: Sequence[ElementBlock], stored: Nodes) -> CellTabl
     order = MIRRORED["wedge"] if shape == "wedge" else ()
     if stored.known is None:
         return CellTable(shape, Joined(tuple(block.nodes for block in parts)), 1, order)
-    return CellTable(shape, Held(_nodes(parts, stored)), 0, order)
+    return CellTable(shape, MemoryTable(_nodes(parts, stored)), 0, order)
 
 
 def _nodes(parts: Iterable[ElementBlock], stored: Nodes) -> IntArray:

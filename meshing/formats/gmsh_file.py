@@ -18,7 +18,7 @@ from sdm_deflect.meshing.errors import FLUENT
 
 from .numbers import NumberLines, Placed, numbers
 from .shapes import places
-from .tables import FileTable, Held
+from .tables import FileTable, MemoryTable
 
 REAL = "f8"
 CONVERT = "`gmsh FILE -save -format msh22 -o NEW.msh` converts it"
@@ -60,16 +60,16 @@ class TextCursor:
 
     sizes = ints
 
-    def columns(self, count: int, width: int, kind: str, chosen: slice) -> Held:
+    def columns(self, count: int, width: int, kind: str, chosen: slice) -> MemoryTable:
         """Columns of the next `count` rows of `width` numbers: points if their kind is real, else integers."""
         placed = self.reals(count * width)
         begin, end = (ends.reshape(count, width)[:, chosen] for ends in (placed.begin, placed.end))
         table = Placed(placed.values.reshape(count, width)[:, chosen], begin, end)
         if kind == REAL:
             self.placed.append(table)
-            return Held(table.values)
+            return MemoryTable(table.values)
         with np.errstate(invalid="ignore"):
-            return Held(table.values.astype(np.intp))
+            return MemoryTable(table.values.astype(np.intp))
 
 
 class ByteCursor:
@@ -222,7 +222,7 @@ class Nodes:
     `known` (N,) are the numbers of all nodes in the file's order; None if they count from 1.
     """
 
-    points: Sequence[FileTable | Held]
+    points: Sequence[FileTable | MemoryTable]
     known: IntArray | None
     placed: Sequence[Placed] = ()
 
@@ -257,7 +257,7 @@ def nodes(file: GmshFile) -> Nodes:
     return Nodes(points, known, placed)
 
 
-def _in_order(tags: Sequence[FileTable | Held]) -> bool:
+def _in_order(tags: Sequence[FileTable | MemoryTable]) -> bool:
     """Whether nodes are numbered from 1 on, as they stand in the file."""
     first = 1
     for table in tags:
@@ -269,7 +269,7 @@ def _in_order(tags: Sequence[FileTable | Held]) -> bool:
     return True
 
 
-def _nodes22(cursor: Cursor) -> Iterator[tuple[FileTable | Held, FileTable | Held]]:
+def _nodes22(cursor: Cursor) -> Iterator[tuple[FileTable | MemoryTable, FileTable | MemoryTable]]:
     if isinstance(cursor, TextCursor):
         count, at = int(cursor.ints(1)[0]), cursor.at
         tags = cursor.columns(count, 4, "i4", slice(1))
@@ -282,7 +282,7 @@ def _nodes22(cursor: Cursor) -> Iterator[tuple[FileTable | Held, FileTable | Hel
     yield FileTable(path, begin, f"{order}i4", count, 1, 28), FileTable(path, begin + 4, f"{order}f8", count, 3, 28)
 
 
-def _nodes41(cursor: Cursor) -> Iterator[tuple[FileTable | Held, FileTable | Held]]:
+def _nodes41(cursor: Cursor) -> Iterator[tuple[FileTable | MemoryTable, FileTable | MemoryTable]]:
     for _ in range(int(cursor.sizes(4)[0])):
         dimension, _, parametric = cursor.ints(3).tolist()
         count = int(cursor.sizes(1)[0])

@@ -14,11 +14,11 @@ from sdm_deflect.base.threads import Progress, silent
 from sdm_deflect.meshing.errors import about, check_points, only_rewritten
 from sdm_deflect.meshing.mesh.cells import PLANE, Cells, Zone
 from sdm_deflect.meshing.mesh.mesh import Mesh
-from sdm_deflect.meshing.mesh.pieces import MeshInPieces
+from sdm_deflect.meshing.mesh.pieces import MeshOnDisk
 from sdm_deflect.meshing.mesh.precision import DOUBLE
 
-from .coordinates import Columns, Coordinates
-from .fitted import simple, true_shapes
+from .conforming_zones import simple, true_shapes
+from .coordinates import ByteColumns, Coordinates
 from .shapes import check_faces, orient
 from .table_pieces import ROWS, TablePieces
 
@@ -46,14 +46,14 @@ class Format:
     zoned: ClassVar[bool] = False
     for_workers: ClassVar[str] = ""
 
-    def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshInPieces | None:
+    def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshOnDisk | None:
         """Return a mesh of which the boundary is read, and where its points and cells are.
 
         Parameters
         ----------
         path : The file.
         scratch : An empty folder: the mesh may be larger than memory, and numbers that stand in the file as text go to
-            tables in this folder. None: they may be held in memory.
+            tables in this folder. None: they may be in memory.
         progress : Called with what is being done.
 
         Returns None where the file must be read as a whole. MeshFileError if it is damaged.
@@ -65,7 +65,7 @@ class Format:
         mesh = self.layout(path)
         assert mesh is not None
         assert isinstance(mesh.pieces, TablePieces)
-        return Columns(mesh.pieces)
+        return ByteColumns(mesh.pieces)
 
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
         """Return the mesh in a file: all that its layout tells, put into arrays.
@@ -161,7 +161,7 @@ class Format:
         return False
 
 
-def whole(mesh: MeshInPieces, report: Callable[[float], None]) -> Mesh:
+def whole(mesh: MeshOnDisk, report: Callable[[float], None]) -> Mesh:
     """Return a mesh with all its points and cells in memory.
 
     Raises MeshFileError for cells of points that are not there, for a face of no cell and for no cells at all.

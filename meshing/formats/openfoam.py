@@ -19,7 +19,7 @@ from sdm_deflect.meshing.errors import about
 from sdm_deflect.meshing.mesh.cells import Polyhedra, Zone
 from sdm_deflect.meshing.mesh.images import THIN
 from sdm_deflect.meshing.mesh.mesh import Mesh
-from sdm_deflect.meshing.mesh.pieces import MeshInPieces
+from sdm_deflect.meshing.mesh.pieces import MeshOnDisk
 from sdm_deflect.meshing.mesh.precision import DOUBLE, fewest_bits
 
 from .layout import Format, fitting_names
@@ -201,7 +201,7 @@ class OpenFoam(Format):
     folder = True
     for_workers = "OpenFOAM cases in binary"
 
-    def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshInPieces | None:
+    def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshOnDisk | None:
         return in_pieces(path)
 
     def files(self, path: Path) -> list[Path]:

@@ -17,7 +17,7 @@ from sdm_deflect.base.states import check_unchanged
 from sdm_deflect.base.threads import HERE, Progress, Runner, silent
 from sdm_deflect.meshing.errors import about
 from sdm_deflect.meshing.mesh.cells import OWNERS, RISING, Cells, Polygons, Polyhedra, Zone, take_faces
-from sdm_deflect.meshing.mesh.pieces import MeshInPieces
+from sdm_deflect.meshing.mesh.pieces import MeshOnDisk
 from sdm_deflect.meshing.mesh.polyhedra import SomePolyhedra, join_polyhedra
 from sdm_deflect.meshing.mesh.standard import POLYHEDRON
 
@@ -130,7 +130,7 @@ class FoamPieces(TablePieces):
                 progress(f"writing {out.name}", 0.5 + 0.5 * i / len(items))
 
 
-def in_pieces(path: Path) -> MeshInPieces | None:
+def in_pieces(path: Path) -> MeshOnDisk | None:
     """Return the mesh of a case; None if one of its lists is text or packed.
 
     MeshFileError if the case is damaged.
@@ -152,7 +152,7 @@ def in_pieces(path: Path) -> MeshInPieces | None:
     with about(folder):
         pairs = pairs_of(boundary, patches, pieces.places)
     notes = meshes_beside(case_folder(path))
-    return MeshInPieces(path.resolve().name, pieces, patches, (Zone("", 0, count),), notes, pairs)
+    return MeshOnDisk(path.resolve().name, pieces, patches, (Zone("", 0, count),), notes, pairs)
 
 
 def _lists(folder: Path) -> Lists | None:

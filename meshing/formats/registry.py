@@ -14,7 +14,7 @@ from sdm_deflect.base.threads import Progress, silent
 from sdm_deflect.meshing.errors import FLUENT
 from sdm_deflect.meshing.mesh.faces import corners_in_order
 from sdm_deflect.meshing.mesh.mesh import Mesh
-from sdm_deflect.meshing.mesh.pieces import MeshInPieces
+from sdm_deflect.meshing.mesh.pieces import MeshOnDisk
 
 from .layout import Format
 from .registration import REGISTERED, Registration
@@ -67,7 +67,7 @@ def read(path: str | Path, progress: Progress = silent) -> Mesh:
 
 
 @contextmanager
-def in_pieces(path: Path, progress: Progress = silent) -> Iterator[MeshInPieces | None]:
+def in_pieces(path: Path, progress: Progress = silent) -> Iterator[MeshOnDisk | None]:
     """Give a mesh with only its boundary in memory; None if its file must be read as a whole.
 
     Numbers that stand in the file as text are put into the system's folder for temporary files until the end.

@@ -18,7 +18,7 @@ AXES = {"tetra": (1, 2, 3), "pyramid": (1, 3, 4), "wedge": (2, 1, 3), "hexahedro
 SAMPLE = 1 << 12
 """Number of cells, equally spaced, that decide whether a block is left-handed."""
 Faces = TypeVar("Faces", bound=Cells | Polygons)
-Whole = TypeVar("Whole", np.intp, np.uint64)
+FullMesh = TypeVar("FullMesh", np.intp, np.uint64)
 
 
 def polygons(nodes: IntArray, sizes: IntArray) -> Polygons:
@@ -88,7 +88,7 @@ def mirror_nodes(shape: str, nodes: IntArray) -> IntArray:
     return np.take(nodes, MIRRORED[shape], axis=1)
 
 
-def places(wanted: NDArray[Whole], known: NDArray[Whole]) -> tuple[IntArray, BoolArray]:
+def places(wanted: NDArray[FullMesh], known: NDArray[FullMesh]) -> tuple[IntArray, BoolArray]:
     """Index of each number in `known` (N,), and whether it is there; otherwise the index is arbitrary."""
     if not len(known):
         return np.zeros(wanted.shape, dtype=np.intp), np.zeros(wanted.shape, dtype=np.bool_)

@@ -17,7 +17,7 @@ from sdm_deflect.base.threads import HERE, Progress, Runner, silent
 from sdm_deflect.meshing.errors import about
 from sdm_deflect.meshing.mesh.cells import CORNERS, Cells, Patch, Polyhedra, Zone
 from sdm_deflect.meshing.mesh.mesh import Mesh, Warned
-from sdm_deflect.meshing.mesh.pieces import MeshInPieces
+from sdm_deflect.meshing.mesh.pieces import MeshOnDisk
 from sdm_deflect.meshing.mesh.precision import DOUBLE
 
 from .coordinates import Words
@@ -25,7 +25,7 @@ from .layout import Format, fitting_names, whole
 from .numbers import CHUNK, COMMENT, NumberLines, Placed, chunks, numbers, table
 from .shapes import simple_faces
 from .table_pieces import CellTable, PointRange, TablePieces
-from .tables import FileTable, Held, gather_tables
+from .tables import FileTable, MemoryTable, gather_tables
 
 LARGE = 1 << 24
 """Smallest section, in bytes, for which loading compiled code pays."""
@@ -266,7 +266,7 @@ def elements_of(
     points: int,
     scratch: Path | None = None,
     kind: type[np.signedinteger[Any]] = np.intp,
-) -> dict[str, FileTable | Held]:
+) -> dict[str, FileTable | MemoryTable]:
     """Return a table of each shape, in the order in which shapes first appear; within a shape it is the file's."""
 
     def most(shape: str) -> int:
@@ -299,7 +299,7 @@ class Su2(Format):
     name = "su2"
     suffixes = (".su2",)
 
-    def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshInPieces | None:
+    def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshOnDisk | None:
         """See `Format.layout`; None for a plane mesh, and for several zones."""
         with about(path), path.open("rb") as file:
             source = Su2File.open(file, partial(progress, f"reading {path.name}"))
@@ -370,7 +370,7 @@ class Su2Pieces(TablePieces):
 
 def _layout(
     path: Path, source: Su2File, name: str, own: Sequence[KeywordBlock], scratch: Path | None = None
-) -> MeshInPieces:
+) -> MeshOnDisk:
     """Return a zone of a file.
 
     MeshFileError or ValueError if a section is missing, damaged or contradicts another.
@@ -378,7 +378,7 @@ def _layout(
     found = zone_of(source, own, scratch)
     pieces = Su2Pieces(str(path), found.points, found.ranges, found.cells)
     patches = patches_of(source, own, found.points)
-    return MeshInPieces(path.name, pieces, patches, (Zone(name, 0, found.points),), notes_of(source.sections))
+    return MeshOnDisk(path.name, pieces, patches, (Zone(name, 0, found.points),), notes_of(source.sections))
 
 
 def _words(file: BinaryIO, report: Callable[[float], None]) -> Iterator[tuple[int, bytes, Placed]]:

@@ -17,7 +17,7 @@ from sdm_deflect.meshing.mesh.polyhedra import SomePolyhedra
 
 from .rewriting import Change, rewritten
 from .shapes import AXES, SAMPLE, left_handed
-from .tables import Array, FileTable, Held, Joined
+from .tables import Array, FileTable, Joined, MemoryTable
 
 ROWS = 1 << 15
 """Points or cells read at a time."""
@@ -29,7 +29,7 @@ class PointRange:
 
     start: int
     stop: int
-    table: FileTable | Held
+    table: FileTable | MemoryTable
     first: int = 0
     end: int = 3
 
@@ -44,7 +44,7 @@ class CellTable:
     """Cells of one shape: the table of their nodes, the number of the first point, and the order of VTK's nodes."""
 
     shape: str
-    table: FileTable | Joined | Held
+    table: FileTable | Joined | MemoryTable
     first: int = 1
     order: tuple[int, ...] = ()
 
@@ -60,20 +60,20 @@ class CellTable:
 
     def everything(self, points: int, report: Callable[[int], None] = lambda _: None) -> IntArray:
         """Return nodes (M, k) of all cells; MeshFileError if one is not among so many points."""
-        held = self._held()
-        nodes = np.empty((self.table.rows, self.table.width), dtype=np.intp) if held is None else held
+        loaded = self._in_memory()
+        nodes = np.empty((self.table.rows, self.table.width), dtype=np.intp) if loaded is None else loaded
         for start in range(0, len(nodes), ROWS):
             part = nodes[start : start + ROWS]
-            if held is None:
+            if loaded is None:
                 part[:] = self.nodes(start, start + len(part))
             if part.min() < 0 or part.max() >= points:
                 raise self.missing(points)
             report(len(part))
         return nodes
 
-    def _held(self) -> IntArray | None:
+    def _in_memory(self) -> IntArray | None:
         """Return the nodes (M, k) of all cells if they are in memory in the final order; else None."""
-        if not isinstance(self.table, Held) or self.first or self.order or self.table.values.dtype != np.intp:
+        if not isinstance(self.table, MemoryTable) or self.first or self.order or self.table.values.dtype != np.intp:
             return None
         return self.table.values
 

@@ -81,7 +81,7 @@ class FileTable:
 class Joined:
     """Tables of as many numbers in each row, one after another."""
 
-    tables: tuple["FileTable | Held", ...]
+    tables: tuple["FileTable | MemoryTable", ...]
 
     @property
     def rows(self) -> int:
@@ -108,7 +108,7 @@ class Joined:
         back[order] = np.arange(len(order))
         return np.asarray(np.concatenate(found)[back])
 
-    def _parts(self, start: int, stop: int) -> Iterator[tuple["FileTable | Held", int, int]]:
+    def _parts(self, start: int, stop: int) -> Iterator[tuple["FileTable | MemoryTable", int, int]]:
         end = 0
         for table in self.tables:
             low, high = max(start, end) - end, min(stop, end + table.rows) - end
@@ -118,7 +118,7 @@ class Joined:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Held:
+class MemoryTable:
     """Rows of numbers (rows, width) in memory: parsed from text, or reordered."""
 
     values: Array = field(repr=False)
@@ -150,7 +150,7 @@ class Held:
 
 def gather_tables(
     parts: Iterable[tuple[str, Array]], most: Callable[[str], int], scratch: Path | None
-) -> dict[str, FileTable | Held]:
+) -> dict[str, FileTable | MemoryTable]:
     """Put the rows of several tables, which come in parts, into memory, or into files of a folder.
 
     Parameters
@@ -178,5 +178,5 @@ def gather_tables(
                 arrays[name][done : done + len(part)] = part
             rows[name] += len(part)
     if not scratch:
-        return {name: Held(values[: rows[name]]) for name, values in arrays.items()}
+        return {name: MemoryTable(values[: rows[name]]) for name, values in arrays.items()}
     return {name: FileTable(scratch / name, 0, own.dtype.str, rows[name], own.shape[1]) for name, own in arrays.items()}

@@ -19,15 +19,15 @@ from sdm_deflect.base.threads import Progress, silent
 from sdm_deflect.meshing.errors import about
 from sdm_deflect.meshing.mesh.cells import CORNERS, MIRRORED, Cells, Patch, Zone
 from sdm_deflect.meshing.mesh.mesh import Mesh
-from sdm_deflect.meshing.mesh.pieces import MeshInPieces
+from sdm_deflect.meshing.mesh.pieces import MeshOnDisk
 
-from .coordinates import Columns
+from .coordinates import ByteColumns
 from .hdf5 import DAMAGE, Dataset, Datasets, Span, damage, dataset, spans
 from .layout import Format
 from .polyhedra import standard_cells
 from .shapes import mirror_nodes, refuse_plane, simple_faces
 from .table_pieces import CellTable, PointRange, TablePieces
-from .tables import FileTable, Held
+from .tables import FileTable, MemoryTable
 from .zones import unwritten
 
 AXES = ("points_xc", "points_yc", "points_zc")
@@ -58,11 +58,11 @@ class Grid(NamedTuple):
             raise MeshFileError(f"{name} holds {array.shape} {array.dtype}, expected {expected}")
         return array, spans(array) if in_hdf5 else [(array.offset, 0, array.size)]
 
-    def table(self, path: Path, name: str, kinds: str, *width: int) -> FileTable | Held:
+    def table(self, path: Path, name: str, kinds: str, *width: int) -> FileTable | MemoryTable:
         """Return where the rows of an array are; they are in memory if HDF5 has them in several places, or packed."""
         array, places = self.array(name, kinds, *width)
         if len(places) != 1:
-            return Held(array[()].reshape(len(array), -1))
+            return MemoryTable(array[()].reshape(len(array), -1))
         return FileTable(path.resolve(), places[0][0], array.dtype.str, len(array), *width)
 
 
@@ -118,24 +118,24 @@ class Tau(Format):
     def files(self, path: Path) -> Iterable[Path]:
         return path, *mappings(path)
 
-    def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshInPieces | None:
+    def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshOnDisk | None:
         """See `Format.layout`; None for netCDF-4 in several parts."""
         progress(f"reading {path.name}", 0.0)
         with about(path), open_tau(path) as grid:
             points, cells = _points(grid, path), _elements(grid, path, SOLIDS)
             tables = (*(own.table for own in points.ranges), *(own.table for own in cells))
-            if scratch and any(isinstance(table, Held) for table in tables):
+            if scratch and any(isinstance(table, MemoryTable) for table in tables):
                 return None
             _check_count(grid, "no_of_elements", cells)
             patches = _patches(grid, path, points.points)
         pieces = replace(points, cells=tuple(own for own in cells if own.table.rows)).orient()
-        return MeshInPieces(path.resolve().name, pieces, patches, (Zone("", 0, points.points),))
+        return MeshOnDisk(path.resolve().name, pieces, patches, (Zone("", 0, points.points),))
 
-    def coordinates(self, path: Path) -> Columns | Datasets:
+    def coordinates(self, path: Path) -> ByteColumns | Datasets:
         with open_tau(path) as grid:
             found = _points(grid, path)
             if not isinstance(grid.arrays, h5py.File):
-                return Columns(found)
+                return ByteColumns(found)
             kinds = [grid.array(axis, "f")[0].dtype for axis in AXES]
             axes = zip(AXES, kinds, range(3), strict=True)
             return Datasets.of(path, [Dataset(name, kind, 0, found.points, i, i + 1) for name, kind, i in axes])

@@ -18,15 +18,15 @@ from sdm_deflect.base.threads import HERE, Progress, Runner, silent
 from sdm_deflect.meshing.errors import about, check_points
 from sdm_deflect.meshing.mesh.cells import CORNERS, MIRRORED, Cells, Patch, Zone
 from sdm_deflect.meshing.mesh.mesh import Mesh
-from sdm_deflect.meshing.mesh.pieces import MeshInPieces
+from sdm_deflect.meshing.mesh.pieces import MeshOnDisk
 from sdm_deflect.meshing.mesh.precision import fewest_bits
 
-from .coordinates import Columns, Words
+from .coordinates import ByteColumns, Words
 from .layout import Format, fitting_names
 from .polyhedra import standard_cells
 from .shapes import refuse_plane, simple_faces
 from .table_pieces import CellTable, PointRange, TablePieces
-from .tables import FileTable, Held
+from .tables import FileTable, MemoryTable
 from .ugrid_file import ENCODINGS, ORDER, POINTS, SUFFIX, SURFACE, UgridFile, check_range, encode, encoding_of, ending
 from .zones import unwritten
 
@@ -72,7 +72,7 @@ class Ugrid(Format):
 
     for_workers = "binary UGRID files"
 
-    def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshInPieces | None:
+    def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshOnDisk | None:
         """See `Format.layout`; a damaged ``.mapbc`` is a MeshFileError, too."""
         if scratch and not encoding_of(path):
             return None
@@ -85,11 +85,11 @@ class Ugrid(Format):
                 CellTable(name, tables[name], 1, TO_VTK.get(name, ())) for name in SOLIDS if tables[name].rows
             )
             pieces = replace(_pieces(path, tables), cells=cells).orient()
-        return MeshInPieces(path.resolve().name, pieces, border, (Zone("", 0, count),))
+        return MeshOnDisk(path.resolve().name, pieces, border, (Zone("", 0, count),))
 
-    def coordinates(self, path: Path) -> Columns | Words:
+    def coordinates(self, path: Path) -> ByteColumns | Words:
         if encoding_of(path):
-            return Columns(_pieces(path, _tables(path, lambda _: None)))
+            return ByteColumns(_pieces(path, _tables(path, lambda _: None)))
         with path.open("rb") as file:
             count = UgridFile.open(file, "", lambda _: None).shapes[POINTS][0]
         return Words(path, count, lambda file, report: UgridFile.open(file, "", report).coordinates())
@@ -227,12 +227,12 @@ def _rows(text: str) -> list[list[str]]:
     return rows
 
 
-def _tables(path: Path, report: Callable[[float], None]) -> dict[str, FileTable | Held]:
+def _tables(path: Path, report: Callable[[float], None]) -> dict[str, FileTable | MemoryTable]:
     with path.open("rb") as file:
         return UgridFile.open(file, encoding_of(path), report).tables(path.resolve())
 
 
-def _pieces(path: Path, tables: Mapping[str, FileTable | Held]) -> UgridPieces:
+def _pieces(path: Path, tables: Mapping[str, FileTable | MemoryTable]) -> UgridPieces:
     """Return the points, without cells."""
     count = tables[POINTS].rows
     return UgridPieces(str(path.resolve()), count, (PointRange(0, count, tables[POINTS]),), (), path.absolute())

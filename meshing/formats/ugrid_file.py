@@ -19,7 +19,7 @@ from sdm_deflect.base.errors import MeshFileError
 from sdm_deflect.meshing.mesh.cells import CORNERS
 
 from .numbers import NumberLines, Placed, chunks, numbers, table
-from .tables import FileTable, Held
+from .tables import FileTable, MemoryTable
 
 SUFFIX = ".ugrid"
 POINTS, SURFACE = "points", "surface"
@@ -150,15 +150,15 @@ class UgridFile:
                     raise MeshFileError(f"the Fortran record of {length} bytes has another length; the file is damaged")
             at += 2 * MARKER.itemsize + length
 
-    def tables(self, path: Path) -> dict[str, FileTable | Held]:
+    def tables(self, path: Path) -> dict[str, FileTable | MemoryTable]:
         """Return where the arrays are: in the file at `path`, or in memory if it is text.
 
         MeshFileError if a text ends early or holds something else.
         """
         if not self.encoding:
-            return {name: Held(values) for name, values in self._arrays().items()}
+            return {name: MemoryTable(values) for name, values in self._arrays().items()}
         encoding = ENCODINGS[self.encoding]
-        tables: dict[str, FileTable | Held] = {}
+        tables: dict[str, FileTable | MemoryTable] = {}
         begin = encoding.begin
         for name, (rows, width) in self.shapes.items():
             tables[name] = table = FileTable(path, begin, encoding.kind(name).str, rows, width)

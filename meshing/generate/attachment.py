@@ -134,13 +134,13 @@ def _vertices(points: FloatArray, nodes: IntArray, incidence: IntArray, model: "
     vertex = np.full(len(nodes), -1)
     if not len(model.vertices):
         return vertex
-    touched: dict[int, set[int]] = {}
+    affected: dict[int, set[int]] = {}
     for node, face in incidence.tolist():
-        touched.setdefault(node, set()).add(face)
+        affected.setdefault(node, set()).add(face)
     distances, candidates = cKDTree(points[nodes]).query(model.vertices, k=min(RIVALS, len(nodes)))
     for index, faces in enumerate(model.vertex_faces):
         rivals = [
-            (-len(touched[int(nodes[k])] & faces), distance, k)
+            (-len(affected[int(nodes[k])] & faces), distance, k)
             for distance, k in zip(distances[index], candidates[index], strict=True)
             if vertex[k] < 0 and distance < distances[index, 0] + RIVALRY
         ]

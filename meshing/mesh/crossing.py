@@ -34,7 +34,7 @@ COST = 500
 
 
 @dataclass(frozen=True, slots=True)
-class Crossings:
+class IntersectingFaces:
     """Faces that newly intersect others.
 
     Attributes
@@ -51,7 +51,7 @@ class Crossings:
     where: str = ""
 
     @classmethod
-    def of(cls, mesh: Mesh, points: FloatArray) -> "Crossings":
+    def of(cls, mesh: Mesh, points: FloatArray) -> "IntersectingFaces":
         """Compare faces that moved to points (N, 3) with one another and with faces near them.
 
         Faces of different zones are not compared, because zones overlap. Nor are two patches without a common node that

@@ -1,4 +1,4 @@
-"""Faces by their nodes: which of them bound touched cells, and whether patches have them."""
+"""Faces by their nodes: which of them bound affected cells, and whether patches have them."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from sdm_deflect.base.arrays import FloatArray, IntArray, count_distinct, distinct, union
 
+from .affected import AffectedCells, touching
 from .cells import Cells, Patch, Polygons, Polyhedra, Volume, take_faces
 from .edges import polygons_of, rows_of
-from .touched import TouchedCells, touching
 
 FACES: dict[str, tuple[tuple[int, ...], ...]] = {
     "triangle": ((0, 1), (1, 2), (2, 0)),
@@ -51,24 +51,24 @@ class BoundaryGaps:
     inner: int
 
     @classmethod
-    def of(cls, touched: TouchedCells, changed: IntArray, moving: tuple[str, ...]) -> "BoundaryGaps":
-        """Compare the faces of touched cells with a node of `changed` (M,) with the faces of all patches."""
-        mesh = touched.mesh
+    def of(cls, affected: AffectedCells, changed: IntArray, moving: tuple[str, ...]) -> "BoundaryGaps":
+        """Compare the faces of affected cells with a node of `changed` (M,) with the faces of all patches."""
+        mesh = affected.mesh
         marked = np.zeros(len(mesh.points), dtype=np.bool_)
         marked[changed] = True
         keys = node_keys(len(mesh.points))
-        parts = zip(mesh.cells, touched.rows, strict=True)
+        parts = zip(mesh.cells, affected.rows, strict=True)
         known, count = count_distinct(_join([_keys_of(*part, marked, keys) for part in parts]))
-        held = {
+        on_patches = {
             patch.name: _join([face_keys(faces, keys)[_with_any(faces, marked)] for faces in patch.faces])
             for patch in mesh.patches
         }
-        every = distinct(_join(list(held.values())))
+        every = distinct(_join(list(on_patches.values())))
         missed = np.setdiff1d(known[count == 1], every, assume_unique=True)
-        loose = sum(int(np.count_nonzero(~_among(own, known))) for own in held.values())
-        inner = sum(int(np.count_nonzero(_among(held[name], known[count > 1]))) for name in moving)
+        loose = sum(int(np.count_nonzero(~_among(own, known))) for own in on_patches.values())
+        inner = sum(int(np.count_nonzero(_among(on_patches[name], known[count > 1]))) for name in moving)
         free = np.setdiff1d(changed, mesh.on(*mesh.names), assume_unique=True)
-        nodes = _nodes_of(touched, keys, missed) if len(missed) else changed[:0]
+        nodes = _nodes_of(affected, keys, missed) if len(missed) else changed[:0]
         return cls(len(missed), np.intersect1d(nodes, free, assume_unique=True), loose, inner)
 
 
@@ -220,9 +220,9 @@ def faces_of(block: Cells, rows: IntArray) -> Iterator[Cells]:
             yield Cells(FACE_SHAPES[len(face)], nodes[:, list(face)])
 
 
-def _nodes_of(touched: TouchedCells, keys: Keys, wanted: Keys) -> IntArray:
-    """Return the nodes (K,) of touched cells' faces with one of the wanted keys."""
-    parts = zip(touched.mesh.cells, touched.rows, strict=True)
+def _nodes_of(affected: AffectedCells, keys: Keys, wanted: Keys) -> IntArray:
+    """Return the nodes (K,) of affected cells' faces with one of the wanted keys."""
+    parts = zip(affected.mesh.cells, affected.rows, strict=True)
     return union(*(_nodes_in(block, rows, keys, wanted) for block, rows in parts))
 
 

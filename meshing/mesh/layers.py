@@ -18,10 +18,10 @@ from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, count_disti
 from sdm_deflect.base.compiled import compiled_exactly
 from sdm_deflect.base.vectors import Vector, cross, dot, minus, norm, plus, row_of
 
+from .affected import AffectedCells
 from .cells import Polygons, Polyhedra, Volume, take_faces
 from .edges import area_vectors, unit
 from .polyhedra import corner_edges
-from .touched import TouchedCells
 
 BASES = {
     "quad": (((0, 1), (3, 2)), ((1, 2), (0, 3)), ((2, 3), (1, 0)), ((3, 0), (2, 1))),
@@ -77,12 +77,12 @@ class LayerColumns:
     cells: tuple[tuple[LayerCells, ...], ...] = field(default=(), repr=False)
 
     @classmethod
-    def of(cls, touched: TouchedCells, walls: IntArray, kept: int = MEASURED) -> LayerColumns:
+    def of(cls, affected: AffectedCells, walls: IntArray, kept: int = MEASURED) -> LayerColumns:
         """Follow flat cells outwards from the nodes of walls (W,); keep the cells of the first layers."""
-        count = len(touched.mesh.points)
+        count = len(affected.mesh.points)
         levels, forked, measured = list[IntArray](), np.empty(0, dtype=np.intp), list[tuple[LayerCells, ...]]()
         faces = _as_polygons([])
-        for found in _layers(touched, walls):
+        for found in _layers(affected, walls):
             keys = [(top.astype(np.int64) * count + base)[new] for base, top, new in found]
             pairs, _ = count_distinct(np.concatenate(keys))
             nodes, times = count_distinct(pairs // count)
@@ -227,17 +227,17 @@ def _as_polygons(faces: list[IntArray]) -> Polygons:
     return Polygons(nodes, np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp))
 
 
-def _layers(touched: TouchedCells, walls: IntArray) -> Iterator[list[FlatCells]]:
+def _layers(affected: AffectedCells, walls: IntArray) -> Iterator[list[FlatCells]]:
     """Yield the flat cells on the wall nodes (W,), then those of each further layer.
 
     The last layer has no flat cells on it.
     """
-    seen = np.zeros(len(touched.mesh.points), dtype=np.bool_)
+    seen = np.zeros(len(affected.mesh.points), dtype=np.bool_)
     seen[walls] = True
     below, highest = seen.copy(), LAYER_HEIGHT
     parts = [
         (alone(block, rows) if isinstance(block, Polyhedra) else block, rows)
-        for block, rows in zip(touched.mesh.cells, touched.rows, strict=True)
+        for block, rows in zip(affected.mesh.cells, affected.rows, strict=True)
         if isinstance(block, Polyhedra) or block.shape in BASES
     ]
     while True:
@@ -247,7 +247,7 @@ def _layers(touched: TouchedCells, walls: IntArray) -> Iterator[list[FlatCells]]
             left.append((block, rest))
             for base, top in cells:
                 new = ~seen[top]
-                some = _flat(touched.places, base, top, highest) & new.any(axis=1)
+                some = _flat(affected.places, base, top, highest) & new.any(axis=1)
                 if some.any():
                     found.append(FlatCells(base[some], top[some], new[some]))
         if not found:

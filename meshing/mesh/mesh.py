@@ -14,7 +14,7 @@ from sdm_deflect.base.errors import InputError, nearest, short_list
 from sdm_deflect.base.states import States
 
 from .cells import LARGEST, PLANE, Cells, Faces, Patch, Periodic, Polyhedra, Volume, Zone, real, several
-from .pieces import Whole
+from .pieces import FullMesh
 
 MARK = "#"
 """Separates the name of a patch from the number of its component."""
@@ -48,7 +48,7 @@ class Mesh:
     name : The file or kind of mesh, for messages.
     source : File that it was read from; empty for none.
     notes : What may surprise a user, as sentences; those that are `Warned` are shown as warnings.
-    whole : The mesh that this is an excerpt of; None if it is complete.
+    whole : The mesh that this is a submesh of; None if it is complete.
     periodic : Pairs of patches whose nodes are images of each other.
     files : Files that it was read from, with their states then (`check_unchanged`).
     across : In a plane mesh the coordinate that all points share: 0, 1 or 2.
@@ -64,7 +64,7 @@ class Mesh:
     name: str = "mesh"
     source: str = ""
     notes: tuple[str, ...] = ()
-    whole: Whole | None = None
+    whole: FullMesh | None = None
     periodic: tuple[Periodic, ...] = ()
     files: States = field(default_factory=dict, repr=False)
     across: int = 2
@@ -142,12 +142,12 @@ class Mesh:
 
     @property
     def point_count(self) -> int:
-        """Number of points; an excerpt counts those of the whole mesh."""
+        """Number of points; a submesh counts those of the whole mesh."""
         return self.whole.pieces.points if self.whole else len(self.points)
 
     @property
     def cell_counts(self) -> tuple[int, ...]:
-        """Number of cells of each block; an excerpt counts those of the whole mesh."""
+        """Number of cells of each block; a submesh counts those of the whole mesh."""
         blocks = self.whole.pieces.blocks if self.whole else ()
         return tuple(count for _, count in blocks) or tuple(map(len, self.cells))
 

@@ -1,6 +1,6 @@
 """Non-orthogonality and skewness of polyhedra's faces, as OpenFOAM's checkMesh measures them.
 
-After a deflection only the faces of touched cells are measured again.
+After a deflection only the faces of affected cells are measured again.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ import numpy as np
 from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.base.threads import in_chunks
 
+from .affected import AffectedCells
 from .cells import Periodic, Polygons, Polyhedra
 from .edges import rows_of
 from .faces import face_keys, node_keys
 from .mesh import Mesh
 from .polyhedra import PARTS, ROWS, WEIGHT, judge_faces, measured_cells, spans_of
 from .quality import SEVERE, SKEW, find_orientation
-from .touched import TouchedCells
 
 ERROR = 1e-15
 """checkMesh reports an error for a face if the cosine of its non-orthogonality is not larger."""
@@ -129,7 +129,7 @@ class Couples:
 
     @classmethod
     def of(cls, mesh: Mesh, cells: Polyhedra) -> Couples:
-        """Find the faces of a block of cells in the periodic pairs of a mesh; pairs of an excerpt may be incomplete."""
+        """Find the faces of a block of cells in the periodic pairs of a mesh; pairs of a submesh may be incomplete."""
         parts = [(np.empty((0, 2), dtype=np.intp), np.empty((0, 3, 3)), np.empty((0, 3)))]
         inner = len(cells.neighbour)
         if mesh.periodic and not mesh.is_part:
@@ -236,8 +236,8 @@ class Ring:
 
 
 @dataclass(frozen=True, eq=False)
-class TouchedFaces:
-    """The faces of touched cells.
+class AffectedFaces:
+    """The faces of affected cells.
 
     Attributes
     ----------
@@ -249,12 +249,12 @@ class TouchedFaces:
     before: State = field(repr=False)
 
     @classmethod
-    def of(cls, touched: TouchedCells) -> TouchedFaces | None:
-        """Measure the undeflected mesh; None without touched polyhedra."""
-        mesh = touched.mesh
+    def of(cls, affected: AffectedCells) -> AffectedFaces | None:
+        """Measure the undeflected mesh; None without affected polyhedra."""
+        mesh = affected.mesh
         rings = tuple(
             Ring.of(block, rows, sign, Couples.of(mesh, block))
-            for block, rows, sign in zip(mesh.cells, touched.rows, touched.orientation, strict=True)
+            for block, rows, sign in zip(mesh.cells, affected.rows, affected.orientation, strict=True)
             if isinstance(block, Polyhedra) and len(rows)
         )
         return cls(rings, _measure(rings, mesh.points)) if rings else None

@@ -1,4 +1,4 @@
-"""A mesh file that is read in pieces, and how an excerpt relates to the whole mesh."""
+"""A mesh file that is read in pieces, and how a submesh relates to the whole mesh."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Pieces(Protocol):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MeshInPieces:
+class MeshOnDisk:
     """A mesh whose boundary is in memory, and the rest in a file.
 
     Attributes
@@ -77,15 +77,15 @@ class MeshInPieces:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Whole:
-    """The whole mesh of an excerpt, which may be larger than memory.
+class FullMesh:
+    """The whole mesh of a submesh, which may be larger than memory.
 
     Parameters
     ----------
     pieces : Points and cells, in a file.
-    nodes : (N,) rising indices of the excerpt's points.
-    rows : For each block the rising indices of the excerpt's cells.
-    orientation, inverted : For each block as in `TouchedCells`, of all cells.
+    nodes : (N,) rising indices of the submesh's points.
+    rows : For each block the rising indices of the submesh's cells.
+    orientation, inverted : For each block as in `AffectedCells`, of all cells.
     """
 
     pieces: Pieces

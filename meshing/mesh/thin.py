@@ -27,7 +27,7 @@ BITS = 40
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Halfway:
+class MidPlane:
     """The plane halfway between the two sides.
 
     Attributes
@@ -42,7 +42,7 @@ class Halfway:
     outward: FloatArray | None = None
 
     @classmethod
-    def of(cls, points: FloatArray, pair: Periodic) -> Halfway | None:
+    def of(cls, points: FloatArray, pair: Periodic) -> MidPlane | None:
         """Return the plane for two sides at points (N, 3); None if its normal is along no coordinate axis."""
         from scipy.spatial.transform import Rotation
 
@@ -62,7 +62,7 @@ class Halfway:
         return cls(component, float(axis.point[component] if axis else 0.5 * (low + high)), axis, outward)
 
     @classmethod
-    def from_numbers(cls, numbers: FloatArray) -> Halfway:
+    def from_numbers(cls, numbers: FloatArray) -> MidPlane:
         """Return the plane described by `numbers`; ValueError if they describe none."""
         component, station, *rest = numbers.tolist()
         wedge = np.reshape(rest, (-1, 3))
@@ -115,7 +115,7 @@ class ThinMesh:
     mesh: Mesh = field(repr=False)
     points: FloatArray = field(repr=False)
     nodes: IntArray = field(repr=False)
-    halfway: Halfway
+    halfway: MidPlane
     images: Images = field(repr=False)
 
     @classmethod
@@ -125,7 +125,7 @@ class ThinMesh:
         pair = next(sides, None)
         if pair is None or {*pair.patches}.intersection(fixed):
             return None
-        halfway, front = Halfway.of(mesh.points, pair), np.empty(len(mesh.points), dtype=np.intp)
+        halfway, front = MidPlane.of(mesh.points, pair), np.empty(len(mesh.points), dtype=np.intp)
         front[pair.nodes[:, 1]] = front[pair.nodes[:, 0]] = pair.nodes[:, 0]
         patches = _outlines(mesh, pair, front)
         if halfway is None or patches is None:

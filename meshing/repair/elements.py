@@ -36,7 +36,7 @@ STEEP = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PatchElements:
+class RegionElements:
     """Corner tetrahedra of some cells around unknown nodes.
 
     Attributes
@@ -58,7 +58,7 @@ class PatchElements:
     corners: IntArray = field(repr=False)
 
     @classmethod
-    def of(cls, tetrahedra: Tetrahedra, unknown: IntArray, points: FloatArray, weights: FloatArray) -> PatchElements:
+    def of(cls, tetrahedra: Tetrahedra, unknown: IntArray, points: FloatArray, weights: FloatArray) -> RegionElements:
         """Take the tetrahedra with one of the `unknown` nodes (U,), with their targets.
 
         Nodes and elements are sorted along a space-filling curve, so that neighbours stay together in memory.
@@ -238,7 +238,7 @@ class Tracks:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Crossing:
+class IntersectionCurve:
     """The curve of two shapes: a line of two planes, or an ellipse of a plane and a cylinder.
 
     Each node keeps its distances from both shapes.
@@ -248,7 +248,7 @@ class Crossing:
     other: Plane | CylinderWall
 
     @classmethod
-    def of(cls, first: SlidingSurface | None, second: SlidingSurface | None) -> Crossing | None:
+    def of(cls, first: SlidingSurface | None, second: SlidingSurface | None) -> IntersectionCurve | None:
         """Return the curve of two shapes; None if it is not well determined, so that nodes stay there."""
         if isinstance(second, Plane) and not isinstance(first, Plane):
             first, second = second, first

@@ -22,7 +22,7 @@ from sdm_deflect.base.arrays import FloatArray, IntArray
 from sdm_deflect.base.compiled import compiled_exactly
 from sdm_deflect.base.threads import in_chunks
 
-from .elements import PatchElements
+from .elements import RegionElements
 
 BLOCK = 1 << 11
 """Elements or nodes in one block; constant, so that the bits do not depend on the number of threads."""
@@ -45,7 +45,7 @@ class Energy:
     elements : corner tetrahedra, and their unknown nodes.
     """
 
-    def __init__(self, elements: PatchElements) -> None:
+    def __init__(self, elements: RegionElements) -> None:
         self.elements = elements
         self._measures = np.empty((2, len(elements.nodes)))
         self._slopes = np.empty((len(elements.nodes), 12))

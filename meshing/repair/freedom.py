@@ -22,7 +22,7 @@ from sdm_deflect.meshing.mesh.layers import LayerColumns
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.sliding import FITTED, SHARP, SURFACE, Plane, SlidingSurface, Triangulated
 
-from .elements import Crossing
+from .elements import IntersectionCurve
 
 TURNS = {"plane": 1e-5, SURFACE: 2.0 * np.sin(np.radians(SHARP / 2.0))}
 """Largest difference of the normals beside an edge inside a plane, and inside a surface."""
@@ -244,7 +244,7 @@ class FreeNodes:
         ]
         edge = (count == 2) & ~same & (not mesh.plane)  # two lines meet at a corner
         for k, other in np.unique(np.column_stack([found[first, 1], found[last, 1]])[edge], axis=0):
-            shape = Crossing.of(pieces[k].shape, pieces[other].shape)
+            shape = IntersectionCurve.of(pieces[k].shape, pieces[other].shape)
             if shape is not None:
                 own = edge & (found[first, 1] == k) & (found[last, 1] == other)
                 slides.append(Slide(nodes[own], shape, pieces[k].faces + pieces[other].faces))

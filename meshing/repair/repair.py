@@ -1,4 +1,4 @@
-"""The repair: patches of nodes around spoiled cells, as large as necessary, move until these cells are good."""
+"""The repair: regions of nodes around spoiled cells, as large as necessary, move until these cells are good."""
 
 from __future__ import annotations
 
@@ -13,41 +13,41 @@ from numba.core.event import TimingListener, install_listener
 
 from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.base.threads import Progress, silent
-from sdm_deflect.meshing.mesh.touched import CellScores, TouchedCells
+from sdm_deflect.meshing.mesh.affected import AffectedCells, CellScores
 
 from .elements import Tetrahedra
 from .freedom import FreeNodes
-from .patch import QualityGoal, RepairPatch, RepairResult, improve
+from .region import QualityGoal, RepairRegion, RepairResult, improve
 
 RINGS = (3, 6, 12, 24)
-"""Sizes of patches in rings of cells around spoiled ones; the last size is all nodes."""
+"""Sizes of regions in rings of cells around spoiled ones; the last size is all nodes."""
 MANY = 0.2
 """Ratio of spoiled cells to moving nodes, above which the next larger size is taken at once."""
 FAR, SMALL = 500, 10_000
 """Nodes for each cell below a level, beyond which nodes are too far to help (unless the cell is inverted), and number
-of nodes that is always allowed. A larger patch is tried once, with care; without a gain the level is given up."""
+of nodes that is always allowed. A larger region is tried once, with care; without a gain the level is given up."""
 LEVELS = (0.5, 0.7, 0.8, 0.85)
 """Shares of the least quality before, to which cells are brought in turn, up to the required share. The first share
 that is not reached is the last; the worst cell is then no worse."""
 BEYOND, NEAR = (0.95, 1.0), 2
-"""Levels beyond the required share, and the number of patch sizes tried for them."""
+"""Levels beyond the required share, and the number of region sizes tried for them."""
 LOSS, GAIN = 0.02, 0.02
 """Relative loss of the worst cell that is allowed if fewer cells are below the level, and its gain required if not."""
 LARGER = 1.1
-"""Ratio of a patch's nodes to those of the last one that was too small."""
+"""Ratio of a region's nodes to those of the last one that was too small."""
 POOR = 0.7
 """Share of its floor that the worst cell may have reached, for all nodes to move at once from the start as well."""
 VAIN = 2
-"""Number of patches without a gain, after which a level is given up."""
+"""Number of regions without a gain, after which a level is given up."""
 REST = 0.1
-"""Share of inverted or spoiled cells left, at which a patch is left for a smaller one."""
+"""Share of inverted or spoiled cells left, at which a region is left for a smaller one."""
 FEWER = 0.5
-"""Share of spoiled cells left, up to which the next patch begins at the smallest size again."""
+"""Share of spoiled cells left, up to which the next region begins at the smallest size again."""
 
 
 def repair_cells(
     points: FloatArray,
-    touched: TouchedCells,
+    affected: AffectedCells,
     freedom: FreeNodes,
     share: float,
     limit: float = 0.0,
@@ -55,31 +55,31 @@ def repair_cells(
 ) -> RepairResult:
     """Repair cells that are inverted, or whose quality is below a share of their type's least quality before.
 
-    Nodes around them move until all cells of the patch are as good as the worst was before, or nothing more is gained.
-    While cells miss the share, the next patch is larger. Once none is inverted or misses the limit, no type of cells
+    Nodes around them move until all cells of the region are as good as the worst was before, or nothing more is gained.
+    While cells miss the share, the next region is larger. Once none is inverted or misses the limit, no type of cells
     may lose more than `LOST` of its mean quality and of its 1st percentile, over the whole repair.
 
     Parameters
     ----------
     points : (N, 3) deflected mesh.
-    touched : the touched cells, and the undeflected mesh.
+    affected : the affected cells, and the undeflected mesh.
     freedom : the nodes that may move.
     share, limit : shares of their type's least quality before that cells should have, and must have.
     """
     begin = perf_counter()
     with install_listener("numba:compile", TimingListener()) as compiling:
-        made = _repair(points, touched, freedom, share, limit, progress)
+        made = _repair(points, affected, freedom, share, limit, progress)
     return replace(made, seconds=perf_counter() - begin - (compiling.duration if compiling.done else 0.0))
 
 
 def _repair(
-    points: FloatArray, touched: TouchedCells, freedom: FreeNodes, share: float, limit: float, progress: Progress
+    points: FloatArray, affected: AffectedCells, freedom: FreeNodes, share: float, limit: float, progress: Progress
 ) -> RepairResult:
-    goal, every = QualityGoal.of(touched, freedom), freedom
-    parts = zip(touched.mesh.cells, touched.rows, touched.orientation, strict=True)
-    tetrahedra = Tetrahedra.of(touched.mesh.points, parts).of_cells(~touched.before.inverted)
+    goal, every = QualityGoal.of(affected, freedom), freedom
+    parts = zip(affected.mesh.cells, affected.rows, affected.orientation, strict=True)
+    tetrahedra = Tetrahedra.of(affected.mesh.points, parts).of_cells(~affected.before.inverted)
     freedom = _without_layers(points, tetrahedra, freedom, goal.misses(goal.scores(points), share))
-    goal = QualityGoal.of(touched, freedom)
+    goal = QualityGoal.of(affected, freedom)
     here, found, steps, kept = points, goal.scores(points), 0, None
     start = found
     for level, sizes, far in _levels(share, limit, len(points)):
@@ -101,7 +101,7 @@ def _repair(
             here, found = there, other
     if len(freedom.images.nodes):
         here = points + freedom.images.projected(here - points)
-    made = RepairResult.of(points, here, touched, every, share)
+    made = RepairResult.of(points, here, affected, every, share)
     return replace(made, steps=steps)
 
 
@@ -121,12 +121,12 @@ def _without_layers(points: FloatArray, tetrahedra: Tetrahedra, freedom: FreeNod
 
 
 class Target(NamedTuple):
-    """A share of their floor that cells should reach, and the patches for it.
+    """A share of their floor that cells should reach, and the regions for it.
 
     Attributes
     ----------
-    share, rings : the share, and the sizes of patches in rings.
-    far : nodes of a patch for each cell below the share, beyond which a patch of more than `SMALL` is not tried.
+    share, rings : the share, and the sizes of regions in rings.
+    far : nodes of a region for each cell below the share, beyond which a region of more than `SMALL` is not tried.
     spread : (T, 2) spread to keep (`QualityGoal.spread`); None to keep none.
     progress : called with the work's name and the share done.
     """
@@ -139,7 +139,7 @@ class Target(NamedTuple):
 
 
 def _levels(share: float, limit: float, points: int) -> Iterator[tuple[float, tuple[int, ...], float]]:
-    """Yield the levels in turn, the sizes of their patches, and how far these reach; the first level is no inversion.
+    """Yield the levels in turn, the sizes of their regions, and how far these reach; the first level is no inversion.
 
     `points` is the number of points.
     """
@@ -155,9 +155,9 @@ def _raise_quality(
 ) -> tuple[FloatArray, CellScores, int]:
     """Bring all cells to a level if possible; return all points (N, 3), the scores and the steps.
 
-    A patch is as small as the number of cells below the level allows. It grows while that number does not halve, until
-    nothing more is gained. To keep a spread, each patch is first repaired with care for all its cells, and without if
-    that gains nothing. If a node leaves its plane face, the patch is repaired again with the nodes of this face held.
+    A region is as small as the number of cells below the level allows. It grows while that number does not halve, until
+    nothing more is gained. To keep a spread, each region is first repaired with care for all its cells, and without if
+    that gains nothing. If a node leaves its plane face, the region is repaired again with the nodes of this face held.
     """
     level, sizes, far, spread, progress = wanted
     size, last, steps, vain, careful = 0, 0, 0, 0, spread is not None
@@ -169,13 +169,13 @@ def _raise_quality(
         if not len(unknown) or (large and len(unknown) > far * count):
             break
         progress(f"repair: {count} cells, {len(unknown)} nodes", nan)
-        patch = RepairPatch.of(points, tetrahedra, unknown, freedom, goal.with_weights(found, careful))
-        new, taken = improve(patch, level, REST * (size > 0))
+        region = RepairRegion.of(points, tetrahedra, unknown, freedom, goal.with_weights(found, careful))
+        new, taken = improve(region, level, REST * (size > 0))
         beyond = freedom.slides_left_by(points, new)
         if beyond:
             freedom, last, steps = freedom.without(beyond), 0, steps + taken
             continue
-        after = found.with_scores(patch.cells, patch.goal.scores(new))
+        after = found.with_scores(region.cells, region.goal.scores(new))
         steps, left = steps + taken, goal.misses(after, level)
         if _is_better(left.sum() < count, goal.least(after) - goal.least(found), level) and goal.keeps(after, spread):
             points, found, below, vain = new, after, left, 0
@@ -198,10 +198,10 @@ def _patch_nodes(
     sizes: tuple[int, ...],
     after: tuple[int, int],
 ) -> tuple[int, IntArray]:
-    """Return the next size of patches, and its nodes (U,); no nodes if no size is left.
+    """Return the next size of regions, and its nodes (U,); no nodes if no size is left.
 
-    Sizes hardly larger than the last patch, and sizes full of spoiled cells, are skipped. `points` is the number of
-    points; `after` is the first allowed size, and the number of nodes of the last patch.
+    Sizes hardly larger than the last region, and sizes full of spoiled cells, are skipped. `points` is the number of
+    points; `after` is the first allowed size, and the number of nodes of the last region.
     """
     movable = np.bincount(freedom.nodes, minlength=points) > 0
     for size in range(after[0], len(sizes)):
@@ -213,7 +213,7 @@ def _patch_nodes(
 
 
 def _is_better(fewer: bool, gain: float, level: float) -> bool:
-    """Return whether to keep a patch: it has fewer cells below the level, or its worst cell gained enough."""
+    """Return whether to keep a region: it has fewer cells below the level, or its worst cell gained enough."""
     return (fewer and gain >= -LOSS) or gain > GAIN if level else fewer
 
 

@@ -11,7 +11,7 @@ State = tuple[int, int, int, int]
 States = Mapping[str, State | None]
 """States by path; None for a missing file."""
 HELD = 64
-"""Largest number of files held open; a process may open only some hundreds."""
+"""Largest number of open files; a process may open only some hundreds."""
 
 
 def states_of(paths: Iterable[Path]) -> dict[str, State | None]:

@@ -132,7 +132,7 @@ class SizeLimits:
     Attributes
     ----------
     file : Bytes of a mesh file that is read in one piece.
-    held : Points held in memory while cells are read, by a runner that shares it.
+    in_memory : Points in memory while cells are read, by a runner that shares it.
     points, cells : Points and cells in one piece.
     sent, sent_pairs : Points sent to be evaluated at a time, and pairs with centres below which none are sent.
     matrix : Entries of a view's evaluation matrix, 256 MB; larger sums are computed at every angle.
@@ -140,7 +140,7 @@ class SizeLimits:
     """
 
     file: int = 1 << 25
-    held: int = 1 << 23
+    in_memory: int = 1 << 23
     points: int = 1 << 20
     cells: int = 1 << 19
     sent: int = 1 << 18

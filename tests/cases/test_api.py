@@ -88,7 +88,7 @@ def test_a_result_says_what_it_is(turned, block):
 @pytest.mark.parametrize("name", ["wing.cgns", "case"])
 @pytest.mark.parametrize("held", [0, 1 << 23])
 def test_a_plan_of_a_file_is_the_deflection_of_the_whole_to_the_bit(held, name, inboard_wing, tmp_path, monkeypatch):
-    limited(monkeypatch, held=held)
+    limited(monkeypatch, in_memory=held)
     path, wing = tmp_path / name, inboard_wing
     format_of(path).write(wing.mesh, path)
     wanted = {

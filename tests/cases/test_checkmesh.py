@@ -12,11 +12,11 @@ from sdm_deflect.cases.run.metrics import deflection_figures, face_rows
 from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.polyhedra import polyhedral_cells
+from sdm_deflect.meshing.mesh.affected import AffectedCells
 from sdm_deflect.meshing.mesh.cells import Cells, Patch, Periodic
 from sdm_deflect.meshing.mesh.faces import FACES as OF_SHAPES
 from sdm_deflect.meshing.mesh.mesh import Mesh
-from sdm_deflect.meshing.mesh.orthogonality import TouchedFaces, face_quality
-from sdm_deflect.meshing.mesh.touched import TouchedCells
+from sdm_deflect.meshing.mesh.orthogonality import AffectedFaces, face_quality
 from tests.cases import foam
 from tests.cases.snappy import CONTROL
 from tests.deform.blocks import block_with_body, grid
@@ -117,12 +117,12 @@ def pushed(points, height, push, zigzag):
 def test_cells_that_are_not_inverted_fail_by_their_faces(name, change, fault, tmp_path):
     """Ours fails from 85 degrees on, checkMesh from 90."""
     mesh = bricks()
-    touched = TouchedCells.of(mesh, np.arange(len(mesh.points)))
+    affected = AffectedCells.of(mesh, np.arange(len(mesh.points)))
     moved = pushed(mesh.points, *change)
-    faces = TouchedFaces.of(touched)
+    faces = AffectedFaces.of(affected)
     failing = [row[0] for row in faces.verdicts(faces.at(moved)) if row[1] > row[2]]
     assert failing == [name] * bool(name)
-    assert not touched.newly_inverted(moved).any()
+    assert not affected.newly_inverted(moved).any()
     said = asked(mesh.with_points(moved), tmp_path / "case")
     assert ("Mesh OK." not in said) == fault
 
@@ -177,7 +177,7 @@ def test_a_sheared_block_has_the_angle_by_which_it_is_sheared():
 def test_faces_at_fault_before_do_not_excuse_others():
     """As many faces are at fault as before, but others."""
     mesh = bricks()
-    faces = TouchedFaces.of(TouchedCells.of(mesh, np.arange(len(mesh.points))))
+    faces = AffectedFaces.of(AffectedCells.of(mesh, np.arange(len(mesh.points))))
     skewness, cosines = faces.before.skewness.copy(), faces.before.cosines.copy()
     skewness[3], cosines[5] = 6.0, np.cos(np.radians(88.0))
     before = faces.before._replace(skewness=skewness, cosines=cosines)
@@ -195,8 +195,8 @@ def test_faces_at_fault_before_do_not_excuse_others():
 def test_figures_of_a_deflection_are_of_the_touched_cells_before_and_after(turned):
     figures = deflection_figures(turned)
     of, rows = face_rows(figures)
-    assert of == "faces of the touched cells"
+    assert of == "faces of the affected cells"
     assert len(rows) == 5
-    touched = figures["face_quality"]["touched"]
-    assert touched["after"]["non_orthogonality_max"] > touched["before"]["non_orthogonality_max"]
-    assert touched["after"]["faces"] == touched["before"]["faces"] < face_quality(turned.plan.mesh).faces
+    affected = figures["face_quality"]["touched"]
+    assert affected["after"]["non_orthogonality_max"] > affected["before"]["non_orthogonality_max"]
+    assert affected["after"]["faces"] == affected["before"]["faces"] < face_quality(turned.plan.mesh).faces

@@ -50,7 +50,7 @@ def test_what_a_format_cannot_hold_is_said(tmp_path, sdm):
     FORMATS["cgns"].write(hybrid(), tmp_path / "mesh.cgns")
     code, out, _ = sdm("convert", tmp_path / "mesh.cgns", tmp_path / "mesh.b8.ugrid")
     assert code == 0
-    assert "not held by this format: mesh.mapbc tells boundary conditions by the names of patches alone" in out
+    assert "lost in this format: mesh.mapbc tells boundary conditions by the names of patches alone" in out
 
 
 @pytest.mark.parametrize(

@@ -41,7 +41,7 @@ def run(tmp_path):
     folder = tmp_path / "aileron"
     folder.mkdir()
     (folder / "deflected.vtu").touch()
-    return SimpleNamespace(folder=folder, plan=SimpleNamespace(mesh=cube()), points=cube(np.pi).points, background=None)
+    return SimpleNamespace(folder=folder, plan=SimpleNamespace(mesh=cube()), points=cube(np.pi).points, validation=None)
 
 
 @pytest.fixture
@@ -67,7 +67,7 @@ def test_every_format_holds_the_mesh(run, form, which):
 
 
 def test_an_overset_pair_is_one_cgns_file_of_two_zones(run, tmp_path):
-    run.background = cube(-1.0, 5.0)
+    run.validation = SimpleNamespace(background=cube(-1.0, 5.0))
     out, _ = export_run(run, "cgns", out=tmp_path / "pair.cgns")
     mesh = FORMATS["cgns"].read(out)
     assert [(zone.name, zone.start, zone.stop) for zone in mesh.zones] == [("block", 0, 8), ("background", 8, 16)]

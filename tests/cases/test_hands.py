@@ -28,8 +28,8 @@ def test_each_cell_is_judged_in_its_own_hand(share):
     np.testing.assert_array_equal(one.points, other.points)
     assert one.quality == other.quality
     assert one.boxes[0].repaired is not None
-    assert np.count_nonzero(other.plan.touched.newly_inverted(other.boxes[0].interpolated)) > 0
-    assert sum(other.plan.touched.inverted) == 0
+    assert np.count_nonzero(other.plan.affected.newly_inverted(other.boxes[0].interpolated)) > 0
+    assert sum(other.plan.affected.inverted) == 0
 
 
 def test_a_cell_that_is_good_in_neither_hand_stays():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.base.threads import Threads
-from sdm_deflect.deform.volume import excerpt
+from sdm_deflect.deform.volume import submesh
 from sdm_deflect.meshing.formats import openfoam_pieces, rewriting, tables
 from sdm_deflect.meshing.formats.registry import format_of, in_pieces
 from sdm_deflect.meshing.formats.shapes import mirror_nodes
@@ -75,8 +75,8 @@ def written(mesh: Mesh, path: Path) -> Path:
 def called(monkeypatch, sdm):
     """Run a command; return its code, what it printed, and how many meshes were read in pieces."""
     taken = []
-    whole = excerpt.excerpt
-    monkeypatch.setattr(excerpt, "excerpt", lambda *all_: taken.append(1) or whole(*all_))
+    whole = submesh.submesh
+    monkeypatch.setattr(submesh, "submesh", lambda *all_: taken.append(1) or whole(*all_))
 
     def call(large, *words):
         taken.clear()
@@ -100,7 +100,7 @@ def figures(found, name=""):
 def alike(called, monkeypatch, tmp_path):
     """Deflect a file whole and in many pieces; return the figures, which are the same, as all bytes written are."""
 
-    limited(monkeypatch, points=1000, cells=700, held=0)
+    limited(monkeypatch, points=1000, cells=700, in_memory=0)
     small_values = (tables, "SMALL", 0), (rewriting, "RANGE", 500), (polyhedra, "ROWS", 300)
     for module, name, size in (*small_values, (openfoam_pieces, "SPAN", 50), (openfoam_pieces, "BATCH", 200)):
         monkeypatch.setattr(module, name, size)
@@ -145,12 +145,12 @@ def flaps():
 def test_a_flap_in_cells_of_four_shapes(suffix, change, shared, small, alike, tmp_path, monkeypatch):
     """By threads that hold the points of a scattered mesh in memory, and by others that cannot."""
     if not shared:
-        own = excerpt.excerpt
+        own = submesh.submesh
 
         def apart(mesh, job, angles, _, told):
             return own(mesh, job, angles, Apart(), told)
 
-        monkeypatch.setattr(excerpt, "excerpt", apart)
+        monkeypatch.setattr(submesh, "submesh", apart)
     if not suffix and change is left_handed:
         change = turned
     found = alike(written(change(small), tmp_path / f"wing{suffix}"), *FLAP, "--angle", "8")
@@ -201,7 +201,7 @@ def test_parts_of_a_patch(words, plates, alike):
 
 @pytest.mark.parametrize("suffix", [".cgns", *nightly(".su2", ".lb8.ugrid", ".r4.ugrid", ".b8l.ugrid", ".msh"), CASE])
 def test_nodes_by_their_numbers_in_the_file(suffix, small, alike, tmp_path):
-    """Held and driven nodes are numbers of the whole file's nodes, wherever they are in an excerpt."""
+    """Held and driven nodes are numbers of the whole file's nodes, wherever they are in a submesh."""
     mesh = shuffled(small)
     flap = mesh.on(*(name for name in mesh.names if "flap" in name))
     held = np.intersect1d(flap, mesh.on(*(name for name in mesh.names if "wing" in name)))

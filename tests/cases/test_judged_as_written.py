@@ -115,7 +115,7 @@ def test_the_verdict_is_of_the_numbers_on_the_disk(name, thin, tmp_path):
     points = ON_DISK[name](out, len(thin.mesh.points)).astype(np.float64)
     before = ON_DISK[name](tmp_path / name, len(points)).astype(np.float64)
     checks = {check.name: check for check in done.poses[0].checks}
-    for quality in done.plan.touched.quality(points):
+    for quality in done.plan.affected.quality(points):
         assert checks[f"quality_min:{quality.shape}"].value == quality.min
     change = layer_change(done.plan.boxes[0], points)
     assert checks["layer_height"].value == change.changes.max()

@@ -17,8 +17,8 @@ from sdm_deflect.cases.report.finished import FinishedRun
 from sdm_deflect.cases.report.folder import PART, part_of, write_arrays, write_run_folder
 from sdm_deflect.cases.report.page import page
 from sdm_deflect.cases.report.pictures import Gallery
+from sdm_deflect.cases.report.scene3d import TABLES, _corners, turnable
 from sdm_deflect.cases.report.slices import CutPlane, by_size, cut_cells, cut_walls, planes, triangles_of
-from sdm_deflect.cases.report.turnable import TABLES, _corners, turnable
 from sdm_deflect.cases.run.output import RUN, check_installed
 from sdm_deflect.cases.settings.jobs import jobs_of
 from sdm_deflect.deform.checks import checks_of
@@ -224,7 +224,7 @@ def test_page_of_a_hybrid_mesh_is_turnable(coarse_wing, opened, tmp_path):
     data = write_run_folder(tmp_path, one, tuple(checks_of(one)), None, {})
     tab, _, complaints = opened(tmp_path / "report.html")
     tab.locator("#scene-threshold").fill("0.6")
-    blocks = zip(data.mesh.cells, one.plan.touched.rows, strict=True)
+    blocks = zip(data.mesh.cells, one.plan.affected.rows, strict=True)
     quality = np.concatenate([quality_of(one.points, block, rows) for block, rows in blocks])
     said = f"{(quality < 0.6).sum()} of {len(quality)} cells below 0.60, 0 inverted"
     assert tab.locator("#scene-count").inner_text() == said
@@ -257,7 +257,7 @@ def test_pictures_of_the_near_cells_are_those_of_all(cells, coarse_wing):
     assert own == whole
     assert near.worst() == pytest.approx(data.worst(), rel=1e-12)
     for plane_of in planes(data, data.boxes[0], data.surfaces[0]):
-        signed = [zip(one.mesh.cells, one.boxes[0].touched.orientation, strict=True) for one in (data, near)]
+        signed = [zip(one.mesh.cells, one.boxes[0].affected.orientation, strict=True) for one in (data, near)]
         areas = [
             sorted(area(p) for block, sign in own for p in cut_cells(data.points, block, plane_of, sign)[0])
             for own in signed
@@ -338,7 +338,7 @@ def test_turnable_cells_of_polyhedra_are_those_of_their_types_or_triangles_of_th
     hinge = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
     one = deflect(Plan.of(mesh, [Job((Moving(("body",), Rotation.about(*hinge), 5.0),))]), (5.0,))
     (group,) = turnable(folders.data_of(one))["cells"]["groups"]
-    rows = one.plan.touched.rows[0]
+    rows = one.plan.affected.rows[0]
     assert (group["shape"], group["corners"], group["cell"]) == ("hexahedron", 8, None)
     assert len(b64decode(group["rows"])) == 4 * len(rows)
     alone, triangles = _corners(mesh.cells[0], rows)

@@ -64,7 +64,7 @@ def test_a_plan_by_path_has_the_bits_of_a_plan_by_mesh(name, pieces, block, tmp_
     mesh = sdm.read(path)
     expected = sdm.plan(mesh, "body", **TURN)
     if pieces:
-        limited(monkeypatch, file=0, held=0, points=97, cells=61)
+        limited(monkeypatch, file=0, in_memory=0, points=97, cells=61)
     found = sdm.plan(path, "body", **TURN)
     assert bool(found.plan.mesh.whole) == (pieces and name not in ("mesh.vtu", "mesh.msh"))
     gradient = np.random.default_rng(1).normal(size=mesh.points.shape)
@@ -98,7 +98,7 @@ def test_plane_meshes_and_two_zones_by_path(pieces, block, tmp_path, monkeypatch
         expected = sdm.plan(mesh, surface, **given)
         with pytest.MonkeyPatch.context() as patch:
             if pieces:
-                limited(patch, file=0, held=0, points=97, cells=61)
+                limited(patch, file=0, in_memory=0, points=97, cells=61)
             found = sdm.plan(tmp_path / file, surface, **given)
         assert found.at(4).tobytes() == expected.at(4).tobytes()
         assert (found.at(4) != mesh.points).any()
@@ -110,7 +110,7 @@ def test_a_plan_of_one_amount_by_path_is_its_deflection(block, tmp_path, monkeyp
     given = {"hinge": TURN["hinge"], "angle": 5.0}
     expected = sdm.deflect(sdm.read(path), "body", **given).points
     whole = sdm.plan(path, "body", **given)
-    limited(monkeypatch, file=0, held=0, points=97, cells=61)
+    limited(monkeypatch, file=0, in_memory=0, points=97, cells=61)
     for one in (whole, sdm.plan(path, "body", **given)):
         assert one.at(5).tobytes() == expected.tobytes()
         assert one.at(0).tobytes() == block.points.tobytes()

@@ -13,11 +13,11 @@ from PIL import Image
 from sdm_deflect.cases.aircraft.metrics import metrics
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.aircraft.report import report_data_of
-from sdm_deflect.cases.aircraft.run_folder import FinishedCase
+from sdm_deflect.cases.aircraft.run_folder import finished_case
 from sdm_deflect.cases.report.page import LARGEST, page, policy
 from sdm_deflect.cases.report.pictures import draw_pictures
+from sdm_deflect.cases.report.scene3d import thin_patch, turnable
 from sdm_deflect.cases.report.slices import triangles_of
-from sdm_deflect.cases.report.turnable import thin_patch, turnable
 
 PICTURE = re.compile(r"data:image/(?:png|webp);base64,([\w+/=]+)")
 DRAWN = "#turnable[data-state={}]"
@@ -144,7 +144,7 @@ def test_every_picture_says_what_it_shows(aileron_run, opened):
 
 def test_page_is_made_anew_from_the_folder(aileron_run, tmp_path):
     run, folder = aileron_run
-    fresh, stored = data_of(run), FinishedCase.of(folder).fresh_report_data()
+    fresh, stored = data_of(run), finished_case(folder).rejudged_data()
     assert stored.checks == fresh.checks
     (own,), (other,) = stored.boxes, fresh.boxes
     assert [(c.box, c.directions, c.centres) for c in own.fits.convergence] == [
@@ -197,7 +197,7 @@ def area(corners):
 def test_dots_are_thinned_and_counted(tail_run, monkeypatch):
     data = data_of(tail_run[0])
     (whole,) = (one for one in turnable(data)["dots"] if one["name"] == "sites on the surface")
-    monkeypatch.setattr("sdm_deflect.cases.report.turnable.MOST_DOTS", 100)
+    monkeypatch.setattr("sdm_deflect.cases.report.scene3d.MOST_DOTS", 100)
     few = turnable(data)["dots"][0]
     assert len(b64decode(few["points"])) <= 100 * 12 < len(b64decode(whole["points"]))
     assert few["count"] == whole["count"]

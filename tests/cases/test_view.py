@@ -89,7 +89,7 @@ def page(made, opened):
 @pytest.mark.parametrize("name", ["wing", "plate", "quads", "bodies"])
 def test_sliders_move_nodes_and_qualities_as_the_plan_does(name, page):
     tab, result, held = page(name)
-    touched, mesh = result.plan.touched, result.plan.mesh
+    affected, mesh = result.plan.affected, result.plan.mesh
     size = max(float(np.ptp(mesh.points[mesh.patch(one).nodes], axis=0).max()) for one in result.plan.patches)
     rng = np.random.default_rng(8)
     poses = [held.amounts, *(tuple(rng.uniform(one.low, one.high) for one in held.controls) for _ in range(19))]
@@ -102,7 +102,7 @@ def test_sliders_move_nodes_and_qualities_as_the_plan_does(name, page):
                 nodes = np.sort(patch.nodes)
                 off = np.abs(np.reshape(got["patches"][patch.name], (-1, 3)) - expected[nodes]).max()
                 assert off <= 1e-6 * size
-        quality = touched.scores(expected)[0]
+        quality = affected.scores(expected)[0]
         for group in got["cells"]:
             shapes.add(group["shape"])
             np.testing.assert_allclose(group["quality"], quality[group["rows"]], atol=1e-3)

@@ -150,7 +150,7 @@ def test_cells_inverted_far_away_do_not_excuse_those_that_invert_in_the_box(torn
     broken = twisted(block, far[: torn.inverted])
     settings = {"angle": 60.0, "box": TIGHT, "fitting": Fitting(max_steps=1)}
     result = turn(broken, allow_inverted=True, **settings)
-    assert sum(result.plan.touched.inverted) == torn.inverted
+    assert sum(result.plan.affected.inverted) == torn.inverted
     check = named(result)["inverted_cells"]
     assert (check.value, check.limit) == (torn.inverted, 0)
     assert not check.passed
@@ -295,4 +295,4 @@ def test_a_cell_that_no_repair_can_mend_is_named_with_its_patches():
     assert inverted_of(result.points, cells)[row]
     assert "(hexahedron) with nodes on" in check.where
     assert "body" in check.where
-    assert check.where.endswith("all its nodes are held: no repair can mend it")
+    assert check.where.endswith("all its nodes stay: no repair can mend it")

@@ -10,15 +10,15 @@ from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.options import Repair
 from sdm_deflect.deform.surface.motions import Moving, Table
 from sdm_deflect.deform.volume.deflection import deflect
-from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.plan import Plan
+from sdm_deflect.deform.volume.submesh import submesh
 from sdm_deflect.meshing.mesh.cells import Cells, Patch
 from sdm_deflect.meshing.mesh.compiled_quality import CORNERS
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.deform.blocks import FACES, grid
 from tests.deform.jobs import placed
-from tests.deform.volume.test_excerpt import Elsewhere, in_pieces
+from tests.deform.volume.test_submesh import Elsewhere, in_pieces
 
 BOX = Given.at(np.array([[0.05, 0.05, -0.1], [1.15, 0.75, 0.55]]))
 ABOVE, PULLED = (0.6, 0.4, 0.1), (0.5, 0.3, 0.0)
@@ -97,17 +97,17 @@ def test_cells_that_were_good_keep_their_quality_beside_one_that_was_inverted(sh
     plan = Plan.of(mesh, [pulled(mesh, 0.1, "off")])
     found = deflect(plan, (1.0,))
     (old,) = plan.before
-    quality, was_inverted = plan.touched.scores(mesh.points)
+    quality, was_inverted = plan.affected.scores(mesh.points)
     good = ~was_inverted & (quality > 0.0)
     check = checked(found)[f"quality_min:{shape}"]
     assert old.min <= 0.0
     assert check.limit == 0.1 * quality[good].min() > 0.0
-    assert check.value == plan.touched.scores(found.points).quality[good].min()
-    assert check.over == good.sum() < plan.touched.count
+    assert check.value == plan.affected.scores(found.points).quality[good].min()
+    assert check.over == good.sum() < plan.affected.count
     assert check.passed
     flat = found.points.copy()
     (block,) = mesh.cells
-    corner, *ends = block.nodes[plan.touched.rows[0][good][0]][list(CORNERS[shape][0])]
+    corner, *ends = block.nodes[plan.affected.rows[0][good][0]][list(CORNERS[shape][0])]
     flat[corner] += 0.999 * (flat[ends].mean(axis=0) - flat[corner])
     assert not checked(placed(found, flat))[f"quality_min:{shape}"].passed
 
@@ -122,10 +122,10 @@ def test_a_repair_ends_where_no_cell_is_inverted_that_was_not_before():
     assert all(check.passed for check in checked(found).values())
 
 
-def test_an_excerpt_counts_the_same_cells():
+def test_a_submesh_counts_the_same_cells():
     mesh = floor("tetra")
     job = pulled(mesh, 0.9, "off")
-    part = excerpt(in_pieces(mesh), (job,), ((1.0,),), Elsewhere())
+    part = submesh(in_pieces(mesh), (job,), ((1.0,),), Elsewhere())
     whole, found = (checked(deflect(Plan.of(one, [job]), (1.0,))) for one in (mesh, part))
     assert found["inverted_cells"].value > 0
     for name in ("inverted_cells", "quality_min:tetra"):

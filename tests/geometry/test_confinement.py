@@ -56,10 +56,10 @@ def test_the_surface_is_inside_and_touches_the_hinge_and_rib_faces(plain_model, 
     corners = hexahedron_corners(fighter, surface, Margins())
     points = np.concatenate([face.tessellation(1e-4)[0] for face in plain_model.faces_of(surface)])
     assert depth(corners, points).min() > -1e-12
-    touched = {"x-", *rib_faces(fighter, surface)} if not surface.startswith("tail") else set()
+    affected = {"x-", *rib_faces(fighter, surface)} if not surface.startswith("tail") else set()
     normals, offsets = planes(corners)
     distances = (offsets - points @ normals.T).min(axis=0)
-    assert {name for name, d in zip(FACES, distances, strict=True) if d < 1e-12} == touched
+    assert {name for name, d in zip(FACES, distances, strict=True) if d < 1e-12} == affected
 
 
 @pytest.mark.parametrize("surface", SURFACES)

@@ -10,11 +10,11 @@ import pytest
 from sdm_deflect.cases.aircraft.job import BLOCK, block_stations
 from sdm_deflect.cases.aircraft.overset import has_donor, orphans
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.cases.aircraft.run_folder import FinishedCase, undeflected_models
+from sdm_deflect.cases.aircraft.run_folder import undeflected_models
 from sdm_deflect.geometry.parameters import Aileron, Fighter
 from sdm_deflect.meshing.formats.vtu import write_vtu
 from sdm_deflect.meshing.mesh.labelled import tets_of
-from tests.cases.sdm.deflected_cad import built
+from tests.cases.sdm.deflected_cad import rechecked
 from tests.labelled import changed
 
 pytestmark = pytest.mark.mesher
@@ -90,10 +90,7 @@ def test_the_background_of_a_finished_run_is_judged_as_well(chimera_run, tmp_pat
     models = undeflected_models(run.case)
 
     def judge(folder):
-        return {
-            check.name: check.passed
-            for check in FinishedCase.of(folder).recheck_with(lambda: built(run.case), lambda _: models)
-        }
+        return {check.name: check.passed for check in rechecked(folder, run.case, models)}
 
     assert all(judge(folder).values())
     copy, mesh = shutil.copytree(folder, tmp_path / "run"), run.background

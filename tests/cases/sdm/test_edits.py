@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.cases.aircraft.run_folder import FinishedCase, undeflected_models
+from sdm_deflect.cases.aircraft.run_folder import undeflected_models
 from sdm_deflect.cases.errors import is_reported
 from sdm_deflect.meshing.formats.vtu import read_vtu, write_vtu
 from sdm_deflect.meshing.mesh.labelled import tets_of
-from tests.cases.sdm.deflected_cad import built
+from tests.cases.sdm.deflected_cad import rechecked
 from tests.labelled import changed
 
 pytestmark = pytest.mark.mesher
@@ -30,7 +30,7 @@ def judge(finished):
 
     def call(folder):
         try:
-            checks = FinishedCase.of(folder).recheck_with(lambda: built(case), lambda _: models)
+            checks = rechecked(folder, case, models)
         except (RuntimeError, ValueError) as error:
             if is_reported(error):
                 return str(error)

@@ -11,9 +11,9 @@ import rigid_cad
 from sdm_deflect.cases.aircraft.cad import deflected_cad, undeflected_cad
 from sdm_deflect.cases.aircraft.job import axis_of
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.cases.aircraft.run_folder import FinishedCase, undeflected_models
+from sdm_deflect.cases.aircraft.run_folder import undeflected_models
 from sdm_deflect.meshing.formats.vtu import read_vtu, write_vtu
-from tests.cases.sdm.deflected_cad import built
+from tests.cases.sdm.deflected_cad import rechecked
 
 pytestmark = pytest.mark.mesher
 CASE = case_named("aileron-free")
@@ -67,7 +67,7 @@ def test_a_nanometre_is_seen_in_every_direction(free_run, tmp_path):
         points = mesh.points.copy()
         points[nodes[100], axis] += 1e-9
         write_vtu(tmp_path / "deflected.vtu", mesh.with_points(points))
-        checks = FinishedCase.of(tmp_path).recheck_with(lambda: built(run.case), lambda _: models)
+        checks = rechecked(tmp_path, run.case, models)
         assert "surface_to_rigid_cad" in {one.name for one in checks if not one.passed}
         found = rigid_cad.distances(tmp_path, "aileron_left", -30.0, tmp_path / "sdm.brep")
         assert found["node by node"] == pytest.approx(1e-9, rel=1e-6)

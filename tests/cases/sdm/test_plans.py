@@ -35,7 +35,7 @@ def test_a_tail_is_met_between_the_angles_that_were_read(make_mesh):
     held, (box,) = MeshMotion.of(plan), plan.boxes
     (step,) = held.snapshots[0].deflections[0].steps
     for angle in np.linspace(-14.0, 14.0, 15):
-        expected = deflect_in_steps(box, (angle,), 1, earlier=step, held=True).points
+        expected = deflect_in_steps(box, (angle,), 1, earlier=step, keep_centers=True).points
         assert np.abs(held.at(angle) - expected).max() <= 0.1 * box.sites.tolerance
         assert not held.deflection(angle).inverted
         assert held.deflection(angle).boxes[0].site_error <= 1.1 * box.sites.tolerance

@@ -9,11 +9,11 @@ import pytest
 
 from sdm_deflect.base.errors import InputError
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.cases.aircraft.run_folder import FinishedCase, undeflected_models
-from sdm_deflect.meshing.formats.vtu import vtu_arrays, write_vtu
+from sdm_deflect.cases.aircraft.run_folder import undeflected_models
+from sdm_deflect.meshing.formats.vtu import read_vtu, vtu_arrays, write_vtu
 from sdm_deflect.meshing.mesh.labelled import tets_of
 from sdm_deflect.meshing.mesh.quality import mean_ratio
-from tests.cases.sdm.deflected_cad import built
+from tests.cases.sdm.deflected_cad import rechecked
 
 pytestmark = pytest.mark.mesher
 
@@ -31,7 +31,7 @@ def failing(finished):
     models = undeflected_models(case)
 
     def call(folder):
-        checks = FinishedCase.of(folder).recheck_with(lambda: built(case), lambda _: models)
+        checks = rechecked(folder, case, models)
         return {check.name for check in checks if not check.passed}
 
     return call
@@ -39,8 +39,7 @@ def failing(finished):
 
 def changed(folder, change):
     """Change the points and the repair of deflected.vtu: `change(points, repair, free)` writes into them."""
-    finished = FinishedCase.of(folder)
-    before, after = finished.plan.mesh, finished.deflected
+    before, after = (read_vtu(folder / f"{name}.vtu") for name in ("undeflected", "deflected"))
     repair, points = vtu_arrays(folder / "deflected.vtu")["repair"].copy(), after.points.copy()
     inner = np.setdiff1d(np.flatnonzero(repair.any(axis=1)), before.on(*before.names))
     change(points, repair, inner)

@@ -35,11 +35,11 @@ def test_no_displacement_no_rotation_to_the_last_bit():
     assert not of().rotations(np.zeros((40, 3))).any()
     moved = np.zeros((40, 3))
     moved[0] = 0.1
-    touched = np.unique(EDGES[(EDGES == 0).any(axis=1)])
+    affected = np.unique(EDGES[(EDGES == 0).any(axis=1)])
     turns = of().rotations(moved)
-    others = np.setdiff1d(np.arange(40), touched)
+    others = np.setdiff1d(np.arange(40), affected)
     assert not turns[others].any()
-    assert turns[touched].any(axis=(1, 2)).all()
+    assert turns[affected].any(axis=(1, 2)).all()
 
 
 def test_a_pure_stretch_turns_nothing():

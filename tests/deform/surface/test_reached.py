@@ -6,7 +6,7 @@ import pytest
 from sdm_deflect.cases.run.metrics import deflection_figures, motions
 from sdm_deflect.deform.surface.blended import Blended, Rib
 from sdm_deflect.deform.surface.motions import Rotation, Table
-from sdm_deflect.deform.surface.reached import Reached
+from sdm_deflect.deform.surface.reached_share import ReachedShare
 from sdm_deflect.deform.surface.surface import OnPatches, Surface
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.plan import Plan
@@ -32,7 +32,7 @@ def wedge():
 
 def reached(surface, motion, angle):
     law = motion.law(surface)
-    return Reached.of(surface.points, law.displacement(angle), HINGE.axis, angle, law)
+    return ReachedShare.of(surface.points, law.displacement(angle), HINGE.axis, angle, law)
 
 
 def between_ribs(strip):

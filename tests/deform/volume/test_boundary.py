@@ -7,7 +7,7 @@ from sdm_deflect.base.errors import InputError
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Moving, Rotation
 from sdm_deflect.deform.surface.surface import OnPatches, Surface
-from sdm_deflect.deform.volume.boundary import PrescribedNodes
+from sdm_deflect.deform.volume.boundary import PrescribedMotion
 from sdm_deflect.deform.volume.job import Job
 from tests.deform.jobs import FLAP, WING, blended, job, turn
 
@@ -17,10 +17,10 @@ HINGE = Rotation.about([0.7, 0.0, 0.0], [0.7, 1.0, 0.0])
 def test_two_surfaces_turn_by_their_own_angles(hybrid_wing):
     mesh = hybrid_wing.mesh
     one, two = Moving(("flap_upper",), HINGE, 10.0), Moving(("flap_base",), HINGE, -5.0)
-    apart = PrescribedNodes.of(mesh, Job((one, two), force=True))
+    apart = PrescribedMotion.of(mesh, Job((one, two), force=True))
     with pytest.raises(InputError, match=r"\d+ nodes of flap_base also belong to another moving surface"):
         apart.displacement((10.0, -5.0))
-    same = PrescribedNodes.of(mesh, Job((one, Moving(("flap_base",), HINGE, 10.0)), force=True))
+    same = PrescribedMotion.of(mesh, Job((one, Moving(("flap_base",), HINGE, 10.0)), force=True))
     every = Surface.of(mesh, ("flap_upper", "flap_base"))
     np.testing.assert_allclose(same.displacement((4.0, 4.0)), HINGE.law(every).displacement(4.0), atol=1e-16)
 
@@ -47,15 +47,15 @@ def test_a_patch_has_one_part(block):
         ({"fixed": ("x-",), "slide": {"x-": "plane"}}, "x- cannot be fixed and sliding"),
     ):
         with pytest.raises(InputError, match=f"mesh: patch {parts} at once"):
-            PrescribedNodes.of(block, job(("body",), **given))
+            PrescribedMotion.of(block, job(("body",), **given))
     twice = Job((Moving(("body",), HINGE, 1.0), Moving(("bod*",), HINGE, 1.0)))
     with pytest.raises(InputError, match="mesh: patch body belongs to two moving surfaces"):
-        PrescribedNodes.of(block, twice)
+        PrescribedMotion.of(block, twice)
 
 
 def test_a_wildcard_in_fixed_leaves_out_what_has_another_part(block):
-    assert PrescribedNodes.of(block, job(("body",), fixed=("*",))).fixed == ("x-", "x+", "y-", "y+", "z-", "z+")
-    some = PrescribedNodes.of(block, job(("body",), fixed=("*",), slide={"x-": "plane"}))
+    assert PrescribedMotion.of(block, job(("body",), fixed=("*",))).fixed == ("x-", "x+", "y-", "y+", "z-", "z+")
+    some = PrescribedMotion.of(block, job(("body",), fixed=("*",), slide={"x-": "plane"}))
     assert some.fixed == ("x+", "y-", "y+", "z-", "z+")
     assert some.declared_patches == ("body", "x+", "y-", "y+", "z-", "z+", "x-")
 
@@ -63,17 +63,17 @@ def test_a_wildcard_in_fixed_leaves_out_what_has_another_part(block):
 @pytest.mark.parametrize("given", [{"fixed": ("boddy",)}, {"slide": {"boddy": "plane"}}])
 def test_an_unknown_patch_with_the_nearest_names(block, given):
     with pytest.raises(InputError, match=r"'boddy' is no patch; did you mean body\?"):
-        PrescribedNodes.of(block, job(("body",), **given))
+        PrescribedMotion.of(block, job(("body",), **given))
 
 
 def test_an_unknown_surface_like_none(block):
     with pytest.raises(InputError, match="the patches are body, x-, x"):
-        PrescribedNodes.of(block, job(("flaperon",)))
+        PrescribedMotion.of(block, job(("flaperon",)))
 
 
 def test_nodes_shared_with_fixed_and_sliding_patches_stay_and_slide_to_the_bit(inboard_wing):
     w = inboard_wing
-    boundary = PrescribedNodes.of(w.mesh, job(FLAP, w.hinge, **blended(w)))
+    boundary = PrescribedMotion.of(w.mesh, job(FLAP, w.hinge, **blended(w)))
     move = boundary.displacement((10.0,))
     shared = np.isin(boundary.nodes, w.mesh.on("wing_upper", "wing_lower", "wing_base"))
     assert shared.any()
@@ -87,7 +87,7 @@ def test_nodes_shared_with_fixed_and_sliding_patches_stay_and_slide_to_the_bit(i
 def test_a_displacement_that_is_at_hand_is_not_computed_again_and_cannot_be_written_into(inboard_wing):
     w = inboard_wing
     motion = Blended(Rotation.about(*w.hinge), held=OnPatches(("wing_*",)))
-    boundary = PrescribedNodes.of(w.mesh, job(FLAP, w.hinge, **blended(w, motion=motion)))
+    boundary = PrescribedMotion.of(w.mesh, job(FLAP, w.hinge, **blended(w, motion=motion)))
     first = boundary.displacement((10.0,))
     known = boundary.knowing([(10.0,)])
     assert np.array_equal(known.displacement((10.0,)), first)

@@ -16,9 +16,9 @@ from sdm_deflect.deform.volume import deflection
 from sdm_deflect.deform.volume.deflection import Deflection, deflect
 from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.deform.volume.step import take
+from sdm_deflect.meshing.mesh.affected import Least
 from sdm_deflect.meshing.mesh.cells import Cells
 from sdm_deflect.meshing.mesh.mesh import Mesh
-from sdm_deflect.meshing.mesh.touched import Least
 from tests.deform.blocks import block_with_body, two_bodies
 from tests.deform.jobs import FLAP, blended, box_plan, job, sensitivity, turn
 
@@ -174,7 +174,7 @@ def test_two_steps_are_tried_where_one_leaves_cells_poor(block, monkeypatch, bef
         tried.append(count)
         return stepped(plan, amounts, count, *rest)
 
-    def least(touched, points, quality):
+    def least(affected, points, quality):
         return ((Least(before, 1), Least(after[tried[-1]], 1)),)
 
     monkeypatch.setattr(deflection, "deflect_in_steps", known)
@@ -251,7 +251,7 @@ def test_several_boxes_of_one_mesh_give_what_each_gives_alone():
         assert np.array_equal(both.points[rest], mesh.points[rest])
         assert both.amounts == angles
         assert not both.inverted
-    assert plan.touched.count == sum(part.touched.count for part in plan.boxes)
+    assert plan.affected.count == sum(part.affected.count for part in plan.boxes)
     checks = {check.name: check for check in checks_of(found[0])}
     assert {"site_error:left", "site_error:right", "outside_moved", "quality_min:hexahedron"} < checks.keys()
     assert all(check.passed for check in checks.values())
@@ -282,6 +282,6 @@ def test_a_mesh_numbered_left_handed_gives_the_same_points(block):
     (cells,) = block.cells
     mirrored = Mesh(block.points, (Cells("hexahedron", cells.nodes[:, [4, 5, 6, 7, 0, 1, 2, 3]]),), block.patches)
     result = turn(mirrored)
-    assert result.plan.touched.orientation == (-1.0,)
+    assert result.plan.affected.orientation == (-1.0,)
     assert all(check.passed for check in checks_of(result))
     assert np.array_equal(result.points, turn(block).points)

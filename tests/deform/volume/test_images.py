@@ -16,7 +16,7 @@ from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.meshing.mesh.cells import Cells, Patch, Periodic
 from sdm_deflect.meshing.mesh.images import Images
 from sdm_deflect.meshing.mesh.selection import Selection, Within, with_selections
-from sdm_deflect.meshing.repair import patch as goal
+from sdm_deflect.meshing.repair import region as goal
 from tests.deform.blocks import block_with_body
 from tests.deform.jobs import job, placed, sensitivity
 from tests.deform.paired import about_x, airfoil, bound, sector, wedge

@@ -11,13 +11,13 @@ from sdm_deflect.cases.cli.commands import cli
 from sdm_deflect.cases.settings.job_settings import settings_of
 from sdm_deflect.cases.settings.jobs import jobs_of
 from sdm_deflect.deform.loop import run
-from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.job import pose_of
 from sdm_deflect.deform.volume.mirror import FLIP
 from sdm_deflect.deform.volume.plan import Plan
+from sdm_deflect.deform.volume.submesh import submesh
 from sdm_deflect.meshing.formats.registry import FORMATS, read
 from tests.deform.blocks import two_bodies
-from tests.deform.volume.test_excerpt import in_pieces
+from tests.deform.volume.test_submesh import in_pieces
 
 HINGE = [[-1.0, 1.25, 0.0], [1.0, 1.25, 0.1]]
 OPTIONS = {"mirror": "left", "margin": 0.4}
@@ -84,10 +84,10 @@ def test_a_mesh_that_is_not_its_image_to_the_bit_is_fitted_and_said_to_be(mesh):
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_an_excerpt_has_all_that_both_boxes_need(mesh, sign):
+def test_a_submesh_has_all_that_both_boxes_need(mesh, sign):
     one, other = side(mesh)
     jobs = jobs_of(settings_of(one, HINGE, 8.0, {"mirror": other, "sign": sign, "margin": 0.4}))
-    part = excerpt(in_pieces(mesh), jobs, (pose_of(jobs),), HERE)
+    part = submesh(in_pieces(mesh), jobs, (pose_of(jobs),), HERE)
     whole, found = (next(run(Plan.of(given, jobs))).deflection for given in (mesh, part))
     assert np.array_equal(found.points, whole.points[part.numbers(np.arange(len(part.points)))])
     assert found.quality == whole.quality

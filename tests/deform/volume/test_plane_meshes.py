@@ -14,10 +14,10 @@ from sdm_deflect.deform.surface.motions import Moving, Rotation
 from sdm_deflect.deform.volume.deflection import deflect as carried_out
 from sdm_deflect.deform.volume.job import Job, Sliding
 from sdm_deflect.deform.volume.plan import Plan
+from sdm_deflect.meshing.mesh.affected import AffectedCells
 from sdm_deflect.meshing.mesh.cells import Cells, Patch
 from sdm_deflect.meshing.mesh.edges import polygons_of, rim, sharp_edges
 from sdm_deflect.meshing.mesh.mesh import Mesh
-from sdm_deflect.meshing.mesh.touched import TouchedCells
 from sdm_deflect.meshing.repair.freedom import FreeNodes
 from sdm_deflect.meshing.repair.repair import repair_cells
 from tests.deform.plates import plate
@@ -143,9 +143,9 @@ def test_shuffled_nodes_find_back(shape, seed):
     some = rng.permutation(inner)[: int(0.3 * len(inner))]
     points = mesh.points.copy()
     points[some] = points[rng.permutation(some)]
-    touched = TouchedCells.of(mesh, np.arange(len(points)))
-    assert touched.newly_inverted(points).sum() > 40
-    found = repair_cells(points, touched, FreeNodes(inner, ()), 0.9)
+    affected = AffectedCells.of(mesh, np.arange(len(points)))
+    assert affected.newly_inverted(points).sum() > 40
+    found = repair_cells(points, affected, FreeNodes(inner, ()), 0.9)
     assert not len(found.inverted)
     assert not found.left
     assert (found.points[:, 2] == 0.0).all()

@@ -13,7 +13,7 @@ from sdm_deflect.deform.box.automatic import Automatic
 from sdm_deflect.deform.box.hexahedron import Hexahedron, box
 from sdm_deflect.deform.checks import checks_of, left_behind
 from sdm_deflect.deform.surface.motions import Rotation
-from sdm_deflect.deform.volume.boundary import PrescribedNodes
+from sdm_deflect.deform.volume.boundary import PrescribedMotion
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.job import Section
 from sdm_deflect.deform.volume.plan import Plan
@@ -72,7 +72,7 @@ def test_boxes_that_overlap_are_named_with_their_depth():
 def test_an_automatic_box_holds_the_motion_on_its_way(block):
     made = job(("body",), angle=90.0, box=Automatic(0.01))
     law, points = Rotation.about(*Y_AXIS), block.points[block.on("body")]
-    hexahedron = confining_box(PrescribedNodes.of(block, made), [(90.0,)])[1].hexahedron
+    hexahedron = confining_box(PrescribedMotion.of(block, made), [(90.0,)])[1].hexahedron
     for angle in (0.0, 22.5, 45.0, 67.5, 90.0):
         assert hexahedron.contains(points + law.axis.displacement(points, angle), 1e-9).all()
 
@@ -263,4 +263,4 @@ def test_without_near_wall_following_the_free_nodes_go_where_the_interpolant_say
     free = step.start.free
     expected = block.points[free] + step.fits.interpolant(block.points[free])
     assert np.array_equal(step.points[free], expected)
-    assert step.start.acting == ()
+    assert step.start.modifiers == ()

@@ -178,7 +178,7 @@ def test_a_blended_flap_shears_in_its_strips_and_a_rigid_surface_nowhere(inboard
     assert np.isin(surface.nodes[law.strip], one.sites.moving[sheared]).mean() > 0.8
     rigid = box_plan(hybrid_wing.mesh, job(WING, hybrid_wing.hinge, slide={"symmetry": "plane"}))
     assert not rigid.sites.sheared.any()
-    assert not len(rigid.start(hybrid_wing.mesh.points).acting[0].layers.rows)
+    assert not len(rigid.start(hybrid_wing.mesh.points).modifiers[0].layers.rows)
 
 
 def test_sites_that_keep_their_distance_are_kept():

@@ -130,7 +130,7 @@ def test_common_centres_do_as_well(inboard_wing, flapped):
 
 def test_the_interpolants_give_the_points_away_from_the_surfaces(rigid, hybrid_wing):
     (step,) = rigid.boxes[0].steps
-    start, near = step.start, step.start.acting[0]
+    start, near = step.start, step.start.modifiers[0]
     away = np.setdiff1d(start.free, start.free[near.free.follow.rows])
     moved = hybrid_wing.mesh.points[away] + step.fits.interpolant(hybrid_wing.mesh.points[away])
     np.testing.assert_allclose(rigid.points[away], moved, atol=1e-15)

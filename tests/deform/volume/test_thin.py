@@ -14,16 +14,16 @@ from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.surface.surface import OnPatches
 from sdm_deflect.deform.volume.deflection import deflect
-from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.plan import Plan
+from sdm_deflect.deform.volume.submesh import submesh
 from sdm_deflect.meshing.mesh.cells import Cells, Patch
 from sdm_deflect.meshing.mesh.mesh import Mesh
-from sdm_deflect.meshing.mesh.thin import Halfway, ThinMesh
+from sdm_deflect.meshing.mesh.thin import MidPlane, ThinMesh
 from tests.deform.blocks import block_with_body
 from tests.deform.jobs import job
 from tests.deform.paired import about_x, bound, section, wedge
-from tests.deform.volume.test_excerpt import in_pieces
 from tests.deform.volume.test_images import made
+from tests.deform.volume.test_submesh import in_pieces
 from tests.limits import limited
 
 THICKNESSES = (0.01, 1.0, 100.0)
@@ -111,9 +111,9 @@ def test_a_plane_across_another_axis_is_as_good():
 
 @pytest.mark.parametrize("kind", [thick, sliding])
 def test_a_mesh_in_pieces_gives_the_same_bits(kind, monkeypatch):
-    limited(monkeypatch, points=90, cells=70, held=0)
+    limited(monkeypatch, points=90, cells=70, in_memory=0)
     mesh = kind(100.0)
-    part = excerpt(replace(in_pieces(mesh), periodic=mesh.periodic), [WANTED], ((10.0,),), HERE)
+    part = submesh(replace(in_pieces(mesh), periodic=mesh.periodic), [WANTED], ((10.0,),), HERE)
     whole, own = turned(mesh), turned(part)
     assert own.points.tobytes() == whole.points[part.whole.nodes].tobytes()
     assert figures(own) == figures(whole)
@@ -166,11 +166,11 @@ def test_sides_that_are_fixed_or_oblique_make_no_plane_mesh():
 
 def test_the_plane_is_known_from_its_numbers():
     mesh, _ = made("wedge")
-    for one in (Halfway(1, 0.05), Halfway.of(mesh.points, mesh.periodic[0])):
-        again = pickle.loads(pickle.dumps(Halfway.from_numbers(one.numbers)))
+    for one in (MidPlane(1, 0.05), MidPlane.of(mesh.points, mesh.periodic[0])):
+        again = pickle.loads(pickle.dumps(MidPlane.from_numbers(one.numbers)))
         assert np.array_equal(again.places(mesh.points), one.places(mesh.points))
     with pytest.raises(ValueError, match="not in list"):
-        Halfway.from_numbers(np.array([3.0, 0.0]))
+        MidPlane.from_numbers(np.array([3.0, 0.0]))
 
 
 def one_patch(mesh, names, name="sides"):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.meshing.formats.fitted import CORNERS, TURNS, true_shapes
+from sdm_deflect.meshing.formats.conforming_zones import CORNERS, TURNS, true_shapes
 from sdm_deflect.meshing.mesh.cells import Cells
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.meshing.formats.examples import grid

@@ -12,7 +12,7 @@ from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.meshing.mesh.cells import Cells, Patch, Polygons, Zone
-from sdm_deflect.meshing.mesh.crossing import Crossings
+from sdm_deflect.meshing.mesh.crossing import IntersectingFaces
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.deform.blocks import FACES, grid
 from tests.frozen.test_frozen import FOLDER, frozen_mesh
@@ -56,38 +56,38 @@ def bulged(mesh, height):
 @pytest.mark.parametrize("gap", [1e-3, 1e-2, 3e-2])
 def test_a_skin_that_bulges_through_another_one(gap, shape):
     mesh = two_sheets(gap, shape)
-    found = Crossings.of(mesh, bulged(mesh, 0.08))
+    found = IntersectingFaces.of(mesh, bulged(mesh, 0.08))
     assert found.faces > 0
     assert found.where.startswith("the first is of low, through high at (")
-    assert Crossings.of(mesh, bulged(mesh, 0.9 * gap)).faces == 0
-    assert Crossings.of(mesh, bulged(mesh, -0.08)).faces == 0
+    assert IntersectingFaces.of(mesh, bulged(mesh, 0.9 * gap)).faces == 0
+    assert IntersectingFaces.of(mesh, bulged(mesh, -0.08)).faces == 0
 
 
 def test_nothing_that_moves_is_not_applicable():
     mesh = two_sheets(0.01)
-    assert Crossings.of(mesh, mesh.points) == Crossings(0, 0, 0)
+    assert IntersectingFaces.of(mesh, mesh.points) == IntersectingFaces(0, 0, 0)
     alone = Mesh(mesh.points, (), (Patch("nodes", (), np.arange(50)),))
-    assert Crossings.of(alone, bulged(mesh, 0.1)) == Crossings(0, 0, 0)
+    assert IntersectingFaces.of(alone, bulged(mesh, 0.1)) == IntersectingFaces(0, 0, 0)
 
 
 def test_zones_overlap_and_are_not_compared():
     mesh = two_sheets(0.01, zones=(Zone("one", 0, 100), Zone("other", 100, 164)))
-    assert Crossings.of(mesh, bulged(mesh, 0.08)).faces == 0
+    assert IntersectingFaces.of(mesh, bulged(mesh, 0.08)).faces == 0
 
 
 def test_patches_without_a_common_node_that_overlap_before_are_not_compared():
     mesh = two_sheets(0.03)
     start = mesh.with_points(bulged(mesh, 0.04))
-    assert Crossings.of(start, bulged(mesh, 0.08)).faces == 0
+    assert IntersectingFaces.of(start, bulged(mesh, 0.08)).faces == 0
 
 
 def test_patches_that_share_a_node_are_compared_but_for_faces_that_cross_before():
     mesh = two_sheets(0.03)
     tie = Patch("high", (*mesh.patches[1].faces, Cells("triangle", np.array([[0, 100, 101]]))))
     start = Mesh(bulged(mesh, 0.04), (), (mesh.patches[0], tie))
-    few, more = Crossings.of(start, bulged(mesh, 0.0401)), Crossings.of(start, bulged(mesh, 0.08))
+    few, more = IntersectingFaces.of(start, bulged(mesh, 0.0401)), IntersectingFaces.of(start, bulged(mesh, 0.08))
     assert few.faces < more.faces
-    assert Crossings.of(start, start.points + np.ones(3)).faces == 0
+    assert IntersectingFaces.of(start, start.points + np.ones(3)).faces == 0
 
 
 def test_copies_of_a_node_are_neighbours():
@@ -96,7 +96,7 @@ def test_copies_of_a_node_are_neighbours():
     patches = (Patch("low", (low,)), Patch("high", (shifted(high, len(points)),)))
     mesh = Mesh(np.vstack([points, points]), (), patches)
     moved = mesh.points + 0.1 * np.sin(7.0 * mesh.points[:, [1, 2, 0]])
-    assert Crossings.of(mesh, moved).faces == 0
+    assert IntersectingFaces.of(mesh, moved).faces == 0
 
 
 def test_touching_is_no_crossing():
@@ -106,9 +106,9 @@ def test_touching_is_no_crossing():
     patches = (Patch("box", (Cells("quad", cells[:, FACES].reshape(-1, 4)),)), Patch("wall", (shifted(faces, 8),)))
     mesh = Mesh(np.vstack([points, wall]), (), patches)
     down = np.where(np.arange(len(mesh.points))[:, None] < 8, [0.0, 0.0, -1.0], 0.0)
-    assert Crossings.of(mesh, mesh.points + 0.5 * down).faces == 0
-    assert Crossings.of(mesh, mesh.points + (0.5 + 1e-9) * down).faces == 0
-    assert Crossings.of(mesh, mesh.points + (0.5 + 1e-6) * down).faces == 4
+    assert IntersectingFaces.of(mesh, mesh.points + 0.5 * down).faces == 0
+    assert IntersectingFaces.of(mesh, mesh.points + (0.5 + 1e-9) * down).faces == 0
+    assert IntersectingFaces.of(mesh, mesh.points + (0.5 + 1e-6) * down).faces == 4
 
 
 def test_lines_of_a_plane_mesh():
@@ -122,7 +122,7 @@ def test_lines_of_a_plane_mesh():
     for depth, faces in ((0.1, 0), (0.2, 0), (0.3, 2)):
         moved = points.copy()
         moved[4, 1] -= depth
-        assert Crossings.of(mesh, moved).faces == faces
+        assert IntersectingFaces.of(mesh, moved).faces == faces
 
 
 def test_triangles_that_intersect_are_those_of_every_pair():
@@ -135,7 +135,7 @@ def test_triangles_that_intersect_are_those_of_every_pair():
     mesh = Mesh(apart.reshape(-1, 3), (), (patch,))
     pairs = [(i, j) for i, j in combinations(range(60), 2) if any(_hits(*corners[[i, j]]))]
     assert len(pairs) > 30
-    assert Crossings.of(mesh, corners.reshape(-1, 3)).faces == len({face for pair in pairs for face in pair})
+    assert IntersectingFaces.of(mesh, corners.reshape(-1, 3)).faces == len({face for pair in pairs for face in pair})
 
 
 def _hits(one, other):
@@ -189,6 +189,6 @@ def test_no_surface_of_the_aircraft_goes_through_another(name):
     mesh, found = frozen_mesh("block" if "chimera" in name else "aircraft"), np.load(FOLDER / f"{name}.npz")
     points = mesh.points.copy()
     points[found["rows"]] = found["points"]
-    crossings = Crossings.of(mesh, points)
+    crossings = IntersectingFaces.of(mesh, points)
     assert crossings.faces == 0
     assert crossings.moved > 50

@@ -8,10 +8,10 @@ import pytest
 from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.plan import Plan
+from sdm_deflect.meshing.mesh.affected import AffectedCells
 from sdm_deflect.meshing.mesh.cells import Cells, Patch, Polygons, Polyhedra
 from sdm_deflect.meshing.mesh.faces import BoundaryGaps
 from sdm_deflect.meshing.mesh.mesh import Mesh
-from sdm_deflect.meshing.mesh.touched import TouchedCells
 from tests.deform.blocks import block_with_body
 from tests.deform.jobs import job
 from tests.meshing.formats.examples import polyhedral
@@ -46,7 +46,7 @@ def test_two_faces_of_one_owner_each_are_no_face_between_two(owned, inner):
     """Only where a mesh has owners: in a mesh of hexahedra both patches name the face between two."""
     mesh = with_baffle(owned)
     gaps = BoundaryGaps.of(
-        TouchedCells.of(mesh, np.arange(len(mesh.points))), np.arange(len(mesh.points)), ("upper", "lower")
+        AffectedCells.of(mesh, np.arange(len(mesh.points))), np.arange(len(mesh.points)), ("upper", "lower")
     )
     assert (gaps.faces, gaps.loose, gaps.inner) == (0, 0, inner)
 

@@ -66,7 +66,7 @@ def test_a_patch_between_cells_follows_the_mesh(case, form, tmp_path, monkeypatc
         assert found.passed == expected.passed
         assert any("wake: faces between cells, which follow the mesh" in note for note in found.notes)
         return
-    limited(monkeypatch, file=0, held=0, points=97, cells=61)
+    limited(monkeypatch, file=0, in_memory=0, points=97, cells=61)
     plan = sd.plan(path, surface, given["hinge"], 6.0, margin=0.45)
     assert plan.plan.mesh.whole
     np.testing.assert_array_equal(plan.at(6.0), expected.points)
@@ -164,7 +164,7 @@ def test_a_node_inside_another_zone_is_nobodys_copy(pieces, tmp_path, monkeypatc
     FORMATS["cgns"].write(both, tmp_path / "overset.cgns")
     mesh = sd.read(tmp_path / "overset.cgns")
     if pieces:
-        limited(monkeypatch, file=0, held=0, points=97, cells=61)
+        limited(monkeypatch, file=0, in_memory=0, points=97, cells=61)
         plan = sd.plan(tmp_path / "overset.cgns", "body", BODY["hinge"], range=(-3, 3), margin=0.45)
         value = {name for row in plan.measured[0] for name in row.failed}
         assert ("left_behind" in value) == bool(skin.any())
@@ -213,7 +213,7 @@ def test_a_mesh_with_crossed_faces_deflects_as_the_right_one(form, tmp_path, mon
         path = tmp_path / {"ugrid": "wrong.b8.ugrid", "cgns": "wrong.cgns"}.get(form, "wrong.su2")
         FORMATS[path.suffix[1:]].write(wrong, path)
         if form == "pieces":
-            limited(monkeypatch, file=0, held=0, points=97, cells=61)
+            limited(monkeypatch, file=0, in_memory=0, points=97, cells=61)
             plan = sd.plan(path, "body", BODY["hinge"], 6.0, margin=0.45)
             np.testing.assert_array_equal(plan.at(6.0), expected.points)
             return

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from sdm_deflect.meshing.formats.polyhedra import polyhedral_cells
+from sdm_deflect.meshing.mesh.affected import AffectedCells
 from sdm_deflect.meshing.mesh.axis import Axis
 from sdm_deflect.meshing.mesh.cells import Cells, Polygons, Polyhedra
 from sdm_deflect.meshing.mesh.layers import MEASURED, LayerChange, LayerColumns
 from sdm_deflect.meshing.mesh.mesh import Mesh
-from sdm_deflect.meshing.mesh.touched import TouchedCells
 from tests.deform.blocks import block_with_body
 from tests.meshing.formats.blunt_wing import blunt_wing
 from tests.meshing.formats.wing import wing
@@ -19,7 +19,7 @@ WALLS = ("wing_upper", "wing_lower", "flap_upper", "flap_lower")
 
 
 def layers_of(mesh, walls, part=slice(None)):
-    return LayerColumns.of(TouchedCells.of(mesh, np.arange(len(mesh.points))[part]), walls)
+    return LayerColumns.of(AffectedCells.of(mesh, np.arange(len(mesh.points))[part]), walls)
 
 
 def change(columns, before, after, walls, normal=None):

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from sdm_deflect.meshing.mesh.affected import AffectedCells
 from sdm_deflect.meshing.mesh.cells import VOLUMES, Cells, Polygons, Polyhedra
 from sdm_deflect.meshing.mesh.compiled_quality import BLOCK
 from sdm_deflect.meshing.mesh.mesh import Mesh
@@ -21,7 +22,6 @@ from sdm_deflect.meshing.mesh.quality import (
     summarise,
 )
 from sdm_deflect.meshing.mesh.standard import POLYHEDRON, type_of
-from sdm_deflect.meshing.mesh.touched import TouchedCells
 from tests.deform.blocks import block_with_body
 from tests.meshing.formats.examples import KINDS
 
@@ -187,7 +187,7 @@ def test_cells_of_faces_have_the_quality_of_their_type_and_turn_negative(block):
     points = block.points.copy()
     inner = np.setdiff1d(np.arange(len(points)), block.on(*(p.name for p in block.patches)))
     points[inner[0]] += [1.2, 0.0, 0.0]
-    hit = TouchedCells.of(Mesh(points, (cells,), ()), inner[:1]).rows[0]
+    hit = AffectedCells.of(Mesh(points, (cells,), ()), inner[:1]).rows[0]
     assert len(hit) == 8
     assert quality_of(points, cells, hit).min() < 0.0
     assert inverted_of(points, cells, hit).any()
@@ -268,7 +268,7 @@ def test_a_polyhedron_whose_corners_mean_lies_outside_is_not_inverted():
 def test_polyhedra_are_judged_like_the_cells_they_are(block):
     poly = Mesh(block.points, (as_polyhedra(block),), block.patches)
     moved = np.flatnonzero(np.abs(block.points).max(axis=1) < 1.2)
-    one, other = (TouchedCells.of(mesh, moved) for mesh in (block, poly))
+    one, other = (AffectedCells.of(mesh, moved) for mesh in (block, poly))
     assert one.count == other.count
     assert one.orientation == other.orientation == (1.0,)
     shaken = block.points + np.random.default_rng(8).normal(0.0, 0.05, block.points.shape)

@@ -4,9 +4,9 @@ from itertools import permutations
 
 import numpy as np
 
+from sdm_deflect.meshing.mesh.affected import AffectedCells
 from sdm_deflect.meshing.mesh.cells import Cells, Patch
 from sdm_deflect.meshing.mesh.mesh import Mesh
-from sdm_deflect.meshing.mesh.touched import TouchedCells
 from sdm_deflect.meshing.repair.freedom import FreeNodes
 from tests.deform.blocks import grid
 
@@ -48,4 +48,4 @@ def inner(mesh):
 def all_of(mesh, free=None):
     """All cells of a mesh, and the freedom of its inner nodes."""
     nodes = inner(mesh) if free is None else free
-    return TouchedCells.of(mesh, np.arange(len(mesh.points))), FreeNodes(nodes, ())
+    return AffectedCells.of(mesh, np.arange(len(mesh.points))), FreeNodes(nodes, ())

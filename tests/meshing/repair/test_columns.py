@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from sdm_deflect.meshing.mesh.affected import AffectedCells
 from sdm_deflect.meshing.mesh.cells import Cells
 from sdm_deflect.meshing.mesh.layers import LayerColumns
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.sliding import CylinderWall, Plane
-from sdm_deflect.meshing.mesh.touched import TouchedCells
 from sdm_deflect.meshing.repair.freedom import Columns, FreeNodes, Heights, Slide
 from tests.deform.blocks import grid
 
@@ -20,8 +20,8 @@ def rng():
 def found(hybrid_wing):
     """The columns of the wing's layers."""
     mesh = hybrid_wing.mesh
-    touched = TouchedCells.of(mesh, np.arange(len(mesh.points)))
-    layers = LayerColumns.of(touched, mesh.on(*(name for name in mesh.names if name.startswith(("wing", "flap")))))
+    affected = AffectedCells.of(mesh, np.arange(len(mesh.points)))
+    layers = LayerColumns.of(affected, mesh.on(*(name for name in mesh.names if name.startswith(("wing", "flap")))))
     return rigid(layers, mesh.points)
 
 
@@ -90,9 +90,9 @@ def test_a_height_beyond_its_bounds_goes_no_farther():
 @pytest.mark.parametrize("rigidly", [True, False])
 def test_the_gradient_is_that_of_the_kept_places(rigidly):
     mesh = stack()
-    touched = TouchedCells.of(mesh, np.arange(len(mesh.points)))
+    affected = AffectedCells.of(mesh, np.arange(len(mesh.points)))
     walls = np.flatnonzero(mesh.points[:, 2] == 0.0)
-    layers = LayerColumns.of(touched, walls)
+    layers = LayerColumns.of(affected, walls)
     some = np.arange(len(mesh.points)) if rigidly else layers.levels[0][:3, 0]
     columns = Columns.of(layers.levels, some, mesh.points, mesh.points)
     assert [len(pairs) for pairs in columns.pairs] == [8, 8]
@@ -124,7 +124,7 @@ def test_nodes_over_several_others_stay_and_planes_keep_their_own():
     )
     joined = Mesh(points, (Cells("hexahedron", np.where(cells == one, other, cells)),), ())
     walls = np.flatnonzero(points[:, 2] == 0.0)
-    columns = LayerColumns.of(TouchedCells.of(joined, np.arange(len(points))), walls)
+    columns = LayerColumns.of(AffectedCells.of(joined, np.arange(len(points))), walls)
     assert columns.forked.tolist() == [other]
     first = columns.levels[0][:, 0]
     side = np.flatnonzero((points[:, 1] == 0.0) & (points[:, 2] > 0.0))

@@ -5,7 +5,7 @@ import pytest
 
 from sdm_deflect.meshing.mesh.axis import Axis, Cylinder
 from sdm_deflect.meshing.mesh.sliding import CylinderWall, Plane
-from sdm_deflect.meshing.repair.elements import Crossing
+from sdm_deflect.meshing.repair.elements import IntersectionCurve
 
 NORMAL = np.array([0.4, 0.1, 0.9]) / np.linalg.norm([0.4, 0.1, 0.9])
 LEANING = Plane(np.array([0.1, -0.2, 0.3]), NORMAL)
@@ -30,7 +30,7 @@ def on_both(other, rng):
 @pytest.fixture(params=[OTHER, WALL], ids=["line", "ellipse"])
 def case(request):
     rng = np.random.default_rng(3)
-    return Crossing.of(request.param, LEANING), on_both(request.param, rng), rng.normal(0, 0.1, (20, 3))
+    return IntersectionCurve.of(request.param, LEANING), on_both(request.param, rng), rng.normal(0, 0.1, (20, 3))
 
 
 def test_nodes_stay_on_both_and_go_along_with_the_displacement(case):
@@ -67,6 +67,6 @@ def test_the_derivative_is_that_of_differences(case):
 
 def test_shapes_that_do_not_meet_clearly_are_no_crossing():
     tilted = Plane(LEANING.point, NORMAL + np.array([0.0, 0.02, 0.0]))
-    assert Crossing.of(LEANING, tilted) is None
-    assert Crossing.of(WALL, WALL) is None
-    assert Crossing.of(LEANING, None) is None
+    assert IntersectionCurve.of(LEANING, tilted) is None
+    assert IntersectionCurve.of(WALL, WALL) is None
+    assert IntersectionCurve.of(LEANING, None) is None

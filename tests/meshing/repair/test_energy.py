@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.meshing.mesh.quality import mean_ratio
-from sdm_deflect.meshing.repair.elements import REGULAR, PatchElements, Tetrahedra
+from sdm_deflect.meshing.repair.elements import REGULAR, RegionElements, Tetrahedra
 from sdm_deflect.meshing.repair.energy import Energy
 from tests.meshing.repair.meshes import inner, lattice
 
@@ -14,7 +14,7 @@ FORMS = [(0.0, 1), (0.0, 2), (0.0, 8), (0.3, 1), (0.01, 4)]
 def energy_of(mesh, unknown):
     tets = mesh.cells[0].nodes
     parts = [(mesh.cells[0], np.arange(len(tets)), 1.0)]
-    return Energy(PatchElements.of(Tetrahedra.of(mesh.points, parts), unknown, mesh.points, np.ones(len(tets))))
+    return Energy(RegionElements.of(Tetrahedra.of(mesh.points, parts), unknown, mesh.points, np.ones(len(tets))))
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +76,7 @@ def test_the_curvature_is_the_positive_part_of_that_of_differences(eps, power):
         value = np.exp(power * (3.0 * np.log(size) - 2.0 * bend))
         chi = np.outer(slopes[:, 1], slopes[:, 1])
         expected = power * value * (3.0 * second / size * np.eye(3) + 2.0 * chi + power * np.outer(whole, whole))
-        elements = PatchElements(
+        elements = RegionElements(
             np.r_[node, np.delete(np.arange(4), node)], 1, np.array([_placed(node)]), _target(), np.zeros(1, int),
             np.array([0, 1]), np.array([node]),
         )  # fmt: skip

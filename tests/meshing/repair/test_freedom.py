@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from sdm_deflect.meshing.mesh.affected import AffectedCells
 from sdm_deflect.meshing.mesh.sliding import Plane
-from sdm_deflect.meshing.mesh.touched import TouchedCells
-from sdm_deflect.meshing.repair.elements import Crossing
+from sdm_deflect.meshing.repair.elements import IntersectionCurve
 from sdm_deflect.meshing.repair.freedom import FreeNodes
 from sdm_deflect.meshing.repair.repair import repair_cells
 from tests.meshing.repair.meshes import inner, lattice
@@ -33,10 +33,10 @@ def test_faces_edges_and_corners(box, freedom):
     count = sides(box.points)
     kinds = {
         shape: np.concatenate([one.nodes for one in freedom.slides if isinstance(one.shape, shape)])
-        for shape in (Plane, Crossing)
+        for shape in (Plane, IntersectionCurve)
     }
     assert sorted(kinds[Plane]) == np.flatnonzero(count == 1).tolist()
-    assert sorted(kinds[Crossing]) == np.flatnonzero(count == 2).tolist()
+    assert sorted(kinds[IntersectionCurve]) == np.flatnonzero(count == 2).tolist()
     assert np.setdiff1d(np.arange(len(count)), freedom.nodes).tolist() == np.flatnonzero(count == 3).tolist()
 
 
@@ -46,9 +46,9 @@ def test_shuffled_faces_and_edges_find_back(box, freedom, seed):
     way = rng.uniform(-0.7, 0.7, box.points.shape) / COUNT
     way[(box.points == 0.0) | (box.points == 1.0)] = 0.0
     points = box.points + way
-    touched = TouchedCells.of(box, np.arange(len(points)))
-    assert touched.newly_inverted(points).sum() > 100
-    found = repair_cells(points, touched, freedom, 0.9)
+    affected = AffectedCells.of(box, np.arange(len(points)))
+    assert affected.newly_inverted(points).sum() > 100
+    found = repair_cells(points, affected, freedom, 0.9)
     assert not len(found.inverted)
     assert not found.left
     np.testing.assert_allclose(found.points[box.points == 1.0], 1.0, atol=1e-15)
@@ -63,8 +63,8 @@ def test_where_every_face_is_left_nothing_moves(box, monkeypatch):
     monkeypatch.setattr(FreeNodes, "slides_left_by", lambda self, start, points: self.slides)
     points = box.points.copy()
     points[inner(box)] += np.random.default_rng(0).uniform(-0.3, 0.3, (len(inner(box)), 3))
-    touched = TouchedCells.of(box, np.arange(len(points)))
-    found = repair_cells(points, touched, sliding, 0.9)
+    affected = AffectedCells.of(box, np.arange(len(points)))
+    found = repair_cells(points, affected, sliding, 0.9)
     assert np.array_equal(found.points, points)
     assert found.left == found.spoiled > 0
 

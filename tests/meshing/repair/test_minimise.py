@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.meshing.repair.patch import _inverses, minimise
+from sdm_deflect.meshing.repair.region import _inverses, minimise
 
 UNIT = np.array([[1.0, 0.0, 0.0, 1.0, 0.0, 1.0]])
 

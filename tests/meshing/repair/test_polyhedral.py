@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from sdm_deflect.meshing.mesh.affected import AffectedCells
 from sdm_deflect.meshing.mesh.cells import Cells, Polygons, Polyhedra
 from sdm_deflect.meshing.mesh.mesh import Mesh
-from sdm_deflect.meshing.mesh.touched import TouchedCells
 from sdm_deflect.meshing.repair.elements import Tetrahedra, corners_of
 from sdm_deflect.meshing.repair.freedom import FreeNodes
 from sdm_deflect.meshing.repair.repair import repair_cells
@@ -59,11 +59,11 @@ def test_a_shuffled_mesh_of_polyhedra_comes_back(mirrored):
     points = points * [1.0, 1.0, mirrored]
     mesh = polyhedral(Mesh(points, (Cells("hexahedron", cells),), ()))
     inner = np.flatnonzero((np.abs(points - points.mean(axis=0)) < 2.5).all(axis=1))
-    touched = TouchedCells.of(mesh, inner)
+    affected = AffectedCells.of(mesh, inner)
     bent = points.copy()
     bent[inner] += 0.8 * np.random.default_rng(4).uniform(-1.0, 1.0, (len(inner), 3))
-    assert touched.newly_inverted(bent).sum() > 20
-    found = repair_cells(bent, touched, FreeNodes(inner, ()), 0.9)
-    assert touched.newly_inverted(found.points).sum() == 0
-    assert touched.quality(found.points)[0].min > 0.9 / 6.0
+    assert affected.newly_inverted(bent).sum() > 20
+    found = repair_cells(bent, affected, FreeNodes(inner, ()), 0.9)
+    assert affected.newly_inverted(found.points).sum() == 0
+    assert affected.quality(found.points)[0].min > 0.9 / 6.0
     assert np.array_equal(np.delete(found.points, inner, axis=0), np.delete(points, inner, axis=0))

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from sdm_deflect.meshing.mesh.affected import AffectedCells
 from sdm_deflect.meshing.mesh.mesh import Mesh
-from sdm_deflect.meshing.mesh.touched import TouchedCells
-from sdm_deflect.meshing.repair import patch as goal
+from sdm_deflect.meshing.repair import region as goal
 from sdm_deflect.meshing.repair.freedom import FreeNodes
 from sdm_deflect.meshing.repair.repair import repair_cells
 from tests.meshing.repair.meshes import all_of, inner, lattice
@@ -18,12 +18,12 @@ def test_shuffled_nodes_find_back(seed):
     some = rng.permutation(inner(mesh))[: int(0.3 * len(inner(mesh)))]
     points = mesh.points.copy()
     points[some] = points[rng.permutation(some)]
-    touched, freedom = all_of(mesh)
-    assert touched.newly_inverted(points).sum() > 1000
-    found = repair_cells(points, touched, freedom, 0.9)
+    affected, freedom = all_of(mesh)
+    assert affected.newly_inverted(points).sum() > 1000
+    found = repair_cells(points, affected, freedom, 0.9)
     assert not len(found.inverted)
     assert not found.left
-    before, after = touched.quality(mesh.points)[0], touched.quality(found.points)[0]
+    before, after = affected.quality(mesh.points)[0], affected.quality(found.points)[0]
     assert after.min >= 0.9 * before.min
     held = np.setdiff1d(np.arange(len(points)), freedom.nodes)
     assert found.points[held].tobytes() == points[held].tobytes()
@@ -40,11 +40,11 @@ def test_a_bar_whose_surface_is_bent_and_twisted_is_followed(degrees, least):
     y, z = np.cos(turn) * y - np.sin(turn) * z, np.sin(turn) * y + np.cos(turn) * z
     radius = 4.0 / np.radians(90.0) + y
     points[wall] = np.column_stack([radius * np.sin(bend), radius * np.cos(bend), z])
-    touched, freedom = all_of(mesh)
-    assert touched.newly_inverted(points).sum() > 1000
-    found = repair_cells(points, touched, freedom, 0.9)
+    affected, freedom = all_of(mesh)
+    assert affected.newly_inverted(points).sum() > 1000
+    found = repair_cells(points, affected, freedom, 0.9)
     assert not len(found.inverted)
-    assert touched.quality(found.points)[0].min > least
+    assert affected.quality(found.points)[0].min > least
 
 
 @pytest.mark.parametrize("lost", [0.005, 2.0])
@@ -56,9 +56,9 @@ def test_many_cells_are_not_traded_for_few(lost, monkeypatch):
     turn = np.radians(40.0) * np.clip((x - 1.8) / 0.4, 0.0, 1.0)
     y, z = np.cos(turn) * y - np.sin(turn) * z, np.sin(turn) * y + np.cos(turn) * z
     points = np.column_stack([x, 0.5 + y, 0.5 + z])
-    touched, freedom = all_of(mesh)
-    found = repair_cells(points, touched, freedom, 0.9)
-    (before,), (after,) = touched.quality(points), touched.quality(found.points)
+    affected, freedom = all_of(mesh)
+    found = repair_cells(points, affected, freedom, 0.9)
+    (before,), (after,) = affected.quality(points), affected.quality(found.points)
     assert not before.inverted
     assert (before.mean - after.mean < 0.005) == (lost < 1.0)
     assert after.p01 >= before.p01
@@ -66,9 +66,9 @@ def test_many_cells_are_not_traded_for_few(lost, monkeypatch):
 
 def test_weights_rise_with_what_good_cells_shall_keep():
     mesh = lattice()
-    touched, freedom = all_of(mesh)
-    asked = goal.QualityGoal.of(touched, freedom)
-    found = touched.before
+    affected, freedom = all_of(mesh)
+    asked = goal.QualityGoal.of(affected, freedom)
+    found = affected.before
     expected = asked.weights * np.maximum(0.95 * found.quality / found.quality.min(), 1.0) ** 3
     np.testing.assert_allclose(asked.with_weights(found, True).weights, expected)
     assert asked.with_weights(found, False) is asked
@@ -81,8 +81,8 @@ def test_good_cells_far_away_keep_their_bits():
     points = mesh.points.copy()
     (node,) = np.flatnonzero(np.abs(points - [0.5, 0.5, 0.5]).max(axis=1) < 1e-9)
     points[node] += [0.3, 0.0, 0.0]
-    touched, freedom = all_of(mesh)
-    found = repair_cells(points, touched, freedom, 0.9)
+    affected, freedom = all_of(mesh)
+    found = repair_cells(points, affected, freedom, 0.9)
     assert not len(found.inverted)
     assert 0 < len(found.moved) < 0.5 * len(freedom.nodes)
     assert points[found.moved, 0].max() < 2.0
@@ -106,8 +106,8 @@ def test_a_cell_whose_nodes_are_held_inverted_is_told():
     (a, b, c, d) = mesh.cells[0].nodes[held[0]]
     normal = np.cross(points[b] - points[a], points[c] - points[a])
     points[d] -= 2.0 * normal / (normal @ normal) * ((points[d] - points[a]) @ normal)
-    touched, freedom = all_of(mesh)
-    found = repair_cells(points, touched, freedom, 0.9)
+    affected, freedom = all_of(mesh)
+    found = repair_cells(points, affected, freedom, 0.9)
     assert held[0] in found.inverted
 
 
@@ -119,12 +119,12 @@ def test_other_cells_get_their_own_shape_back(block):
     rng = np.random.default_rng(5)
     moved = points.copy()
     moved[free] += rng.uniform(-0.6, 0.6, (len(free), 3))
-    touched = TouchedCells.of(mesh, np.arange(len(points)))
-    assert touched.newly_inverted(moved).sum() > 100
-    found = repair_cells(moved, touched, FreeNodes(free, ()), 0.9)
+    affected = AffectedCells.of(mesh, np.arange(len(points)))
+    assert affected.newly_inverted(moved).sum() > 100
+    found = repair_cells(moved, affected, FreeNodes(free, ()), 0.9)
     assert not len(found.inverted)
     assert np.abs(found.points - points).max() < 0.25
-    assert touched.quality(found.points)[0].min > 0.9
+    assert affected.quality(found.points)[0].min > 0.9
 
 
 def test_the_same_bits_for_any_number_of_threads(monkeypatch):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.around.addition import Acting, Addition, Kept
+from sdm_deflect.deform.around.modifier import Modifier, ModifierAtStep, NodesOnShape
 from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.volume.deflection import Deflection, deflect_box
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
@@ -16,7 +16,7 @@ from tests.deform.jobs import FLAP, blended, job
 
 
 @dataclass(frozen=True)
-class StayInPlane(Addition):
+class StayInPlane(Modifier):
     """Nodes (K,) within the flow stay in a plane."""
 
     nodes: IntArray
@@ -25,12 +25,12 @@ class StayInPlane(Addition):
     def at(self, points: FloatArray, free: IntArray) -> "StayingInPlane":
         return StayingInPlane(np.isin(free, self.nodes, assume_unique=True), points[free], self.plane)
 
-    def shapes(self) -> Sequence[Kept]:
-        return [Kept("plane_within", self.nodes, self.plane)]
+    def shapes(self) -> Sequence[NodesOnShape]:
+        return [NodesOnShape("plane_within", self.nodes, self.plane)]
 
 
 @dataclass(frozen=True)
-class StayingInPlane(Acting):
+class StayingInPlane(ModifierAtStep):
     rows: IntArray
     points: FloatArray
     plane: Plane
@@ -52,7 +52,7 @@ def test_nodes_stay_in_a_given_plane_beside_near_walls_sliding_and_repair(mode, 
     nodes = np.sort(free[np.abs(points[free, 1] - level) < 1e-9])
     plane = Plane(np.array([0.0, level, 0.0]), np.array([0.0, 1.0, 0.0]))
     box = BoxPlan.of(w.mesh, wanted, [(10.0,)], more=(StayInPlane(nodes, plane),))
-    assert [type(one).__name__ for one in box.additions] == ["FollowWalls", "StayInPlane", "Bind"]
+    assert [type(one).__name__ for one in box.modifiers] == ["FollowWalls", "StayInPlane", "ConstrainedNodes"]
     found = deflect_box(box, (10.0,))
     assert bool(found.repaired) == (mode == "always")
     assert len(nodes) > 50

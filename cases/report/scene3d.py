@@ -15,7 +15,7 @@ from sdm_deflect.base.arrays import FloatArray, IntArray, distinct, union
 from sdm_deflect.cases.run.metrics import Json
 from sdm_deflect.deform.mesh_motion import MeshMotion
 from sdm_deflect.deform.surface.motions import Fixed, Powers, Turn
-from sdm_deflect.deform.volume.controls import Control
+from sdm_deflect.deform.volume.controls import ControlRange
 from sdm_deflect.meshing.formats.polyhedra import faces_by_cell
 from sdm_deflect.meshing.mesh.cells import Cells, Patch, Polyhedra, Volume
 from sdm_deflect.meshing.mesh.edges import area_vectors, edges_of, polygons_of, sharp_edges, unit
@@ -268,7 +268,7 @@ def surfaces(data: ReportData, turning: Turning) -> Json:
     return {"surfaces": out, "stands": motion.amounts if motion else (), "command": data.moves}
 
 
-def _functions(own: Control) -> Json:
+def _functions(own: ControlRange) -> Json:
     """Return a surface's functions for the page: kind and numbers, or samples over the range."""
     kind = type(own.functions).__name__
     if isinstance(own.functions, Turn | Powers | Fixed):
@@ -300,8 +300,8 @@ def _touching(data: ReportData, turning: Turning) -> Iterator[tuple[Volume, IntA
     There are S states: before, after, before the repair, and where the mesh was measured.
     """
     blocks = list(data.mesh.cells if data.boxes else ())
-    rows = [union(*(one.touched.rows[i] for one in data.boxes)) for i in range(len(blocks))]
-    signs = data.boxes[0].touched.orientation if blocks else ()
+    rows = [union(*(one.affected.rows[i] for one in data.boxes)) for i in range(len(blocks))]
+    signs = data.boxes[0].affected.orientation if blocks else ()
     measured: list[list[FloatArray]] = [[] for _ in blocks]
     for points in turning.states(data):
         for values, *part in zip(measured, blocks, rows, signs, strict=True):

@@ -234,10 +234,10 @@ def _patches(parts: Sequence[ZoneMesh], numbers: Sequence[IntArray], common: Set
             name = f"{parts[0].name}/{name}" if name in common else name
             kinds.append((name, patch.constraint))
             found.setdefault(name, []).extend(_without_collapsed(patch, index))
-    held = common_constraints(kinds)
+    constraints = common_constraints(kinds)
     if len(parts) == 1 and not parts[0].block:
-        return [Patch(name, tuple(own), constraint=held[name]) for name, own in found.items()]
-    patches = [Patch(name, _sorted_faces(own), constraint=held[name]) for name, own in found.items()]
+        return [Patch(name, tuple(own), constraint=constraints[name]) for name, own in found.items()]
+    patches = [Patch(name, _sorted_faces(own), constraint=constraints[name]) for name, own in found.items()]
     return [patch for patch in patches if patch.faces]
 
 

@@ -1,4 +1,4 @@
-"""What follows from an excerpt of a mesh has the same bits as what follows from all of it."""
+"""What follows from a submesh of a mesh has the same bits as what follows from all of it."""
 
 import pickle
 from dataclasses import dataclass
@@ -10,20 +10,20 @@ from sdm_deflect.base.errors import InputError
 from sdm_deflect.base.threads import Threads
 from sdm_deflect.deform.box.automatic import Automatic
 from sdm_deflect.deform.loop import run
-from sdm_deflect.deform.volume import excerpt
+from sdm_deflect.deform.volume import submesh
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.job import pose_of
 from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.meshing.mesh.cells import Cells, Patch
 from sdm_deflect.meshing.mesh.mesh import Mesh
-from sdm_deflect.meshing.mesh.pieces import MeshInPieces
+from sdm_deflect.meshing.mesh.pieces import MeshOnDisk
 from tests.deform.blocks import block_with_body, joined, two_bodies
 from tests.deform.jobs import job
 from tests.limits import limited
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Held:
+class MeshPieces:
     """A mesh in memory as if it were in a file."""
 
     mesh: Mesh
@@ -62,11 +62,11 @@ class Elsewhere:
 
 @pytest.fixture(autouse=True)
 def small_pieces(monkeypatch):
-    limited(monkeypatch, points=90, cells=70, held=0)
+    limited(monkeypatch, points=90, cells=70, in_memory=0)
 
 
-def in_pieces(mesh: Mesh) -> MeshInPieces:
-    return MeshInPieces(mesh.name, Held(mesh), mesh.patches, mesh.zones)
+def in_pieces(mesh: Mesh) -> MeshOnDisk:
+    return MeshOnDisk(mesh.name, MeshPieces(mesh), mesh.patches, mesh.zones)
 
 
 def shuffled(mesh: Mesh) -> Mesh:
@@ -100,7 +100,7 @@ MESHES = {
 def test_points_and_cells_of_a_deflection(name, runner):
     mesh, moving = MESHES[name]
     own = job(moving, angle=4.0, fixed=far(mesh.names, *moving), box=Automatic(margin=0.6))
-    part = excerpt.excerpt(in_pieces(mesh), (own,), ((4.0,),), runner)
+    part = submesh.submesh(in_pieces(mesh), (own,), ((4.0,),), runner)
     assert len(part.points) < len(mesh.points)
     numbers = part.numbers(np.arange(len(part.points)))
     assert (np.diff(numbers) > 0).all()
@@ -109,23 +109,23 @@ def test_points_and_cells_of_a_deflection(name, runner):
     np.testing.assert_array_equal(found.points, whole.points[numbers])
     rest = np.setdiff1d(np.arange(len(mesh.points)), numbers)
     np.testing.assert_array_equal(whole.points[rest], mesh.points[rest])
-    assert found.plan.touched.count == whole.plan.touched.count == sum(len(rows) for rows in part.whole.rows)
-    for rows, wanted in zip(part.whole.rows, whole.plan.touched.rows, strict=True):
+    assert found.plan.affected.count == whole.plan.affected.count == sum(len(rows) for rows in part.whole.rows)
+    for rows, wanted in zip(part.whole.rows, whole.plan.affected.rows, strict=True):
         np.testing.assert_array_equal(rows, wanted)
     assert found.quality == whole.quality
 
 
-def test_an_excerpt_holds_what_lies_in_any_of_several_boxes():
+def test_a_submesh_holds_what_lies_in_any_of_several_boxes():
     mesh, hinges = two_bodies(), {"left": -1.25, "right": 1.25}
     jobs = [
         job((name,), [[x, 0, 0], [x, 1, 0]], 4.0, box=[[x - 0.9, -1.4, -1.5], [x + 0.9, 1.4, 1.5]])
         for name, x in hinges.items()
     ]
-    part = excerpt.excerpt(in_pieces(mesh), jobs, (pose_of(jobs),), Elsewhere())
+    part = submesh.submesh(in_pieces(mesh), jobs, (pose_of(jobs),), Elsewhere())
     numbers = part.numbers(np.arange(len(part.points)))
     (whole, _), (found, _) = (next(run(Plan.of(one, jobs))) for one in (mesh, part))
     np.testing.assert_array_equal(found.points, whole.points[numbers])
-    assert found.plan.touched.count == whole.plan.touched.count
+    assert found.plan.affected.count == whole.plan.affected.count
     assert found.quality == whole.quality
 
 
@@ -134,29 +134,29 @@ def test_cells_of_the_other_hand_are_judged_as_such(runner):
     mesh = block_with_body()
     turned = Mesh(mesh.points, (Cells("hexahedron", mesh.cells[0].nodes[:, [0, 3, 2, 1, 4, 7, 6, 5]]),), mesh.patches)
     own = job(("body",), angle=4.0, fixed=far(mesh.names, "body"))
-    part = excerpt.excerpt(in_pieces(turned), (own,), ((4.0,),), runner)
+    part = submesh.submesh(in_pieces(turned), (own,), ((4.0,),), runner)
     assert (part.whole.orientation, part.whole.inverted) == ((-1.0,), (0,))
-    assert Plan.of(turned, [own]).touched.orientation == (-1.0,)
+    assert Plan.of(turned, [own]).affected.orientation == (-1.0,)
 
 
 def test_a_job_that_does_not_suit_is_refused_before_cells_are_read():
     mesh = block_with_body()
 
-    class NoCells(Held):
+    class NoCells(MeshPieces):
         def cells_of(self, block, start, stop):
             raise AssertionError
 
-    one = MeshInPieces("block", NoCells(mesh), mesh.patches, mesh.zones)
+    one = MeshOnDisk("block", NoCells(mesh), mesh.patches, mesh.zones)
     for own, said in ((job(("bod",)), "'bod' is no patch"), (job(("body",), fixed=("bogus",)), "'bogus' is no patch")):
         with pytest.raises(InputError, match=said):
-            excerpt.excerpt(one, (own,), ((4.0,),), Threads())
+            submesh.submesh(one, (own,), ((4.0,),), Threads())
 
 
 def test_a_mesh_without_cells_and_a_patch_beyond_the_points():
     mesh = block_with_body()
     own = job(("body",), angle=4.0, fixed=far(mesh.names, "body"))
     with pytest.raises(InputError, match="there are no volume cells"):
-        excerpt.excerpt(in_pieces(Mesh(mesh.points, (), mesh.patches)), (own,), ((4.0,),), Threads())
-    short = Held(Mesh(mesh.points[:700], (), ()))
+        submesh.submesh(in_pieces(Mesh(mesh.points, (), mesh.patches)), (own,), ((4.0,),), Threads())
+    short = MeshPieces(Mesh(mesh.points[:700], (), ()))
     with pytest.raises(InputError, match="patches name points that are not among the 700"):
-        excerpt.excerpt(MeshInPieces("block", short, mesh.patches, ()), (own,), ((4.0,),), Threads())
+        submesh.submesh(MeshOnDisk("block", short, mesh.patches, ()), (own,), ((4.0,),), Threads())

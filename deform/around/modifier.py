@@ -1,4 +1,4 @@
-"""The interface between the paper's method and an addition to it.
+"""The interface between the paper's method and a modifier to it.
 
 A step interpolates the displacement of the *free* nodes. *Bound* nodes slide on a shape or move like their image: their
 displacement is known only after a first fit without them. If there are any, a step has two passes: one for the bound
@@ -14,8 +14,8 @@ from sdm_deflect.deform.rbf.data_sites import DataSites
 from sdm_deflect.meshing.mesh.sliding import SlidingSurface
 
 
-class Acting:
-    """An addition in one step. By default it changes nothing."""
+class ModifierAtStep:
+    """A modifier in one step. By default it changes nothing."""
 
     __slots__ = ()
 
@@ -36,7 +36,7 @@ class Acting:
         return u
 
 
-class Kept(NamedTuple):
+class NodesOnShape(NamedTuple):
     """Nodes that stay on a shape. A repair keeps them there, and a check measures it.
 
     Attributes
@@ -53,8 +53,8 @@ class Kept(NamedTuple):
     of_patch: bool = False
 
 
-class Addition:
-    """An addition to the paper's method, for all steps in one box."""
+class Modifier:
+    """A modifier to the paper's method, for all steps in one box."""
 
     __slots__ = ()
 
@@ -63,10 +63,10 @@ class Addition:
         del hexahedron, spacing
         return sites
 
-    def shapes(self) -> Sequence[Kept]:
+    def shapes(self) -> Sequence[NodesOnShape]:
         """Return the nodes that stay on shapes."""
         return ()
 
-    def at(self, points: FloatArray, free: IntArray) -> Acting:
-        """Return the addition in a step that starts with the mesh at points (N, 3); `free` (Q,) are the free nodes."""
+    def at(self, points: FloatArray, free: IntArray) -> ModifierAtStep:
+        """Return the modifier in a step that starts with the mesh at points (N, 3); `free` (Q,) are the free nodes."""
         raise NotImplementedError

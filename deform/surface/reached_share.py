@@ -24,7 +24,7 @@ STATIONS = 2001
 
 
 @dataclass(frozen=True, slots=True)
-class Reached:
+class ReachedShare:
     """Share of its angle that a surface reaches.
 
     Attributes
@@ -46,7 +46,7 @@ class Reached:
     but: str = ""
 
     @classmethod
-    def of(cls, points: FloatArray, moved: FloatArray, axis: Axis, amount: float, law: MotionLaw) -> "Reached":
+    def of(cls, points: FloatArray, moved: FloatArray, axis: Axis, amount: float, law: MotionLaw) -> "ReachedShare":
         """Compare the displacement `moved` (K, 3) of a surface's nodes with a turn about the hinge by `amount`.
 
         A node's share of the angle is its displacement along the turn's, over the length of the turn's.

@@ -1,6 +1,6 @@
-"""The excerpt of a mesh read in pieces: its boundary, the nodes in the boxes, and the cells that these nodes touch.
+"""The submesh of a mesh read in pieces: its boundary, the nodes in the boxes, and the cells that these nodes touch.
 
-Nodes keep their order, so all that follows from an excerpt has the same bits as from the whole mesh.
+Nodes keep their order, so all that follows from a submesh has the same bits as from the whole mesh.
 """
 
 from collections.abc import Sequence
@@ -14,6 +14,7 @@ from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, distinct, u
 from sdm_deflect.base.errors import InputError, short_list
 from sdm_deflect.base.threads import Progress, Runner, silent
 from sdm_deflect.deform.box.hexahedron import Hexahedron
+from sdm_deflect.meshing.mesh.affected import touching
 from sdm_deflect.meshing.mesh.cells import CORNERS, LARGEST, Cells, Faces, Patch, Polyhedra, Volume
 from sdm_deflect.meshing.mesh.faces import (
     Keys,
@@ -25,18 +26,17 @@ from sdm_deflect.meshing.mesh.faces import (
     patch_keys,
 )  # fmt: skip
 from sdm_deflect.meshing.mesh.mesh import FOLLOWS, Mesh
-from sdm_deflect.meshing.mesh.pieces import MeshInPieces, Pieces, Whole, gather_points
+from sdm_deflect.meshing.mesh.pieces import FullMesh, MeshOnDisk, Pieces, gather_points
 from sdm_deflect.meshing.mesh.polyhedra import SomePolyhedra, join_polyhedra
 from sdm_deflect.meshing.mesh.quality import inverted_of, other_hand, other_handed
 from sdm_deflect.meshing.mesh.standard import POLYHEDRON
-from sdm_deflect.meshing.mesh.touched import touching
 
-from .boundary import PrescribedNodes
+from .boundary import PrescribedMotion
 from .job import Amounts, Job, pose_of, poses_of, prepare, unnamed
 from .region import confining_box
 
 if TYPE_CHECKING:
-    from sdm_deflect.meshing.mesh.thin import Halfway
+    from sdm_deflect.meshing.mesh.thin import MidPlane
 
 PROBES, PROBED = 8, 1 << 14
 """Number of places in a block of cells where their numbering is tested, and cells at each."""
@@ -45,7 +45,7 @@ LARGER = 4
 Block = TypeVar("Block", bound=Faces)
 
 
-class Window(NamedTuple):
+class PointWindow(NamedTuple):
     """The points that some cells need.
 
     Attributes
@@ -61,7 +61,7 @@ class Window(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ScanTask:
+class CellScan:
     """What each piece of the mesh is compared with.
 
     Attributes
@@ -74,7 +74,7 @@ class ScanTask:
     faces : (F,) sorted keys of the patches' faces.
     sign : orientation of each block of cells.
     halfway : in a mesh one cell thick, the plane in which nodes are compared with the boxes.
-    held : all points, if they are held in memory.
+    loaded : all points, if they are in memory.
     """
 
     pieces: Pieces
@@ -84,18 +84,18 @@ class ScanTask:
     keys: Keys = field(repr=False)
     faces: Keys = field(repr=False)
     sign: tuple[float, ...]
-    halfway: "Halfway | None" = None
-    held: Window | None = field(default=None, repr=False)
+    halfway: "MidPlane | None" = None
+    loaded: PointWindow | None = field(default=None, repr=False)
 
-    def holding(self) -> "ScanTask":
-        """Return the task with all points held in memory."""
+    def in_memory(self) -> "CellScan":
+        """Return the task with all points in memory."""
         points = np.empty((self.pieces.points, 3))
         for start in range(0, len(points), threads.LIMITS.points):
             stop = min(start + threads.LIMITS.points, len(points))
             points[start:stop] = self.pieces.coordinates(start, stop)
-        return replace(self, held=self.view_of(points, 0))
+        return replace(self, loaded=self.view_of(points, 0))
 
-    def view(self, nodes: IntArray) -> tuple[Window, IntArray]:
+    def view(self, nodes: IntArray) -> tuple[PointWindow, IntArray]:
         """Return the points that cells with nodes (M, k) or (K,) need, and the nodes as rows of these points.
 
         If neighbours in the file have near nodes, the points are a range; else only the corners of these cells.
@@ -106,8 +106,8 @@ class ScanTask:
             raise InputError(
                 f"{self.pieces.source}: nodes {low} to {high - 1}, but there are {self.pieces.points} points"
             )
-        if self.held:
-            return self.held, nodes
+        if self.loaded:
+            return self.loaded, nodes
         if high - low <= max(nodes.size, threads.LIMITS.points):
             return self.view_of(self.pieces.coordinates(low, high), low), nodes - low
         unique = distinct(nodes)
@@ -116,9 +116,9 @@ class ScanTask:
         changed[_common(unique, self.moving)[0]] = True
         on, known = _common(unique, self.boundary)
         keys[on] = self.keys[known]
-        return Window(points, changed, keys), np.searchsorted(unique, nodes)
+        return PointWindow(points, changed, keys), np.searchsorted(unique, nodes)
 
-    def view_of(self, points: FloatArray, first: int) -> Window:
+    def view_of(self, points: FloatArray, first: int) -> PointWindow:
         """Return a window on a range of points (P, 3) that starts at index `first`."""
         changed = self.inside(points, np.arange(first, first + len(points)))
         keys = np.zeros(len(points), dtype=np.uint64)
@@ -126,7 +126,7 @@ class ScanTask:
         changed[self.moving[rows] - first] = True
         rows = slice(*np.searchsorted(self.boundary, (first, first + len(points))))
         keys[self.boundary[rows] - first] = self.keys[rows]
-        return Window(points, changed, keys)
+        return PointWindow(points, changed, keys)
 
     def inside(self, points: FloatArray, nodes: IntArray) -> BoolArray:
         """Return which nodes (K,) at points (K, 3) lie in a box, in a zone that deforms there."""
@@ -152,7 +152,7 @@ class ScanTask:
 
 
 class CellsFound(NamedTuple):
-    """Touched cells and their rows (R,); numbers of inverted and of mirrored cells; patch faces (F,) of all cells."""
+    """Affected cells and their rows (R,); numbers of inverted and of mirrored cells; patch faces (F,) of all cells."""
 
     rows: IntArray
     cells: Cells | SomePolyhedra
@@ -161,10 +161,10 @@ class CellsFound(NamedTuple):
     faces: IntArray
 
 
-def nodes_inside(task: ScanTask, item: tuple[int, int]) -> tuple[IntArray, FloatArray]:
+def nodes_inside(task: CellScan, item: tuple[int, int]) -> tuple[IntArray, FloatArray]:
     """Return the points of a range that lie inside: indices (M,) and places (M, 3); InputError if not finite."""
     start, stop = item
-    points = task.held.points[start:stop] if task.held else task.pieces.coordinates(start, stop)
+    points = task.loaded.points[start:stop] if task.loaded else task.pieces.coordinates(start, stop)
     numbers = np.arange(start, stop)
     check_points(task.pieces, points, numbers)
     rows = np.flatnonzero(task.inside(points, numbers))
@@ -179,7 +179,7 @@ def check_points(pieces: Pieces, points: FloatArray, numbers: IntArray) -> None:
         raise InputError(f"{pieces.source}: points are {what}, the first is point {int(numbers[np.argmax(bad)])}")
 
 
-def scan_cells(task: ScanTask, item: tuple[int, int, int]) -> CellsFound:
+def scan_cells(task: CellScan, item: tuple[int, int, int]) -> CellsFound:
     """Judge a range of cells of a block."""
     block, start, stop = item
     stored = task.pieces.cells_of(block, start, stop)
@@ -193,12 +193,12 @@ def scan_cells(task: ScanTask, item: tuple[int, int, int]) -> CellsFound:
     other = other_handed(view.points, cells, task.sign[block]) if inverted else np.empty(0, dtype=np.intp)
     if len(other) and isinstance(stored, Cells):
         stored = replace(stored, nodes=other_hand(stored, other))
-    found = touching(cells, view.changed) if task.held or view.changed.any() else np.empty(0, dtype=np.intp)
+    found = touching(cells, view.changed) if task.loaded or view.changed.any() else np.empty(0, dtype=np.intp)
     found = found[found < stop - start]  # one row stands for all polyhedra outside
     return CellsFound(start + found, _some(stored, cells, found), inverted, len(other), _faces_seen(task, view, cells))
 
 
-def beside(task: ScanTask, item: tuple[int, IntArray]) -> CellsFound:
+def beside(task: CellScan, item: tuple[int, IntArray]) -> CellsFound:
     """Return some untouched polyhedra (R,) of a block with all their faces."""
     block, rows = item
     stored = task.pieces.cells_of(block, int(rows[0]), int(rows[-1]) + 1)
@@ -230,7 +230,7 @@ def _common(nodes: IntArray, known: IntArray) -> tuple[IntArray, IntArray]:
     return place[there], first + there
 
 
-def _faces_seen(task: ScanTask, view: Window, cells: Volume) -> IntArray:
+def _faces_seen(task: CellScan, view: PointWindow, cells: Volume) -> IntArray:
     """Return the patch faces (F,) of the cells, once for each cell."""
     if isinstance(cells, Polyhedra):
         keys = face_keys(cells.faces.rows(len(cells.neighbour), len(cells.faces)), view.keys)
@@ -242,8 +242,8 @@ def _faces_seen(task: ScanTask, view: Window, cells: Volume) -> IntArray:
     return np.asarray(place[task.faces[place] == keys])
 
 
-def excerpt(
-    mesh: MeshInPieces, jobs: Sequence[Job], poses: Sequence[Amounts], runner: Runner, progress: Progress = silent
+def submesh(
+    mesh: MeshOnDisk, jobs: Sequence[Job], poses: Sequence[Amounts], runner: Runner, progress: Progress = silent
 ) -> Mesh:
     """Read the part of a mesh that jobs need at some poses of all surfaces.
 
@@ -257,7 +257,7 @@ def excerpt(
     inside, places = _nodes_inside(task, runner, progress)
     scanned, task, between = _cells(mesh, task, runner, progress)
     if rest := unnamed(_inner(task, border, between), border, jobs):
-        return excerpt(_without(mesh, rest), jobs, poses, runner, progress)
+        return submesh(_without(mesh, rest), jobs, poses, runner, progress)
     known = union(task.boundary, inside)
     cells = [piece.cells for block in scanned for piece in block]
     beyond = np.setdiff1d(union(*(part.nodes for part in cells)), known, assume_unique=True)
@@ -267,11 +267,11 @@ def excerpt(
         points[np.searchsorted(nodes, some)] = at
     blocks = [_block(shape, own, nodes) for (shape, _), own in zip(pieces.blocks, scanned, strict=True)]
     bad = tuple(sum(piece.inverted - piece.mirrored for piece in block) for block in scanned)
-    whole = Whole(pieces, nodes, tuple(rows for _, rows in blocks), task.sign, bad)
+    whole = FullMesh(pieces, nodes, tuple(rows for _, rows in blocks), task.sign, bad)
     return _renumber(mesh, points, tuple(cells for cells, _ in blocks), whole)
 
 
-def _in_order(mesh: MeshInPieces) -> tuple[MeshInPieces, Mesh]:
+def _in_order(mesh: MeshOnDisk) -> tuple[MeshOnDisk, Mesh]:
     """Return a mesh with the corners of its patches' faces in order, and its boundary."""
     border = _border(mesh)
     patches, notes = corners_in_order(border.patches, border.points)
@@ -284,7 +284,7 @@ def _in_order(mesh: MeshInPieces) -> tuple[MeshInPieces, Mesh]:
     return replace(mesh, patches=tuple(own), notes=(*mesh.notes, *notes)), replace(border, patches=patches)
 
 
-def _without(mesh: MeshInPieces, names: Sequence[str]) -> MeshInPieces:
+def _without(mesh: MeshOnDisk, names: Sequence[str]) -> MeshOnDisk:
     """Return a mesh without some patches, which follow it; a note says so (`Mesh.without`)."""
     return replace(
         mesh,
@@ -311,24 +311,24 @@ def boundary_in_file(pieces: Pieces, nodes: IntArray) -> IntArray:
     return known[skin]
 
 
-def _inner(task: ScanTask, border: Mesh, between: BoolArray) -> set[str]:
+def _inner(task: CellScan, border: Mesh, between: BoolArray) -> set[str]:
     """Return the patches whose faces were all seen in two cells; `between` (F,) says so of the task's faces."""
     known, keys = task.faces[between], node_keys(len(border.points))
     some = [patch for patch in border.patches if len(patch) and not len(patch.loose)] if len(known) else []
     return {patch.name for patch in some if np.isin(patch_keys(patch, keys), known).all()}
 
 
-def _border(mesh: MeshInPieces) -> Mesh:
+def _border(mesh: MeshOnDisk) -> Mesh:
     """Return the boundary of a mesh without cells, and its periodic nodes."""
     nodes = union(*(patch.nodes for patch in mesh.patches), *(pair.nodes for pair in mesh.periodic))
     if len(nodes) and (nodes[0] < 0 or nodes[-1] >= mesh.pieces.points):
         raise InputError(f"{mesh.name}: patches name points that are not among the {mesh.pieces.points}")
     points = gather_points(mesh.pieces, nodes)
     check_points(mesh.pieces, points, nodes)
-    return _renumber(mesh, points, (), Whole(mesh.pieces, nodes))
+    return _renumber(mesh, points, (), FullMesh(mesh.pieces, nodes))
 
 
-def _renumber(mesh: MeshInPieces, points: FloatArray, cells: tuple[Volume, ...], whole: Whole) -> Mesh:
+def _renumber(mesh: MeshOnDisk, points: FloatArray, cells: tuple[Volume, ...], whole: FullMesh) -> Mesh:
     """Return a mesh of some of the nodes, with patches, zones and periodic pairs in their numbering."""
 
     def own(block: Block) -> Block:
@@ -348,7 +348,7 @@ def _renumber(mesh: MeshInPieces, points: FloatArray, cells: tuple[Volume, ...],
     return Mesh(points, cells, patches, zones, mesh.name, source, mesh.notes, whole, periodic, files)
 
 
-def _task(mesh: MeshInPieces, border: Mesh, own: Mesh, jobs: Sequence[Job], poses: Sequence[Amounts]) -> ScanTask:
+def _task(mesh: MeshOnDisk, border: Mesh, own: Mesh, jobs: Sequence[Job], poses: Sequence[Amounts]) -> CellScan:
     """Return the task for jobs at some poses of all surfaces; `own` is the border that `prepare` returned for them."""
     boxes: list[tuple[Hexahedron, IntArray]] = []
     moving, halfway = [np.empty(0, dtype=np.intp)], None
@@ -357,7 +357,7 @@ def _task(mesh: MeshInPieces, border: Mesh, own: Mesh, jobs: Sequence[Job], pose
             from .mirror import with_box_of
 
             job = with_box_of(job, boxes[job.image_of][0])
-        boundary = PrescribedNodes.of(own, job)
+        boundary = PrescribedMotion.of(own, job)
         zones, box = confining_box(boundary, job.ends(amounts))
         names = {zone.name for zone in zones}
         spans = [(zone.start, zone.stop) for zone in mesh.zones if zone.name in names]
@@ -367,15 +367,15 @@ def _task(mesh: MeshInPieces, border: Mesh, own: Mesh, jobs: Sequence[Job], pose
     keys, sign = node_keys(len(border.points)), (1.0,) * len(mesh.pieces.blocks)
     faces = distinct(np.concatenate([np.empty(0, np.uint64), *(patch_keys(patch, keys) for patch in border.patches)]))
     nodes = border.numbers(np.arange(len(border.points)))
-    return ScanTask(mesh.pieces, tuple(boxes), union(*moving), nodes, keys, faces, sign, halfway)
+    return CellScan(mesh.pieces, tuple(boxes), union(*moving), nodes, keys, faces, sign, halfway)
 
 
-def _in_memory(task: ScanTask) -> ScanTask:
+def _in_memory(task: CellScan) -> CellScan:
     """Return the task with all points in memory, if they are few or the cells' nodes are scattered."""
-    return task.holding() if task.pieces.points <= threads.LIMITS.held or task.is_scattered else task
+    return task.in_memory() if task.pieces.points <= threads.LIMITS.in_memory or task.is_scattered else task
 
 
-def _nodes_inside(task: ScanTask, runner: Runner, progress: Progress) -> tuple[IntArray, FloatArray]:
+def _nodes_inside(task: CellScan, runner: Runner, progress: Progress) -> tuple[IntArray, FloatArray]:
     """Return the nodes (M,) in the boxes and their places (M, 3); InputError for coordinates that are not finite."""
     count = task.pieces.points
     items = [(start, min(start + threads.LIMITS.points, count)) for start in range(0, count, threads.LIMITS.points)]
@@ -388,9 +388,9 @@ def _nodes_inside(task: ScanTask, runner: Runner, progress: Progress) -> tuple[I
 
 
 def _cells(
-    mesh: MeshInPieces, task: ScanTask, runner: Runner, progress: Progress
-) -> tuple[list[list[CellsFound]], ScanTask, BoolArray]:
-    """Judge all cells; return the touched ones of each block, and the task with the blocks' orientation.
+    mesh: MeshOnDisk, task: CellScan, runner: Runner, progress: Progress
+) -> tuple[list[list[CellsFound]], CellScan, BoolArray]:
+    """Judge all cells; return the affected ones of each block, and the task with the blocks' orientation.
 
     Also which of the patches' faces (F,) lie between two cells. InputError if a patch face belongs to no cell.
     """
@@ -413,8 +413,8 @@ def _cells(
     return blocks, task, seen > 1
 
 
-def _around(task: ScanTask, block: int, scanned: list[CellsFound], runner: Runner) -> list[CellsFound]:
-    """Return the polyhedra next to the touched ones with all their faces: their centres are needed."""
+def _around(task: CellScan, block: int, scanned: list[CellsFound], runner: Runner) -> list[CellsFound]:
+    """Return the polyhedra next to the affected ones with all their faces: their centres are needed."""
     sides = [piece.cells.sides for piece in scanned if isinstance(piece.cells, SomePolyhedra)]
     known = union(*(piece.rows for piece in scanned))
     cells = np.setdiff1d(union(*(ends for side in sides for ends in (side.owner, side.neighbour))), known, True)
@@ -422,7 +422,7 @@ def _around(task: ScanTask, block: int, scanned: list[CellsFound], runner: Runne
     return list(runner.map(beside, task, [(block, rows) for rows in pieces if len(rows)]))
 
 
-def _judged_cells(task: ScanTask, block: int, runner: Runner, progress: Progress) -> list[CellsFound]:
+def _judged_cells(task: CellScan, block: int, runner: Runner, progress: Progress) -> list[CellsFound]:
     shape, count = task.pieces.blocks[block]
     size = threads.LIMITS.cells // LARGER if shape == POLYHEDRON else threads.LIMITS.cells
     items = [(block, start, min(start + size, count)) for start in range(0, count, size)]
@@ -433,7 +433,7 @@ def _judged_cells(task: ScanTask, block: int, runner: Runner, progress: Progress
     return scanned
 
 
-def _refuse_loose(mesh: MeshInPieces, task: ScanTask, missing: Keys) -> None:
+def _refuse_loose(mesh: MeshOnDisk, task: CellScan, missing: Keys) -> None:
     loose = []
     for patch in mesh.patches:
         numbers = [replace(faces, nodes=np.searchsorted(task.boundary, faces.nodes)) for faces in patch.faces]
@@ -443,7 +443,7 @@ def _refuse_loose(mesh: MeshInPieces, task: ScanTask, missing: Keys) -> None:
 
 
 def _block(shape: str, scanned: Sequence[CellsFound], nodes: IntArray) -> tuple[Volume, IntArray]:
-    """Return the touched cells of a block in the numbering of the excerpt, and their rows in the whole mesh.
+    """Return the affected cells of a block in the numbering of the submesh, and their rows in the whole mesh.
 
     Touched polyhedra come with their neighbours, and these with neighbours that lack some faces.
     """

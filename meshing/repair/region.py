@@ -1,4 +1,4 @@
-"""A patch of nodes that move together until the cells around them are good.
+"""A region of nodes that move together until the cells around them are good.
 
 The minimum is found by L-BFGS, started from the second derivative of each node by itself.
 
@@ -17,14 +17,14 @@ import numpy as np
 from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.base.threads import single_threaded_blas
 from sdm_deflect.meshing.mesh import polyhedra
+from sdm_deflect.meshing.mesh.affected import AffectedCells, CellScores
 from sdm_deflect.meshing.mesh.cells import Polyhedra
 from sdm_deflect.meshing.mesh.images import Images
 from sdm_deflect.meshing.mesh.quality import Quality
 from sdm_deflect.meshing.mesh.sliding import SlidingSurface
 from sdm_deflect.meshing.mesh.standard import parts_of
-from sdm_deflect.meshing.mesh.touched import CellScores, TouchedCells
 
-from .elements import Crossing, PatchElements, Tetrahedra, Tracks
+from .elements import IntersectionCurve, RegionElements, Tetrahedra, Tracks
 from .energy import Energy
 from .freedom import FreeNodes, Heights
 
@@ -58,11 +58,11 @@ elements before giving up."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class QualityGoal:
-    """Quality that some of the touched cells should reach.
+    """Quality that some of the affected cells should reach.
 
     Attributes
     ----------
-    touched : the cells.
+    affected : the cells.
     floor : (C,) least quality of the good cells of each one's type before; 0 for a cell that was not better itself. It
         is -inf for a cell that was inverted or has no node that can move: nothing is required of it.
     weights : (C,) weights of the cells' energies, so that cells of all types reach their floors together. The energy of
@@ -70,35 +70,35 @@ class QualityGoal:
         inverse of its mean ratio.
     """
 
-    touched: TouchedCells = field(repr=False)
+    affected: AffectedCells = field(repr=False)
     floor: FloatArray = field(repr=False)
     weights: FloatArray = field(repr=False)
 
     @classmethod
-    def of(cls, touched: TouchedCells, freedom: FreeNodes) -> QualityGoal:
+    def of(cls, affected: AffectedCells, freedom: FreeNodes) -> QualityGoal:
         """Require of cells with a node that may move the least quality of their type before."""
-        movable = np.zeros(len(touched.mesh.points), dtype=np.bool_)
+        movable = np.zeros(len(affected.mesh.points), dtype=np.bool_)
         movable[freedom.nodes] = True
-        quality, inverted = touched.before
-        floor, weights = np.full(touched.count, -np.inf), np.empty(touched.count)
-        free = np.concatenate([np.empty(0, np.bool_), *_with_any(touched, movable)])
-        for name, own in touched.by_shape():
+        quality, inverted = affected.before
+        floor, weights = np.full(affected.count, -np.inf), np.empty(affected.count)
+        free = np.concatenate([np.empty(0, np.bool_), *_with_any(affected, movable)])
+        for name, own in affected.by_shape():
             least = float(quality[own & ~inverted & (quality > 0.0)].min(initial=1.0))
             floor[own & free & ~inverted] = least
             least = max(least, WORST)
             weights[own] = least**3 if name == "tetra" else (least / np.maximum(quality[own], least)) ** 2
         floor[(quality <= 0.0) & (floor > 0.0)] = 0.0
-        return cls(touched, floor, weights)
+        return cls(affected, floor, weights)
 
     def among(self, cells: BoolArray) -> QualityGoal:
         """Return the goal of some of the cells, a mask (C,)."""
-        ends = np.cumsum([0, *(len(rows) for rows in self.touched.rows)])
-        rows = tuple(own[cells[a:b]] for own, a, b in zip(self.touched.rows, ends, ends[1:], strict=False))
-        return QualityGoal(replace(self.touched, rows=rows), self.floor[cells], self.weights[cells])
+        ends = np.cumsum([0, *(len(rows) for rows in self.affected.rows)])
+        rows = tuple(own[cells[a:b]] for own, a, b in zip(self.affected.rows, ends, ends[1:], strict=False))
+        return QualityGoal(replace(self.affected, rows=rows), self.floor[cells], self.weights[cells])
 
     def spread(self, found: CellScores) -> FloatArray:
         """Return the 1st percentile and the mean (T, 2) of the quality of each type of cells."""
-        by_type = [found.quality[own] for _, own in self.touched.by_shape()]
+        by_type = [found.quality[own] for _, own in self.affected.by_shape()]
         return np.array([[np.percentile(quality, 1.0), quality.mean()] for quality in by_type])
 
     def keeps(self, found: CellScores, spread: FloatArray | None) -> bool:
@@ -110,14 +110,14 @@ class QualityGoal:
         if not careful:
             return self
         weights = self.weights.copy()
-        for name, own in self.touched.by_shape():
+        for name, own in self.affected.by_shape():
             rise = CARE * found.quality[own] / max(float(self.floor[own].max()), WORST)
             weights[own] *= np.maximum(rise, 1.0) ** (3 if name == "tetra" else 2)
         return replace(self, weights=weights)
 
     def scores(self, points: FloatArray) -> CellScores:
         """Judge the cells with the nodes at points (N, 3)."""
-        return self.touched.scores(points)
+        return self.affected.scores(points)
 
     def misses(self, found: CellScores, share: float) -> BoolArray:
         """Return which cells (C,) are inverted, or below a share of their floor."""
@@ -142,11 +142,11 @@ class RepairResult:
     ----------
     start, points : (N, 3) coordinates before and after.
     freedom : the nodes that could move.
-    quality : quality of the touched cells before the repair, by type.
+    quality : quality of the affected cells before the repair, by type.
     moved : (K,) sorted indices of the moved nodes.
     spoiled : number of cells that were inverted, or below a share of their type's least quality before.
     left : number of them that still are.
-    inverted : (I,) rows among the touched cells that are still newly inverted.
+    inverted : (I,) rows among the affected cells that are still newly inverted.
     steps : steps of all searches.
     seconds : time taken, without compilation.
     """
@@ -164,21 +164,21 @@ class RepairResult:
 
     @classmethod
     def of(
-        cls, start: FloatArray, points: FloatArray, touched: TouchedCells, freedom: FreeNodes, share: float
+        cls, start: FloatArray, points: FloatArray, affected: AffectedCells, freedom: FreeNodes, share: float
     ) -> RepairResult:
         """Judge a mesh before and after a repair that is not carried out; parameters as for `repair_cells`."""
-        goal = QualityGoal.of(touched, freedom)
+        goal = QualityGoal.of(affected, freedom)
         before, after = goal.scores(start), goal.scores(points)
         moved = np.flatnonzero((points != start).any(axis=1))
         spoiled, left = (int(goal.misses(one, share).sum()) for one in (before, after))
-        inverted = np.flatnonzero(after.inverted & ~touched.before.inverted)
-        return cls(start, points, freedom, touched.quality(start), moved, spoiled, left, inverted)
+        inverted = np.flatnonzero(after.inverted & ~affected.before.inverted)
+        return cls(start, points, freedom, affected.quality(start), moved, spoiled, left, inverted)
 
 
-def _with_any(touched: TouchedCells, mask: BoolArray) -> list[BoolArray]:
-    """Return which touched cells have a node in the mask (N,), for each block."""
+def _with_any(affected: AffectedCells, mask: BoolArray) -> list[BoolArray]:
+    """Return which affected cells have a node in the mask (N,), for each block."""
     found = []
-    for block, rows in zip(touched.mesh.cells, touched.rows, strict=True):
+    for block, rows in zip(affected.mesh.cells, affected.rows, strict=True):
         if isinstance(block, Polyhedra):
             found.append(np.isin(rows, polyhedra.touching(block, mask), assume_unique=True))
         else:
@@ -263,7 +263,7 @@ def _inverses(blocks: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Chart:
+class FreeDisplacements:
     """Places of unknown nodes as functions of free displacements: sliding nodes are projected onto their shapes.
 
     Attributes
@@ -282,13 +282,13 @@ class Chart:
     images: Images | None = None
 
     @classmethod
-    def of(cls, points: FloatArray, nodes: IntArray, freedom: FreeNodes) -> Chart:
+    def of(cls, points: FloatArray, nodes: IntArray, freedom: FreeNodes) -> FreeDisplacements:
         """Take some of the free nodes (U,), at points (N, 3)."""
         slides, edges, order = [], [], np.argsort(nodes)
         for one in freedom.slides:
             own = one.nodes[np.isin(one.nodes, nodes, assume_unique=True)]
             rows = order[np.searchsorted(nodes, own, sorter=order)]
-            if isinstance(one.shape, Crossing):
+            if isinstance(one.shape, IntersectionCurve):
                 edges.append((rows, one.shape.tracks(points[own])))
             elif len(own):
                 slides.append((rows, one.shape))
@@ -324,7 +324,7 @@ class Chart:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RepairPatch:
+class RepairRegion:
     """Nodes that move together, and the cells around them.
 
     Attributes
@@ -332,14 +332,14 @@ class RepairPatch:
     points : (N, 3) mesh at the start.
     unknown : (U,) moving nodes.
     energy, chart : energy of the elements, and the places that nodes may have.
-    cells, goal : cells of the patch, a mask (C,), and their goal.
+    cells, goal : cells of the region, a mask (C,), and their goal.
     local : (M, 3) last places of the elements' nodes, unknown ones first.
     """
 
     points: FloatArray = field(repr=False)
     unknown: IntArray = field(repr=False)
     energy: Energy = field(repr=False)
-    chart: Chart = field(repr=False)
+    chart: FreeDisplacements = field(repr=False)
     cells: BoolArray = field(repr=False)
     goal: QualityGoal = field(repr=False)
     local: FloatArray = field(repr=False)
@@ -347,13 +347,13 @@ class RepairPatch:
     @classmethod
     def of(
         cls, points: FloatArray, tetrahedra: Tetrahedra, nodes: IntArray, freedom: FreeNodes, goal: QualityGoal
-    ) -> RepairPatch:
+    ) -> RepairRegion:
         """Let nodes (U,) move, with the mesh at points (N, 3)."""
-        elements = PatchElements.of(tetrahedra, nodes, goal.touched.mesh.points, goal.weights)
+        elements = RegionElements.of(tetrahedra, nodes, goal.affected.mesh.points, goal.weights)
         cells = np.zeros(len(goal.floor), dtype=np.bool_)
         cells[elements.cells] = True
         unknown = elements.used[: elements.unknown]
-        chart = Chart.of(points, unknown, freedom)
+        chart = FreeDisplacements.of(points, unknown, freedom)
         return cls(points, unknown, Energy(elements), chart, cells, goal.among(cells), points[elements.used])
 
     def at(self, way: FloatArray) -> FloatArray:
@@ -378,7 +378,7 @@ class RepairPatch:
     @property
     def simple(self) -> bool:
         """True if all cells are tetrahedra."""
-        parts = zip(self.goal.touched.mesh.cells, self.goal.touched.rows, strict=True)
+        parts = zip(self.goal.affected.mesh.cells, self.goal.affected.rows, strict=True)
         return {name for block, rows in parts for name, *_ in parts_of(block, rows)} <= {"tetra"}
 
     @property
@@ -401,29 +401,29 @@ class RepairPatch:
         return found.place, found.steps
 
 
-def improve(patch: RepairPatch, level: float, rest: float) -> tuple[FloatArray, int]:
-    """Move a patch until its cells reach a level or nothing more is gained; return points (N, 3) and the steps.
+def improve(region: RepairRegion, level: float, rest: float) -> tuple[FloatArray, int]:
+    """Move a region until its cells reach a level or nothing more is gained; return points (N, 3) and the steps.
 
-    While cells are inverted, eps falls from twice the worst determinant; then the power grows. The patch is left for
+    While cells are inverted, eps falls from twice the worst determinant; then the power grows. The region is left for
     smaller ones when only a share `rest` of the inverted cells, or of those below the level, remains.
     """
-    way, steps = np.zeros((len(patch.unknown), 3)), 0
-    least, below = patch.least(way), patch.below(way, level)
-    first = inverted = patch.inverted
-    eps, vain = max(WIDEST, -2.0 * float(patch.energy.determinants.min(initial=0.0))), 0
+    way, steps = np.zeros((len(region.unknown), 3)), 0
+    least, below = region.least(way), region.below(way, level)
+    first = inverted = region.inverted
+    eps, vain = max(WIDEST, -2.0 * float(region.energy.determinants.min(initial=0.0))), 0
     while inverted > rest * first and vain < PATIENCE and eps > LEAST_EPS:
-        way, count = patch.search(way, eps, POWERS[0])
-        least, steps = patch.least(way), steps + count
+        way, count = region.search(way, eps, POWERS[0])
+        least, steps = region.least(way), steps + count
         eps *= NARROWER if count == STEPS else NARROWEST
-        inverted, vain = patch.inverted, 0 if patch.inverted < inverted else vain + 1
+        inverted, vain = region.inverted, 0 if region.inverted < inverted else vain + 1
     if inverted:
-        return patch.everywhere(way), steps
-    easy = int(np.searchsorted(EASY if patch.simple else EASY[:1], least))
+        return region.everywhere(way), steps
+    easy = int(np.searchsorted(EASY if region.simple else EASY[:1], least))
     for power in chain(POWERS[easy:], repeat(POWERS[-1])):
-        if patch.below(way, level) <= rest * below:
+        if region.below(way, level) <= rest * below:
             break
-        way, count = patch.search(way, 0.0, power)
-        before, least, steps = least, patch.least(way), steps + count
+        way, count = region.search(way, 0.0, power)
+        before, least, steps = least, region.least(way), steps + count
         if power == POWERS[-1] and least < before * (1.0 + WORTH):
             break
-    return patch.everywhere(way), steps
+    return region.everywhere(way), steps

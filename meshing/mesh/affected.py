@@ -1,4 +1,4 @@
-"""Touched cells: those that a deformation may change, and their quality."""
+"""Affected cells: those that a deformation may change, and their quality."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ class CellScores(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class TouchedCells:
+class AffectedCells:
     """Cells with a node that may move.
 
     Attributes
     ----------
     mesh : The undeflected mesh.
-    rows : For each block the rows of touched cells.
+    rows : For each block the rows of affected cells.
     orientation : For each block 1, or -1 if most of its cells have left-handed nodes.
     inverted : For each block the number of inverted cells of the whole undeflected mesh.
     places : (N, 3) nodes by which heights and widths are measured: of a mesh one cell thick those in its plane.
@@ -60,7 +60,7 @@ class TouchedCells:
     places: FloatArray = field(repr=False)
 
     @classmethod
-    def of(cls, mesh: Mesh, inside: IntArray, places: FloatArray | None = None) -> TouchedCells:
+    def of(cls, mesh: Mesh, inside: IntArray, places: FloatArray | None = None) -> AffectedCells:
         """Find the cells with a node of `inside` (K,), and judge all cells of the undeflected mesh."""
         moved = np.zeros(len(mesh.points), dtype=bool)
         moved[inside] = True
@@ -73,36 +73,36 @@ class TouchedCells:
         return cls(mesh, rows, signs, counts, places)
 
     @classmethod
-    def together(cls, parts: Sequence[TouchedCells]) -> TouchedCells:
-        """Join the touched cells of several boxes in one mesh."""
+    def together(cls, parts: Sequence[AffectedCells]) -> AffectedCells:
+        """Join the affected cells of several boxes in one mesh."""
         rows = zip(*(part.rows for part in parts), strict=True)
         return parts[0] if len(parts) == 1 else replace(parts[0], rows=tuple(union(*own) for own in rows))
 
     @property
     def count(self) -> int:
-        """Number of touched cells."""
+        """Number of affected cells."""
         return sum(len(rows) for rows in self.rows)
 
     @cached_property
     def before(self) -> CellScores:
-        """Scores of the touched cells in the undeflected mesh."""
+        """Scores of the affected cells in the undeflected mesh."""
         return self.scores(self.mesh.points)
 
     def scores(self, points: FloatArray) -> CellScores:
-        """Judge the touched cells with the nodes at `points` (N, 3), block by block."""
+        """Judge the affected cells with the nodes at `points` (N, 3), block by block."""
         parts = zip(self.mesh.cells, self.rows, self.orientation, strict=True)
         scored = [quality_and_inverted(points, *part) for part in parts if len(part[1])]
         quality = np.concatenate([np.empty(0), *(values for values, _ in scored)])
         return CellScores(quality, np.concatenate([np.empty(0, np.bool_), *(bad for _, bad in scored)]))
 
     def newly_inverted(self, points: FloatArray) -> BoolArray:
-        """Return which touched cells (C,) are newly inverted with the nodes at `points` (N, 3)."""
+        """Return which affected cells (C,) are newly inverted with the nodes at `points` (N, 3)."""
         parts = zip(self.mesh.cells, self.rows, self.orientation, strict=True)
         inverted = np.concatenate([np.empty(0, np.bool_), *(inverted_of(points, *part) for part in parts)])
         return inverted & ~self.before.inverted if any(self.inverted) else inverted
 
     def by_shape(self) -> Iterator[tuple[str, BoolArray]]:
-        """Yield each type of touched cells, and which (C,) have it."""
+        """Yield each type of affected cells, and which (C,) have it."""
         masks, start = dict[str, BoolArray](), 0
         for block, rows in zip(self.mesh.cells, self.rows, strict=True):
             for name, _, _, own in parts_of(block, rows):
@@ -116,7 +116,7 @@ class TouchedCells:
         Parameters
         ----------
         points : (N, 3) coordinates of the nodes.
-        quality : Quality there of all touched cells, by type.
+        quality : Quality there of all affected cells, by type.
         """
         if all(summary.min > FLAT and not summary.inverted for summary in self.quality_before):
             return tuple(Least(summary.min, summary.cells) for summary in quality)
@@ -126,11 +126,11 @@ class TouchedCells:
 
     @cached_property
     def quality_before(self) -> tuple[Quality, ...]:
-        """Quality of the touched cells in the undeflected mesh, by type."""
+        """Quality of the affected cells in the undeflected mesh, by type."""
         return self.quality(self.mesh.points)
 
     def quality(self, points: FloatArray) -> tuple[Quality, ...]:
-        """Return the quality of the touched cells by type, with the nodes at `points` (N, 3)."""
+        """Return the quality of the affected cells by type, with the nodes at `points` (N, 3)."""
         parts = zip(self.mesh.cells, self.rows, self.orientation, strict=True)
         return by_shape(points, parts)
 
