@@ -18,7 +18,7 @@ from sdm_deflect.base.states import check_unchanged
 from sdm_deflect.base.threads import HERE, Progress, Runner, silent
 from sdm_deflect.deform.volume.job import Amounts
 from sdm_deflect.meshing.errors import only_rewritten
-from sdm_deflect.meshing.formats.layout import Format
+from sdm_deflect.meshing.formats.format import Format
 from sdm_deflect.meshing.formats.registry import ending, format_of, in_pieces
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.pieces import gather_points

@@ -11,7 +11,7 @@ from sdm_deflect.base.errors import MeshFileError
 from sdm_deflect.base.files import fresh
 from sdm_deflect.base.threads import Progress, silent
 from sdm_deflect.meshing.errors import about
-from sdm_deflect.meshing.formats.layout import Format
+from sdm_deflect.meshing.formats.format import Format
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.registration import registered
 from sdm_deflect.meshing.formats.shapes import refuse_plane, simple_faces

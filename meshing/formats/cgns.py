@@ -29,8 +29,8 @@ from .cgns_elements import MIXED, NFACE, NGON, SHAPES, SIZES, ElementSection, bl
 from .cgns_nodes import DATA, child, data
 from .cgns_read import Base, base_of, coordinate_data, coordinates_beside, may_fit, read_base
 from .cgns_write import write_base
+from .format import Format
 from .hdf5 import Dataset, Datasets, damage
-from .layout import Format
 from .table_pieces import CellTable, PointRange, TablePieces
 from .tables import FileTable
 

@@ -21,8 +21,8 @@ from sdm_deflect.meshing.mesh.images import PeriodicPatches, pair_of
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.polyhedra import face_centres_and_areas
 
+from .format import Format
 from .hdf5 import Dataset, Datasets, dataset, integers, member, number, open_hdf5
-from .layout import Format
 from .polyhedra import check_cells, faces_by_cell
 from .shapes import orient, polygons, turn_faces
 

@@ -25,8 +25,8 @@ from sdm_deflect.meshing.mesh.pieces import MeshOnDisk
 from sdm_deflect.meshing.mesh.precision import DOUBLE
 
 from .coordinates import ByteColumns, Words
+from .format import Format, fitting_names
 from .gmsh_file import ByteCursor, Cursor, GmshFile, Nodes, TextCursor, gmsh_file, nodes, periodic
-from .layout import Format, fitting_names
 from .numbers import NumberLines, Placed
 from .polyhedra import standard_cells
 from .shapes import mirror_nodes, simple_faces

@@ -22,7 +22,7 @@ from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.pieces import MeshOnDisk
 from sdm_deflect.meshing.mesh.precision import DOUBLE, fewest_bits
 
-from .layout import Format, fitting_names
+from .format import Format, fitting_names
 from .openfoam_case import (
     case_folder,
     copy_case,

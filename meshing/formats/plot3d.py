@@ -28,7 +28,7 @@ from sdm_deflect.meshing.mesh.precision import fewest_bits
 from .cgns_blocks import AXES, BlockFace, Size, cells, equal_neighbours, faces, points_in
 from .cgns_interfaces import NEAR, meeting
 from .conforming_zones import Fitted, ZoneMesh, fit_zones
-from .layout import Format
+from .format import Format
 from .numbers import Placed, chunks, copy_text, numbers
 from .rewriting import Change, rewritten
 from .shapes import orient

@@ -16,7 +16,7 @@ from sdm_deflect.meshing.mesh.faces import corners_in_order
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.pieces import MeshOnDisk
 
-from .layout import Format
+from .format import Format
 from .registration import REGISTERED, Registration
 
 ADVICE = {

@@ -21,7 +21,7 @@ from sdm_deflect.meshing.mesh.pieces import MeshOnDisk
 from sdm_deflect.meshing.mesh.precision import DOUBLE
 
 from .coordinates import Words
-from .layout import Format, fitting_names, whole
+from .format import Format, fitting_names, whole
 from .numbers import CHUNK, COMMENT, NumberLines, Placed, chunks, numbers, table
 from .shapes import simple_faces
 from .table_pieces import CellTable, PointRange, TablePieces

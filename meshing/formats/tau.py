@@ -22,8 +22,8 @@ from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.pieces import MeshOnDisk
 
 from .coordinates import ByteColumns
+from .format import Format
 from .hdf5 import DAMAGE, Dataset, Datasets, Span, damage, dataset, spans
-from .layout import Format
 from .polyhedra import standard_cells
 from .shapes import mirror_nodes, refuse_plane, simple_faces
 from .table_pieces import CellTable, PointRange, TablePieces

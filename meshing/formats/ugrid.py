@@ -22,7 +22,7 @@ from sdm_deflect.meshing.mesh.pieces import MeshOnDisk
 from sdm_deflect.meshing.mesh.precision import fewest_bits
 
 from .coordinates import ByteColumns, Words
-from .layout import Format, fitting_names
+from .format import Format, fitting_names
 from .polyhedra import standard_cells
 from .shapes import refuse_plane, simple_faces
 from .table_pieces import CellTable, PointRange, TablePieces

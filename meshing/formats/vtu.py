@@ -28,7 +28,7 @@ from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.precision import DOUBLE
 from sdm_deflect.meshing.mesh.quality import quality_of
 
-from .layout import Format
+from .format import Format
 from .polyhedra import faces_by_cell, polyhedra
 from .shapes import check_faces, polygons
 from .zones import unwritten

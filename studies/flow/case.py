@@ -6,7 +6,7 @@ from pathlib import Path
 from sdm_deflect.base.errors import InputError
 from sdm_deflect.geometry.datum import SURFACES, hinge_line
 from sdm_deflect.geometry.parameters import Fighter, reference_values
-from sdm_deflect.meshing.formats.layout import fitting_names
+from sdm_deflect.meshing.formats.format import fitting_names
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of
 from sdm_deflect.meshing.formats.su2 import PARALLEL, UNFIT
 from sdm_deflect.meshing.mesh.mesh import Mesh

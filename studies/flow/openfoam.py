@@ -7,7 +7,7 @@ from pathlib import Path
 from sdm_deflect.base.files import fresh_folder
 from sdm_deflect.base.threads import Progress, silent
 from sdm_deflect.meshing.errors import about
-from sdm_deflect.meshing.formats.layout import fitting_names
+from sdm_deflect.meshing.formats.format import fitting_names
 from sdm_deflect.meshing.formats.openfoam import UNFIT, control, is_planar, write_files, write_mesh
 from sdm_deflect.meshing.formats.openfoam_files import MESH, open_foam, parse
 from sdm_deflect.meshing.formats.shapes import refuse_plane
