@@ -20,12 +20,12 @@ class Repair:
 
     # fmt: off
     mode: Annotated[RepairMode, Spelling("repair"), Doc(
-        "Quality", "auto: repair if cells are inverted, or the worst cell of a type keeps less than `repair_share` of "
+        "Repair", "auto: repair if cells are inverted, or the worst cell of a type keeps less than `repair_share` of "
         "its quality; always: if it lost any; off: never.")] = "auto"
     share: Annotated[float, Range(0.0, 1.0, above=True), Spelling("repair_share"), ONLY_SET, Doc(
-        "Quality", "Share of the worst cell's quality below which auto repairs.")] = 0.9
+        "Repair", "Share of the worst cell's quality below which auto repairs.")] = 0.9
     min_quality: Annotated[float, Range(0.0, 1.0), Doc(
-        "Quality", "Share of its quality that the worst cell of each type must keep; 0: no such check.")] = 0.1
+        "Repair", "Share of its quality that the worst cell of each type must keep; 0: no such check.")] = 0.1
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -50,7 +50,7 @@ class JobOptions:
         "Box", "Whether the mesh near walls follows them, so that prism layers keep their heights.",
         "Nodes of fixed patches in the box are then data sites. Without it, as in the paper, no other patch may reach "
         "into the box.")] = True
-    allow_inverted: Annotated[bool, Doc("Quality", "Take a mesh that already has inverted cells.")] = False
+    allow_inverted: Annotated[bool, Doc("Repair", "Take a mesh that already has inverted cells.")] = False
     force: Annotated[bool, Doc("What moves", "Take a hinge farther from its surface than the surface is wide.")] = False
     # fmt: on
     fitting: Annotated[Fitting, INLINE] = field(default_factory=Fitting)

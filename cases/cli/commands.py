@@ -96,11 +96,22 @@ def completion(shell: str) -> None:
     click.echo(script(cli, {}, "sdm", "_SDM_COMPLETE").source())
 
 
+@click.command(name="help")
+@click.argument("topic", type=click.Choice(tuple(options.TOPICS)))
+def help_on(topic: str) -> None:
+    """Explain the words of sdm deflect that its own help leaves out.
+
+    For example: sdm help blended
+    """
+    with click.Context(deflect, info_name="sdm deflect") as ctx:
+        click.echo(deflect.topic(ctx, options.TOPICS[topic]))
+
+
 SUBJECTS = {
     "Your mesh": (example, quality, deflect, limit, apply, gradient, view, convert),
     "The SDM, an aircraft": (list_cases, run, geometry, validate),
     "Results": (report, compare, export),
-    "This machine": (doctor, cache, completion),
+    "This machine": (doctor, cache, completion, help_on),
 }
 """The commands that the help lists."""
 for command in chain.from_iterable(SUBJECTS.values()):

@@ -13,7 +13,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from sdm_deflect.base.errors import InputError
-from sdm_deflect.base.schema import GROUPS, ONLY_SET, Setting, choices_of, kind_of
+from sdm_deflect.base.schema import GROUPS, Setting, choices_of, kind_of
 from sdm_deflect.cases.settings.conversion import parse_spelling
 from sdm_deflect.cases.settings.job_settings import BY_NAME
 from sdm_deflect.meshing.formats.registration import writable
@@ -29,6 +29,13 @@ FORMATS = click.Choice(writable())
 
 BASIC = ("patches", "fixed", "hinge", "angle", "motion", "dry_run", "out")
 """Options of `sdm deflect` that its help shows first."""
+SHOWN = (
+    *BASIC, "device", "down", "up", "vertical", "range", "select", "table", "force", "slide", "periodic", "margin",
+    "repair", "min_quality", "tolerance",
+)  # fmt: skip
+"""Settings whose options the help of `sdm deflect` shows: those that most runs need; `sdm help` has all."""
+TOPICS = {group.lower(): group for group in (*GROUPS[1:6], *GROUPS[7:], CLUSTER)}
+"""What `sdm help` explains: groups of settings by their words."""
 
 Command = Callable[..., Any]
 
@@ -83,9 +90,9 @@ def flag(setting: Setting) -> str:
     return setting.name if how.flag is None else how.flag or f"--{setting.name.replace('_', '-')}"
 
 
-def _help(setting: Setting) -> str:
+def _help(setting: Setting, in_full: bool = False) -> str:
     """Return what a setting means, with its default, and with options instead of the names of settings."""
-    words = setting.doc.text.split("`")
+    words = f"{setting.doc.text} {setting.doc.more if in_full else ''}".rstrip().replace("``", "'").split("`")
     text = "".join(flag(BY_NAME[word]) if i % 2 and word in BY_NAME else word for i, word in enumerate(words))
     hidden = not setting.default or setting.default is True or not setting.default_text
     return text if hidden else f"{text.removesuffix('.')} (default: {setting.default_text})."
@@ -95,20 +102,35 @@ class DeflectCommand(click.Command):
     """A command with its options in groups, whose ``--hinge`` takes two points, or one of a plane mesh."""
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the basic options, then the others by group, and name the settings without one."""
-        rows: dict[str, list[tuple[str, str]]] = {group: [] for group in ("Basic", *GROUPS, OUTPUT, CLUSTER)}
+        """Write the basic options, then others that most runs need by group, and name the topics of the rest."""
+        rows: dict[str, list[tuple[str, str]]] = {group: [] for group in ("Basic", *GROUPS, OUTPUT)}
         order = {name: i for i, name in enumerate(BASIC)}
         for option in sorted(self.get_params(ctx), key=lambda option: order.get(str(option.name), len(BASIC))):
-            record = option.get_help_record(ctx) if isinstance(option, click.Option) else None
+            group = "Basic" if option.name in BASIC else getattr(option, "group", "Options")
+            rare = group == CLUSTER or (option.name in BY_NAME and option.name not in SHOWN)
+            record = option.get_help_record(ctx) if isinstance(option, click.Option) and not rare else None
             if record:
-                group = "Basic" if option.name in BASIC else getattr(option, "group", "Options")
                 rows.setdefault(group, []).append(record)
         for group, records in filter(lambda row: row[1], rows.items()):
             with formatter.section(group):
                 formatter.write_dl(records)
-        others = (setting.name for setting in BY_NAME.values() if setting.option == ONLY_SET)
         formatter.write_paragraph()
-        formatter.write_text(f"Settings by --set alone, or in a file: {', '.join(others)}.")
+        formatter.write_text(f"More words: sdm help TOPIC, with {', '.join(TOPICS)}.")
+
+    def topic(self, ctx: click.Context, group: str) -> str:
+        """Return the options and settings of a group with all that their notes say."""
+        formatter = ctx.make_formatter()
+        records = {one.name: one.get_help_record(ctx) for one in self.get_params(ctx)}
+        rows = []
+        for one in BY_NAME.values():
+            if one.doc.group == group:
+                record = records.get(one.name)
+                rows.append((record[0] if record else f"--set {one.name}=VALUE", _help(one, in_full=True)))
+        others = (one for one in self.get_params(ctx) if one.name not in BY_NAME and getattr(one, "group", "") == group)
+        rows += [record for one in others if (record := records[one.name])]
+        with formatter.section(group):
+            formatter.write_dl(rows)
+        return formatter.getvalue().rstrip("\n")
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Double a hinge of one point."""

@@ -235,7 +235,7 @@ def settings_of(deflection: Deflection, home: Path, folder: Path) -> dict[str, A
     for number, ((moving, surface), amount) in enumerate(zip(plan.moving, deflection.amounts, strict=True)):
         tables.append(_surface(number, moving, surface, amount, folder))
     for table, box in zip(tables, plan.boxes, strict=True) if len(plan.boxes) > 1 else ():
-        table["corners"] = box.region.hexahedron.corners.tolist()
+        table["box"] = box.region.hexahedron.corners.tolist()
     _join_mirrored(tables, deflection)
     boxes = {"box_each": True} if len(plan.boxes) > 1 else _numbers(plan.boxes[0])
 

@@ -81,8 +81,8 @@ class SurfaceSettings:
         "In place of the angle; the trailing edge lies aft along x.")] = None
     up: Annotated[float | None, IN_ANGLE, Doc(
         "What moves", "Degrees that turn the trailing edge up.")] = None
-    vertical: Annotated[Literal["y", "z"], IN_ANGLE, Doc(
-        "What moves", "The axis that is up.")] = "z"
+    vertical: Annotated[Literal["y", "z"] | None, IN_ANGLE, Doc(
+        "What moves", "The axis that is up (default: z; y about one point, in a plane mesh).")] = None
     range: Annotated[tuple[float, float] | None, Option(metavar="A:B"), Spelling(read=range_of), Doc(
         "What moves", "Amounts that the box, and a plan, must hold, such as -25:25 (default: 0 to the angle).",
         "In a file or in Python two numbers.")] = None
@@ -91,52 +91,52 @@ class SurfaceSettings:
         "root: a tail turns, and its root slides on a body.",
         "In Python also a motion such as `Rotation`, `Blended` or `Table`, which has its own hinge.")] = "rigid"
     held: Annotated[tuple[str | int, ...] | NodeSet, Spelling(file=".txt"), BLENDED, Doc(
-        "What moves", "blended: nodes that stay: patches, or a .txt of node indices (default: on `fixed` patches).",
+        "Blended", "blended: nodes that stay: patches, or a .txt of node indices (default: on `fixed` patches).",
         "Or node indices (K,) counted from 0; in Python also `OnPatches`, `TrailingEdge` or `Listed`.")] = ()
     driven: Annotated[tuple[str | int, ...] | NodeSet, Spelling(file=".txt"), BLENDED, Doc(
-        "What moves", "blended: nodes that turn by the angle: edges[:DEG], patches, or a .txt.",
+        "Blended", "blended: nodes that turn by the angle: edges[:DEG], patches, or a .txt.",
         "``edges:40`` are the sharp edges far from the hinge. Otherwise as `held`.")] = ("edges:40",)
     strip: Annotated[float, Range(0.0, 1.0), Option(metavar="SHARE|auto"), Spelling(read=strip_of), BLENDED, Doc(
-        "What moves", "blended: width of the strip beside a closed rib, as a share of the span; auto: by the angle.",
+        "Blended", "blended: width of the strip beside a closed rib, as a share of the span; auto: by the angle.",
         "0 is auto: the strip is as narrow as lets the largest angle shear cells at its trailing edge by 35 degrees.",
         )] = 0.2
     on: Annotated[tuple[str, ...], Option(metavar="NAME"), ROOT, Doc(
-        "What moves", "root: patches of the body.",
+        "Root", "root: patches of the body.",
         "A panel around the root is cut from them; the rest stays.")] = ()
     shape: Annotated[Literal["skin", "cylinder"], ROOT, Doc(
-        "What moves", "root: the body's shape.")] = "skin"
+        "Root", "root: the body's shape.")] = "skin"
     depth: Annotated[float, Range(0.0), ROOT, Doc(
-        "What moves", "root: length of the part of the tail that is lengthened (default: half the root's chord).",
+        "Root", "root: length of the part of the tail that is lengthened (default: half the root's chord).",
         )] = 0.0
     panel: Annotated[float, Range(0.0, above=True), ROOT, Doc(
-        "What moves", "root: width of the panel of the body that follows the root, in chords of the root.",
+        "Root", "root: width of the panel of the body that follows the root, in chords of the root.",
         "A tail that needs more room on its body takes a wider one.")] = 0.5
     table: Annotated[str | Table | None, Spelling(file="", read=table_of_arrays), IN_WORDS, Doc(
         "What moves", "Displacements in place of a hinge: a .csv of x,y,z,dx,dy,dz, or an .npz.",
         "In Python also points (P, 3) and displacements (P, 3).")] = None
     shift: Annotated[tuple[Corner, ...] | None, Option(metavar="x,y,z"), Spelling(read=shift_of), IN_WORDS, Doc(
-        "What moves", "Distance by which the hinge moves while the surface turns by the angle.",
+        "Track", "Distance by which the hinge moves while the surface turns by the angle.",
         "In a file or in Python also two, one for each hinge point.")] = None
     track: Annotated[str | None, Spelling(file=""), IN_WORDS, Doc(
-        "What moves", "Places of the surface: a .csv of parameter,angle,dx,dy[,dz], with a title line.",
+        "Track", "Places of the surface: a .csv of parameter,angle,dx,dy[,dz], with a title line.",
         "The mesh stands at parameter 0. Further columns dx2,dy2[,dz2] are the shift of the second hinge point. Rows "
         "are joined smoothly, or linearly if the first title is `controlParameter`, as in CPACS.")] = None
     slot: Annotated[str | None, Option(metavar="NAME"), IN_WORDS, Doc(
-        "What moves", "Plane mesh: patch on the other side of the slot, for `gap` and `overlap`.")] = None
+        "Slot", "Plane mesh: patch on the other side of the slot, for `gap` and `overlap`.")] = None
     gap: Annotated[float | None, IN_WORDS, Doc(
-        "What moves", "With `slot`: gap at the amount 1, a length (default: the mesh's).",
+        "Slot", "With `slot`: gap at the amount 1, a length (default: the mesh's).",
         "It is the least distance between the trailing edge ahead and the skin behind.")] = None
     overlap: Annotated[float | None, IN_WORDS, Doc(
-        "What moves", "With `slot`: overlap at the amount 1, a length (default: the mesh's).",
+        "Slot", "With `slot`: overlap at the amount 1, a length (default: the mesh's).",
         "The foremost point of the skin behind lies so far ahead of the trailing edge, along x.")] = None
     mirror: Annotated[tuple[str, ...], Option(metavar="NAME"), IN_WORDS, Doc(
-        "What moves", "Patches that are this surface's reflection in y = 0: they move as its reflection.",
+        "Mirror", "Patches that are this surface's reflection in y = 0: they move as its reflection.",
         "Each surface then has a box of its own. A mesh that is symmetric to the bit stays so.")] = ()
     sign: Annotated[int, Range(-1, 1), IN_WORDS, Doc(
-        "What moves", "With `mirror`: 1 for equal angles, -1 for opposite ones.")] = 1
+        "Mirror", "With `mirror`: 1 for equal angles, -1 for opposite ones.")] = 1
     amount: Annotated[float, ONLY_SET, Doc(
-        "What moves", "Share of the table, or parameter of the track; in Python this is the `angle`.")] = 1.0
-    corners: Annotated[tuple[Corner, ...] | None, ONLY_SET, Doc(
+        "Track", "Share of the table, or parameter of the track; in Python this is the `angle`.")] = 1.0
+    box: Annotated[tuple[Corner, ...] | None, ONLY_SET, Doc(
         "Box", "With `box_each`: the corners of this surface's box.")] = None
     # fmt: on
 
@@ -228,7 +228,7 @@ class JobSettings(JobOptions):
         "A table for each: `patch`, `point` (3,) of its plane, `axis` ``x``, ``y`` or ``z`` along its normal, and "
         "`slides` (true), whether nodes slide in it.")] = ()
     repair_slide: Annotated[dict[str, Shape], ONLY_SET, Spelling(read=shapes_of), Doc(
-        "Quality", "Further patches, as in `slide`, whose nodes may slide in the repair; moving ones, too.",
+        "Repair", "Further patches, as in `slide`, whose nodes may slide in the repair; moving ones, too.",
         )] = field(default_factory=dict)
     # fmt: on
 
@@ -243,13 +243,17 @@ class _Angles:
 
 OF_SURFACE, OF_JOB = settings_in(SurfaceSettings), settings_in(JobSettings)
 BY_NAME = OF_SURFACE | {name: setting for name, setting in OF_JOB.items() if name != "surface"}
-"""All settings of a job with one surface."""
+"""All settings of a job with one surface, whose box is that of the job."""
+RENAMED = {"corners": "box"}
+"""Settings of earlier versions and their names now."""
 IDLE = {name: only for name, setting in OF_SURFACE.items() if (only := setting.note(Only))}
 """Settings of a surface that not every motion has a use for."""
 
 
 def job_settings(nested: Mapping[str, Any]) -> JobSettings:
     """Return the settings that nested tables describe; InputError names the first that does not fit."""
+    for table in _tables(nested.get("surface")):
+        _refuse_renamed(table)
     try:
         return structure(nested, JobSettings)
     except InputError as error:
@@ -377,13 +381,21 @@ def _range(text: str) -> tuple[float, ...]:
     return tuple(round(first + i * step, 12) for i in range(min(count, MOST_ANGLES + 1)))
 
 
+def _refuse_renamed(names: Iterable[str]) -> None:
+    """Raise InputError for a setting that has another name now."""
+    for name in names:
+        if name in RENAMED:
+            raise InputError(f"unknown setting {name}; it is {RENAMED[name]} now")
+
+
 def _split_options(options: Mapping[str, Any]) -> tuple[Nested, Nested]:
     """Return the settings of the surface, and those of the job; InputError for one that is neither."""
     known = (*OF_JOB, *OF_SURFACE)
     for name in options:
         if name not in (*known, "fitting"):
+            _refuse_renamed([name])
             raise InputError(f"unknown setting {name}; {nearest(name, known)}")
-    own = {name: value for name, value in options.items() if name in OF_SURFACE}
+    own = {name: value for name, value in options.items() if name in OF_SURFACE and name not in OF_JOB}
     return own, {name: value for name, value in options.items() if name not in own}
 
 

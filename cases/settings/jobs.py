@@ -124,15 +124,15 @@ def jobs_of(settings: JobSettings, *, by_range: bool = False) -> tuple[Job, ...]
     settings = replace(settings, surface=tuple(map(_with_angle, settings.surface)))
     count, sources = len(settings.surface), [i for i, one in enumerate(settings.surface) if one.mirror]
     settings = _with_reflections(settings, sources) if sources else settings
-    given, job = [surface.corners for surface in settings.surface], job_of(settings, by_range=by_range)
+    given, job = [surface.box for surface in settings.surface], job_of(settings, by_range=by_range)
     if not settings.box_each:
         if any(given):
-            raise InputError("corners = of a surface: it has a box of its own only if box_each = true")
+            raise InputError("box = of a surface: it has a box of its own only if box_each = true")
         return (job,)
     if len(given) == 1:
         raise InputError("box_each = true: there is one surface, which has one box; leave box_each out")
     if not isinstance(job.box, Automatic):
-        raise InputError("box_each = true: each surface has a box of its own; leave box out, and give corners of each")
+        raise InputError("box_each = true: each surface has a box of its own; give box in the table of each")
     boxes = [_at(corners) if corners else job.box for corners in given]
     images = [*[-1] * count, *sources]
     own = zip(job.surfaces, boxes, images, strict=True)
@@ -150,10 +150,15 @@ def _with_angle(surface: SurfaceSettings) -> SurfaceSettings:
         return surface
     if sum(one is not None for one in given) > 1 or not (surface.hinge or surface.device):
         raise InputError("down and up need a hinge, and take the place of the angle: give one of the three")
-    vertical = "xyz".index(surface.vertical)
+    vertical = "xyz".index(surface.vertical or _upward(surface.hinge))
     direction = _rotation(surface.hinge).axis.direction if surface.hinge else np.eye(3)[3 - vertical]
     angle = np.sign(rise(direction, vertical)) * (surface.up if surface.down is None else -surface.down)
     return replace(surface, angle=float(angle))
+
+
+def _upward(hinge: Sequence[Corner] | None) -> str:
+    """Return the axis that is up: z, or y for a hinge of one point, which is in a plane mesh."""
+    return "y" if hinge and (len(hinge) == 1 or len(hinge[0]) == 2) else "z"
 
 
 def _with_reflections(settings: JobSettings, sources: Sequence[int]) -> JobSettings:
@@ -181,7 +186,7 @@ def _reflection(surface: SurfaceSettings) -> SurfaceSettings:
         angle=surface.angle and surface.sign * surface.angle,
         range=(ordered[0], ordered[-1]) if ordered else None,
         mirror=(),
-        corners=None,
+        box=None,
     )
 
 
@@ -304,7 +309,8 @@ def _turn(surface: SurfaceSettings, hinge: Rotation | None) -> Motion:
             "no hinge"
         )
     wing, first, second, share = surface.device
-    vertical = "xyz".index(surface.vertical) if (surface.down, surface.up) != (None, None) else None
+    given = (surface.down, surface.up) != (None, None)
+    vertical = "xyz".index(surface.vertical or "z") if given else None
     return SoughtHinge((str(wing), float(first), float(second), float(share)), vertical)
 
 

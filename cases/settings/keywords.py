@@ -39,7 +39,7 @@ class Options(TypedDict, total=False):
     overlap: float
     mirror: str | Sequence[str]
     sign: int
-    corners: ArrayLike
+    box: str | PathLike[str] | ArrayLike | BoxRule | Hexahedron
     fixed: str | Sequence[str]
     zones: str | Sequence[str]
     near_wall: bool
@@ -48,7 +48,6 @@ class Options(TypedDict, total=False):
     select: str | Sequence[str] | Mapping[str, str]
     slide: str | Sequence[str] | Mapping[str, str]
     periodic: Mapping[str, Any] | Sequence[Any]
-    box: str | PathLike[str] | ArrayLike | BoxRule | Hexahedron
     margin: float
     box_each: bool
     open_faces: str | Sequence[str]

@@ -19,7 +19,9 @@ from .errors import InputError, shortened
 
 N = TypeVar("N")
 
-Group = Literal["What moves", "What stays", "Box", "Quality", "Accuracy", ""]
+Group = Literal[
+    "What moves", "Blended", "Track", "Slot", "Root", "Mirror", "What stays", "Box", "Repair", "Accuracy", ""
+]  # fmt: skip
 GROUPS: tuple[Group, ...] = get_args(Group)[:-1]
 """Groups of settings in the order shown; settings of the aircraft have no group."""
 INLINE = "inline"

@@ -88,7 +88,7 @@ def test_files_tell_of_each_box(run):
 def test_the_folder_makes_report_and_view_again(home, run):
     settings = tomllib.loads((run / "settings.toml").read_text())
     assert settings["box_each"] is True
-    assert all(np.shape(one["corners"]) == (8, 3) for one in settings["surface"])
+    assert all(np.shape(one["box"]) == (8, 3) for one in settings["surface"])
     finished = FinishedRun.of(run)
     plan, points = finished.plan, finished.points
     assert [part.surface for part in plan.boxes] == ["left", "right"]
@@ -113,14 +113,14 @@ def test_boxes_that_overlap_end_with_one_sentence(home, capsys):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"box_each": True, "box": [[-9, -9, -9], [9, 9, 9]]}, "leave box out, and give corners of each"),
-        ({"corners": True}, "it has a box of its own only if box_each"),
+        ({"box_each": True, "box": [[-9, -9, -9], [9, 9, 9]]}, "give box in the table of each"),
+        ({"own_box": True}, "it has a box of its own only if box_each"),
     ],
 )
 def test_settings_that_do_not_go_together_are_refused(options, said):
     given = [dict(one) for one in SURFACES]
-    if options.pop("corners", False):
-        given[0]["corners"] = [[-2, -1, -1], [-0.5, 1, 1]]
+    if options.pop("own_box", False):
+        given[0]["box"] = [[-2, -1, -1], [-0.5, 1, 1]]
     with pytest.raises(InputError, match=said):
         sdm_deflect.deflect(two_bodies(), given, **options)
     with pytest.raises(InputError, match="there is one surface"):

@@ -96,6 +96,15 @@ def test_down_and_up_are_those_of_the_trailing_edge_whatever_the_hinge(hinge, wo
     assert abs(moving.amount) == 5.0
 
 
+def test_in_a_plane_mesh_y_is_up():
+    (moving,) = jobs_of(job_settings({"surface": [{"patches": ["flap"], "hinge": [[0.7, 0.0]], "down": 5.0}]}))[
+        0
+    ].surfaces
+    assert moving.amount == -5.0
+    with pytest.raises(InputError, match="set vertical = y"):
+        jobs_of(job_settings({"surface": [{"patches": ["fin"], "hinge": [[0, 0, 0], [0, 0, 1]], "down": 5.0}]}))
+
+
 def test_a_table_of_amounts_has_a_column_for_each_surface_in_any_order(tmp_path):
     (tmp_path / "rows.csv").write_text("third,first,second\n3,1,2\n30,10,20\n")
     rows = [{"patches": [name], "hinge": HINGE} for name in ("first", "second", "third")]

@@ -15,7 +15,7 @@ from sdm_deflect.base.schema import GROUPS, Doc, Range, Spelling, check_settings
 from sdm_deflect.cases.aircraft.registry import resolve
 from sdm_deflect.cases.api import Options
 from sdm_deflect.cases.cli.commands import cli
-from sdm_deflect.cases.cli.options import DeflectCommand, settings_options
+from sdm_deflect.cases.cli.options import TOPICS, DeflectCommand, flag, settings_options
 from sdm_deflect.cases.settings.conversion import structure, table_of, to_toml
 from sdm_deflect.cases.settings.job_settings import BY_NAME, IN_PYTHON, JobSettings, job_settings, read_job
 from tests.derived import GUIDE, KEYWORDS, ROOT, guide, keywords
@@ -77,8 +77,27 @@ def test_every_setting_is_described_in_python():
 def test_help_is_in_groups_of_80_columns():
     lines = CliRunner().invoke(cli, ["deflect", "--help"], terminal_width=80).output.splitlines()
     titles = [line.removesuffix(":") for line in lines if line and line[0] != " " and line.endswith(":")]
-    assert titles == ["Basic", *GROUPS, "Output", "Cluster", "Options"]
+    assert titles == ["Basic", "What moves", "What stays", "Box", "Repair", "Accuracy", "Output", "Options"]
     assert max(map(len, lines)) <= 80
+
+
+def test_every_word_is_in_the_help_or_under_a_topic():
+    run = CliRunner()
+    told = run.invoke(cli, ["deflect", "--help"]).output
+    assert "sdm help TOPIC" in told
+    for topic in TOPICS:
+        told += run.invoke(cli, ["help", topic], terminal_width=80).output
+    for name, setting in BY_NAME.items():
+        assert flag(setting) in told if setting.option.flag is not None else f"--set {name}=VALUE" in told, name
+    assert "--workers" in told
+    assert "it needs no selection" not in told  # what most runs need is short
+
+
+def test_an_old_name_says_the_new_one():
+    with pytest.raises(InputError, match="unknown setting corners; it is box now"):
+        sdm_deflect.deflect("a.su2", "flap", corners=[[0, 0, 0], [1, 1, 1]])
+    with pytest.raises(InputError, match="unknown setting corners; it is box now"):
+        job_settings({"box_each": True, "surface": [{"patches": ["flap"], "corners": [[0, 0, 0], [1, 1, 1]]}]})
 
 
 def test_a_setting_may_have_another_name_in_files():
