@@ -80,13 +80,13 @@ class Frame:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Result:
-    """A deflected mesh, its verdict, and ways to look at it and to keep it. In a notebook it shows itself as tables.
+    """A deflected mesh and its checks, which can be plotted, saved and reported. A notebook shows it as tables.
 
     Attributes
     ----------
     deflection : the plan, the fits of every step, and the points.
     mesh : the same kind of mesh as was given, with the new points.
-    checks : what must hold.
+    checks : the checks, with value, limit and verdict each.
     """
 
     deflection: Deflection
@@ -105,12 +105,12 @@ class Result:
 
     @property
     def displacement(self) -> FloatArray:
-        """How far each node (N, 3) moved, in the mesh's unit of length."""
+        """Displacement (N, 3) of each node, in the mesh's unit of length."""
         return self.points - self.plan.mesh.points
 
     @property
     def plan(self) -> Plan:
-        """What was decided before the fit: sites, cells, the box; of several boxes, `boxes` has the plan of each."""
+        """Decisions before the fit: sites, cells, the box; of several boxes, `boxes` has the plan of each."""
         return self.deflection.plan
 
     @property
@@ -135,7 +135,7 @@ class Result:
         return rates[0] if len(rates) == 1 else np.stack(rates)
 
     def figures(self) -> dict[str, Any]:
-        """Return all figures, in dictionaries, under the names of metrics.json."""
+        """Return all figures as dictionaries with the names of metrics.json."""
         from sdm_deflect.cases.report.folder import metrics_of
 
         return metrics_of(self.deflection, self.checks, None, {})
@@ -167,7 +167,7 @@ class Result:
         return save_mesh(self.plan.mesh, found.points, path)
 
     def stored_in(self, path: str | PathLike[str]) -> Result:
-        """Return the same as a file at `path` would keep it, judged again: some keep coordinates of 32 bits alone.
+        """Return the result with the precision of a file at `path`, judged again: some formats have 32 bits.
 
         Raises InputError if the format is unknown, or the coordinates are beyond its numbers.
         """
@@ -186,7 +186,7 @@ class Result:
 
         Parameters
         ----------
-        folder : Where to; it is made if need be.
+        folder : The folder; it is made if it does not exist.
 
         Returns
         -------
@@ -212,7 +212,7 @@ class Result:
         return place / "report.html"
 
     def plot(self) -> Frame:
-        """Show the mesh, to be turned: in a frame of a notebook, elsewhere in the browser.
+        """Show the mesh as a picture that can be turned: in a frame of a notebook, elsewhere in the browser.
 
         Returns
         -------
@@ -253,7 +253,7 @@ class Result:
 
     @property
     def title(self) -> str:
-        """The surface, the mesh, the angle, the verdict, and what was reached of the angle if that is less."""
+        """Surface, mesh, angle and verdict, and the reached share of the angle if it is less than all."""
         unit, failed = self.plan.unit, [c.name for c in self.checks if not c.passed]
         verdict = f"FAILED: {', '.join(failed)}" if failed else "all checks passed"
         found = "; ".join([verdict, *short_turns(self.plan)])
@@ -261,7 +261,7 @@ class Result:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Warnings of what is probably wrong although every check holds, what was reached of the angle, and notes."""
+        """Warnings of probable mistakes although every check holds, reached shares of the angle, and notes."""
         return (*warnings_of(self.plan), *short_turns(self.plan), *notes_of(self.plan))
 
     def __repr__(self) -> str:
@@ -311,9 +311,9 @@ def deflect(
     mesh : From `read`, the path of a file, or arrays ``(points (N, 3), {patch: node indices (K,)})``. Or a meshio mesh
         with a cell set or a physical group for each patch. Or a pyvista grid whose faces have the cell array ``patch``,
         named by the field array ``patch_names``.
-    surfaces : Name of the moving patch, or several; ``*`` stands for any letters. For surfaces with hinges and angles
-        of their own, a list of dictionaries with ``patches``, ``hinge``, ``angle`` and, if need be, ``motion`` and what
-        belongs to it.
+    surfaces : Name of the moving patch, or several; ``*`` stands for any letters. For several surfaces with different
+        hinges and angles, a list of dictionaries with ``patches``, ``hinge``, ``angle`` and, if needed, ``motion`` and
+        its settings.
     hinge : (2, 3) two points of the hinge line, in the mesh's unit of length; in a plane mesh one point (2,).
     angle : Degrees, right-handed from the first hinge point to the second, at most 90 either way; of a `table` its
         share.
@@ -352,11 +352,11 @@ def plan(
     progress: Progress = silent,
     **options: Unpack[Options],
 ) -> MeshMotion:
-    """Hold everything that moves a mesh to any amounts within a range: sums of fixed fields.
+    """Return a plan that moves a mesh to any amounts within a range, by sums of fixed fields.
 
-    With a `range`, `deflect` makes the meshes at its ends, and amounts between are judged. With an `angle` alone the
-    plan serves this one. Of a large file that can be read in pieces only the boundary, the box and the coordinates of
-    all nodes are read.
+    With a `range`, the meshes at its ends are those of `deflect`, and amounts between are judged. With an `angle` alone
+    the plan holds for that angle. Of a large file that can be read in pieces, only the boundary, the box and the
+    coordinates of all nodes are read.
 
     Parameters
     ----------
@@ -365,7 +365,8 @@ def plan(
 
     Returns
     -------
-    The plan: `at` gives coordinates, `jvp` and `vjp` derivatives, `check` all checks; `on` serves any part of the mesh.
+    The plan: `at` returns coordinates, `jvp` and `vjp` derivatives, `check` all checks; `on` moves any part of the
+    mesh.
 
     Raises
     ------
@@ -396,11 +397,11 @@ def sweep(
     progress: Progress = silent,
     **options: Unpack[Options],
 ) -> tuple[Result, ...]:
-    """Deflect to several angles; centres and factors of the largest serve for all of them.
+    """Deflect to several angles, with the centres and factors of the largest for all of them.
 
-    Each angle is checked at every data site; centres are added where one is off by more than the tolerance. The box is
-    one that holds the surface at all angles. Of several surfaces with angles of their own, `angles` are those of the
-    first, and the others keep their proportion to it; or `angles` has the amounts of all.
+    Each angle is checked at every data site; centres are added if a site is off by more than the tolerance. The box
+    holds the surface at all angles. Of several surfaces with angles of their own, `angles` are those of the first, and
+    the others keep their proportion to it; or `angles` has the amounts of all.
 
     Parameters
     ----------
@@ -422,7 +423,7 @@ def sweep(
 
 
 def _read_needed(path: Path, jobs: Sequence[Job], progress: Progress) -> Mesh:
-    """Read a mesh file; of a large one that can be read in pieces only what jobs need."""
+    """Read a mesh file; of a large one that can be read in pieces only the parts that jobs need."""
     from sdm_deflect.meshing.formats.registry import in_pieces, size_of
 
     with about_files():
@@ -453,7 +454,7 @@ def _run(mesh: Any, jobs: Sequence[Job], poses: Sequence[Amounts], progress: Pro
 
 
 def _plan_jobs(mesh: Any, jobs: Sequence[Job], poses: Sequence[Amounts], progress: Progress) -> tuple[Plan, Any]:
-    """Plan jobs for all poses; warn of what is probably wrong and of short turns; return the mesh as given, too."""
+    """Plan jobs for all poses, warn of probable mistakes and short turns, and return also the mesh as given."""
     given = adapters.accept(read(mesh, progress) if isinstance(mesh, str | PathLike) else mesh)
     plan = Plan.of(given.mesh, jobs, poses, progress)
     for text in (*warnings_of(plan), *short_turns(plan)):

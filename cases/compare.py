@@ -1,4 +1,4 @@
-"""Finished runs beside each other: which figures and settings differ, and by how much."""
+"""Comparison of finished runs: differences of figures and settings."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -40,7 +40,7 @@ class ComparedRun:
     Attributes
     ----------
     name : the name of its folder, or the path if several folders have that name.
-    data : what its report shows, with the checks that it made itself.
+    data : content of its report, with the checks that the run made.
     """
 
     name: str
@@ -51,7 +51,7 @@ class ComparedRun:
 def read_runs(folders: Sequence[Path], progress: Progress = silent) -> tuple[ComparedRun, ...]:
     """Read the folders of `sdm run` or `sdm deflect`.
 
-    Raises InputError or MeshFileError for too few or too many, a folder given twice, or one without a run.
+    Raises InputError or MeshFileError for too few or too many folders, one given twice, or one without a run.
     """
     if not FEWEST <= len(folders) <= MOST:
         raise InputError(f"{len(folders)} runs cannot be compared: give {FEWEST} to {MOST} folders of finished runs")
@@ -72,7 +72,7 @@ def read_runs(folders: Sequence[Path], progress: Progress = silent) -> tuple[Com
 
 
 def comparison(runs: Sequence[ComparedRun]) -> dict[str, Any]:
-    """Return what the tables hold, as JSON has it."""
+    """Return the content of the tables for JSON."""
     return {
         "runs": [
             {"name": run.name, "folder": run.folder, "title": run.data.title, "passed": run.data.passed} for run in runs
@@ -100,9 +100,9 @@ class Row:
 
     Attributes
     ----------
-    name, unit : of the figure.
-    values : by run; None where a run has none.
-    form : how a number is written.
+    name, unit : name and unit of the figure.
+    values : value of each run; None if a run has none.
+    form : format of numbers.
     """
 
     name: str
@@ -122,7 +122,7 @@ class Row:
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """The values as they are shown, from the second on with their change from the first one."""
+        """The values as text; all but the first with their difference from it."""
         return tuple(_written(value, self.form) + _change(self.values[0], value) for value in self.values)
 
 
@@ -135,7 +135,7 @@ class FigureTable:
 
 
 def tables(runs: Sequence[ComparedRun]) -> tuple[FigureTable, ...]:
-    """Return the figures of runs, in tables; none without a row that any run has a value for."""
+    """Return the figures of runs in tables; tables without any value are left out."""
     found = [FigureTable("What was run", tuple(_subject(runs)))]
     for title, blocks in _deflections(runs):
         place = f": {title}" if title else ""
@@ -151,13 +151,13 @@ def tables(runs: Sequence[ComparedRun]) -> tuple[FigureTable, ...]:
 
 
 def rows_by_table(runs: Sequence[ComparedRun], whole: bool) -> dict[str, list[tuple[str, ...]]]:
-    """Return the rows of names and texts that differ between runs, by table; with `whole` also the same figures."""
+    """Return, by table, rows of a name and texts that differ between runs; with `whole` also equal ones."""
     found = (*tables(runs), FigureTable("Settings that differ", differing_settings(runs)))
     return {one.title: [(row.label, *row.texts) for row in one.rows if whole or not row.same] for one in found}
 
 
 def differing_settings(runs: Sequence[ComparedRun]) -> tuple[Row, ...]:
-    """Return the settings that are not the same in all runs, by their names in the file of settings."""
+    """Return the settings that differ between runs, by their names in the settings file."""
     own = [dict(_flat(loads(run.data.settings))) for run in runs]
     names = dict.fromkeys(name for one in own for name in one)
     rows = [Row(name, tuple(one.get(name) for one in own), form="g") for name in names]
@@ -221,7 +221,7 @@ def _time(runs: Sequence[ComparedRun]) -> Iterator[Row]:
 
 
 def _deflections(runs: Sequence[ComparedRun]) -> Iterator[tuple[str, list[Json]]]:
-    """Yield the figures of each deflection by run, empty where a run has none of its name; a single one has no name."""
+    """Yield the figures of each deflection by run, empty if a run has none of that name; a single one has no name."""
     own = [_blocks(run.data.figures) for run in runs]
     if all(len(blocks) == 1 for blocks in own):
         yield "", [next(iter(blocks.values())) for blocks in own]
@@ -236,7 +236,7 @@ def _blocks(figures: Json) -> dict[str, Json]:
 
 
 def _of(figures: Sequence[Json], *path: str) -> tuple[Value, ...]:
-    """Return what stands at a place in the figures of each run; None where nothing does."""
+    """Return the entry at a place in each run's figures; None without one."""
     return tuple(found if _is_number(found := _at(one, *path)) or isinstance(found, str) else None for one in figures)
 
 
@@ -286,7 +286,7 @@ def _written(value: Value, form: str) -> str:
 
 
 def _change(first: Value, value: Value) -> str:
-    """Return by how much a number differs from the first one, in brackets; nothing if it does not."""
+    """Return the difference of a number from the first, in brackets; empty without one."""
     if not isinstance(value, int | float) or not isinstance(first, int | float) or _alike(first, value):
         return ""
     if first * value <= 0.0:

@@ -1,10 +1,10 @@
-"""What the command line answers with one line instead of a traceback."""
+"""Errors that the command line reports in one line instead of a traceback."""
 
 from sdm_deflect.base.errors import InputError, LostError
 
 
 def is_reported(error: Exception) -> bool:
-    """True for errors whose message tells the user what is wrong; any other exception is a defect of ours."""
+    """Return whether an error's message is meant for the user; any other exception is a defect of the program."""
     if isinstance(error, InputError | LostError):
         return True
     from sdm_deflect.base.errors import MeshFileError

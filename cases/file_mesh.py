@@ -1,4 +1,4 @@
-"""The mesh that `sdm_deflect.read` returns: a mesh that shows, judges and saves itself."""
+"""The mesh that `sdm_deflect.read` returns, with a table of patches, quality, motion and saving."""
 
 import warnings
 from collections import Counter
@@ -25,20 +25,20 @@ if TYPE_CHECKING:
 
 
 class FileMesh(Mesh):
-    """A mesh of a file: `mesh["flap"]` is a patch, and `print(mesh)` a table of patches and where they are."""
+    """A mesh from a file: `mesh["flap"]` is a patch, and `print(mesh)` prints a table of patches and their extents."""
 
     __slots__ = ()
 
     @classmethod
     def of(cls, mesh: Mesh) -> "FileMesh":
-        """Take a mesh as it is, without checking it again."""
+        """Return a mesh as a `FileMesh`, without checking it again."""
         found = object.__new__(cls)
         for one in fields(mesh):
             object.__setattr__(found, one.name, getattr(mesh, one.name))
         return found
 
     def __getitem__(self, name: str) -> Patch:
-        """Return a patch; InputError if there is none of that name, with the nearest ones."""
+        """Return a patch; InputError, with the most similar names, if there is none of that name."""
         return self.patch(self.expand([name], "patch")[0])
 
     def quality(self) -> tuple[Quality, ...]:
@@ -47,7 +47,7 @@ class FileMesh(Mesh):
         return by_shape(self.points, zip(self.cells, repeat(None), signs, strict=False))
 
     def moved_by(self, plan: "MeshMotion", amounts: Wanted) -> "FileMesh":
-        """Return the mesh with its nodes where a plan brings them.
+        """Return the mesh with its nodes moved by a plan.
 
         Parameters
         ----------
@@ -76,7 +76,7 @@ class FileMesh(Mesh):
 
 
 def moved_points(plan: "MeshMotion", amounts: Wanted, mesh: Mesh) -> FloatArray:
-    """Return where a plan brings the nodes (N, 3) of a mesh; InputError as for `FileMesh.moved_by`."""
+    """Return the places (N, 3) to which a plan moves a mesh's nodes; InputError as for `FileMesh.moved_by`."""
     from sdm_deflect.cases.run.apply import compare_points, move
 
     pose, name = plan.in_order(amounts), Path(mesh.source or mesh.name)
@@ -85,7 +85,7 @@ def moved_points(plan: "MeshMotion", amounts: Wanted, mesh: Mesh) -> FloatArray:
 
 
 def save_mesh(mesh: Mesh, points: FloatArray, path: str | PathLike[str]) -> Path:
-    """Write a mesh with new points (N, 3) and return its path; see `Result.save`. It must read back as it is."""
+    """Write a mesh with new points (N, 3), read it back to compare, and return its path; see `Result.save`."""
     place, lost = written(mesh, points, path)
     for text in lost:
         warnings.warn(f"{path}: {text}", stacklevel=3)
@@ -95,7 +95,7 @@ def save_mesh(mesh: Mesh, points: FloatArray, path: str | PathLike[str]) -> Path
 def written(
     mesh: Mesh, points: FloatArray, path: str | PathLike[str], progress: Progress = silent
 ) -> tuple[Path, tuple[str, ...]]:
-    """Write a mesh with new points (N, 3); return its path, and what the format cannot hold; errors of `save_mesh`."""
+    """Write a mesh with new points (N, 3); return path and losses, a sentence each; errors of `save_mesh`."""
     from sdm_deflect.base.files import permitted_as
     from sdm_deflect.cases.run.mesh_files import OutputFiles, check_written, write_mesh
     from sdm_deflect.cases.run.output import OutputError, output_files
@@ -117,7 +117,7 @@ def written(
 
 
 def path_of(path: Any) -> Path:
-    """Return what a caller gave as a path; InputError if it is none."""
+    """Return a caller's argument as a path; InputError if it is no path."""
     if not isinstance(path, str | PathLike) or "\0" in str(path):
         raise InputError(f"{shortened(path)} is no path of a file or folder")
     return Path(path)
@@ -125,7 +125,7 @@ def path_of(path: Any) -> Path:
 
 @contextmanager
 def about_files() -> Iterator[None]:
-    """Make errors of mesh files, and of paths that cannot be, what all other mistakes are."""
+    """Turn errors of mesh files and impossible paths into InputErrors."""
     try:
         yield
     except MeshFileError as error:

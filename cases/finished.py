@@ -1,4 +1,4 @@
-"""The folder of any finished run, opened, and its mesh in the files that flow solvers read."""
+"""Reading of any finished run's folder, and export of its mesh for flow solvers."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from sdm_deflect.meshing.formats.zones import join_zones
 def read_run(folder: Path) -> FinishedRun:
     """Read the folder of `sdm run`, or that beside a mesh of `sdm deflect`.
 
-    Raises InputError or MeshFileError if it is none, a file is missing or damaged, or the files do not belong together.
+    Raises InputError or MeshFileError for another folder, missing or damaged files, or files of different runs.
     """
     if is_report(folder):
         return FinishedRun.of(folder)

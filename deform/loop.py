@@ -36,7 +36,7 @@ def run(plan: Plan, stage: Stage = unseen, unit: str = "", motion: "MeshMotion |
     plan : The plan.
     stage : Shows the current stage.
     unit : Unit of lengths, if it is known.
-    motion : Brings the mesh to the poses instead of fits.
+    motion : Motion that brings the mesh to the poses; None to fit at each pose.
     """
     earlier = None
     for pose in dict.fromkeys((plan.largest, *plan.poses)):

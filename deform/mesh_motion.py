@@ -44,7 +44,7 @@ NO_MESH = (
 
 @dataclass(frozen=True, eq=False)
 class MeshMotion:
-    """All that moves a mesh to any amounts of its surfaces within their ranges.
+    """The coordinates of a mesh as a function of its surfaces' amounts within their ranges.
 
     Attributes
     ----------
@@ -52,13 +52,14 @@ class MeshMotion:
     start : (N, 3) undeflected coordinates; of a plan from a file those of its places.
     rows : for each surface the nodes (M,) that it moves.
     fields : for each surface (k, M, 3), one field for each function of its amount.
-    amounts : where the other surfaces stand while one is measured.
+    amounts : amounts of the other surfaces while one is measured.
     measured : for each surface the checks at some amounts; empty until `judged`.
     source : name of the file of the undeflected mesh; empty if it came from elsewhere.
-    plan, snapshots, found : the plan; the deflections from which fields were read; of a plan of one amount its
-        deflection. None, empty and None for a plan from a file.
+    plan : the plan from which it was made; None for a plan from a file.
+    snapshots : the deflections from which the fields were read.
+    found : the deflection of a plan of one amount.
     table : the places that `start` are; None where `start` are nodes of a mesh.
-    stored : the motion of the places from which this one of some points was taken; None if there is none.
+    stored : the motion of all places, if this one was taken from it for some points.
     """
 
     controls: tuple[ControlRange, ...]
@@ -108,7 +109,7 @@ class MeshMotion:
 
     @classmethod
     def of_one_amount(cls, found: Deflection, failed: Sequence[str]) -> "MeshMotion":
-        """Hold an unrounded deflection and the names of its failed checks; it serves these amounts alone.
+        """Return the motion that serves the amounts of an unrounded deflection alone; `failed` names its failed checks.
 
         The first surface that moves has two fields; with the undeflected mesh they add up exactly to the deflected one.
         """
@@ -171,7 +172,7 @@ class MeshMotion:
 
     @cached_property
     def by_place(self) -> "MeshMotion":
-        """The same motion of the places of the mesh, each once; InputError if nodes at one place move apart."""
+        """The same motion by place, each place once; InputError if nodes at one place move apart."""
         if self.table or self.stored:
             return self.stored or self
         if self.plan is None:
@@ -279,7 +280,7 @@ class MeshMotion:
             yield control.functions.rates(amount)
 
     def _check_nodes(self) -> FloatArray:
-        """Return `start`; InputError if it holds places in place of nodes."""
+        """Return `start`; InputError for a plan from a file, which has places and no nodes."""
         if self.table:
             raise InputError(NO_MESH)
         return self.start
@@ -346,9 +347,9 @@ class MeshMotion:
         return tuple(own.residuals(most) for own in self.snapshots)
 
     def judged(self, progress: Progress = silent, count: int = MEASURED) -> "MeshMotion":
-        """Return the plan with its mesh checked at amounts of each surface, the others where they stand.
+        """Check the mesh at some amounts of each surface; return the motion with the results.
 
-        They are `count` even ones, and the rows of a track.
+        The amounts are `count` evenly spaced ones and the rows of a track. The other surfaces stay at `amounts`.
         """
         measured, own = [], self._on_plan.plan
         assert own is not None
@@ -367,7 +368,7 @@ class MeshMotion:
         return replace(self, measured=tuple(measured))
 
     def passed(self, row: int) -> tuple[float, float] | None:
-        """Return the range of a surface's amounts around where it stands that passed; None if none did."""
+        """Return the ends of the range that passed around a surface's own amount; None if no amount passed."""
         good, bad = ([one.amount for one in self.measured[row] if bool(one.failed) is fails] for fails in (False, True))
         here = min(good, key=lambda amount: abs(amount - self.amounts[row]), default=None)
         if here is None:
@@ -378,7 +379,7 @@ class MeshMotion:
 
     @property
     def shortfalls(self) -> tuple[str, ...]:
-        """A sentence for each surface whose range did not pass as a whole: what did, and half of it as the next try."""
+        """A sentence for each surface whose whole range did not pass: the part that did, and a range to try."""
         out = []
         for i, one in enumerate(self.controls):
             passed = self.passed(i) if self.measured and self.measured[i] else (one.low, one.high)
@@ -440,7 +441,7 @@ def _check_unmirrored(plan: Plan) -> None:
 
 
 def _finer(box: BoxPlan) -> BoxPlan:
-    """Return a box whose fits are finer by the number of its surfaces with a range: their errors add up."""
+    """Return the box with smaller errors of its fits: those of surfaces with a range add up."""
     return replace(box, margin=float(max(1, sum(moving.ends[0] < moving.ends[1] for moving in box.job.surfaces))))
 
 

@@ -105,7 +105,7 @@ def _letters(control: ControlRange, k: int) -> str:
 
 
 def _functions(control: ControlRange) -> str:
-    """Return the entries of a surface that tell its functions of the amount; InputError if there is but one amount."""
+    """Return the dictionary entries of a surface's functions; InputError for a plan of one amount."""
     functions, text = control.functions, f"    range ({control.low:.17g} {control.high:.17g});\n"
     if isinstance(functions, Fixed):
         raise InputError(f"{control.name}: the plan is of {functions.amount:g} alone; make one with a range")

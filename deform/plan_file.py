@@ -70,7 +70,7 @@ class StoredPlan(NamedTuple):
 
 
 class _Text(NamedTuple):
-    """The content of the file that is text; of each box the zones, of the mesh the numbers of nodes and zones."""
+    """The text of the file: `boxes` has the zones of each box, `mesh` the numbers of nodes and zones."""
 
     controls: tuple[dict[str, Any], ...]
     amounts: tuple[float, ...]
@@ -169,7 +169,7 @@ def _table(arrays: Mapping[str, Any], text: _Text) -> PlaceTable:
 
 
 def _bounded(arrays: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> FloatArray:
-    """Return an array of coordinates; ValueError if its shape or a number is wrong."""
+    """Return an array of coordinates; ValueError for a wrong shape or number."""
     found = bounded(arrays[name], name)
     if found.shape != shape:
         raise ValueError(f"{name} {found.shape} must be {shape}")
@@ -177,7 +177,7 @@ def _bounded(arrays: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> Fl
 
 
 def _indices(arrays: Mapping[str, Any], name: str, end: int, rising: bool = False) -> IntArray:
-    """Return an array (K,) of indices from 0 to below `end`, which may have to rise; ValueError for another one."""
+    """Return an array (K,) of indices below `end`, in rising order if asked; ValueError for other content."""
     found = arrays[name]
     if found.ndim != 1 or found.dtype.kind != "i" or found.min(initial=0) < 0 or found.max(initial=-1) >= end:
         raise ValueError(f"{name} must be numbers from 0 to below {end}")
@@ -187,7 +187,7 @@ def _indices(arrays: Mapping[str, Any], name: str, end: int, rising: bool = Fals
 
 
 def _control(table: dict[str, Any]) -> ControlRange:
-    """Return a surface; ValueError for values that cannot be."""
+    """Return a surface from its table; ValueError for impossible values."""
     kind, *numbers = table.pop("functions")
     hints = get_type_hints(KINDS[kind])
     values = [_value(one, hints[own.name]) for own, one in zip(fields(KINDS[kind]), numbers, strict=True)]
@@ -203,7 +203,7 @@ def _control(table: dict[str, Any]) -> ControlRange:
 
 
 def _value(given: Any, kind: Any) -> Any:
-    """Return a value of JSON as a type; ValueError for another one, or for a number that is not finite.
+    """Convert a JSON value to a type; ValueError if it is of another type, or a number is not finite.
 
     Only `least` of `Measured` may be NaN.
     """

@@ -55,8 +55,8 @@ def build(
     Parameters
     ----------
     deflections : mapping
-        Control surfaces that are deflected in the CAD, by name. A rigidly turned one leaves slots too fine for
-        a mesher: a deflected model is a reference to measure against and is not checked for meshing.
+        Control surfaces that are deflected in the CAD, by name. A rigid turn leaves slots too fine for a mesher, so
+        a deflected model only serves as a reference and is not checked for meshing.
     without : set of str
         Control surfaces that are left out: the background of a Chimera block, so that all of the block's
         outer faces lie in flow.
@@ -66,9 +66,9 @@ def build(
     Raises
     ------
     ValueError
-        Where a name is not that of a control surface, a tail shall be blended, or the notch is impossible.
+        If a name is not that of a control surface, a tail is to be blended, or the notch is impossible.
     CadError
-        Where the kernel fails, or the undeflected aircraft could not be meshed.
+        If the kernel fails, or the undeflected aircraft could not be meshed.
     """
     moved = dict(deflections or {})
     _check_surfaces(moved, without)
@@ -93,7 +93,7 @@ def _check_surfaces(moved: Mapping[str, CadTurn], without: Set[str]) -> None:
 def aircraft_parts(
     fighter: Fighter, deflections: Mapping[str, CadTurn], without: Set[str], notch: float
 ) -> list[NamedSolid]:
-    """All components as overlapping parts; where two overlap, the volume is the earlier one's."""
+    """Return all components as overlapping parts; a common volume belongs to the earlier part."""
     f, kept = fighter, [name for name in SURFACES if name not in without]
     return [
         *fuselage_parts(f.fuselage),
@@ -121,7 +121,7 @@ def _surface(fighter: Fighter, name: str, deflection: CadTurn | None, notch: flo
 
 
 def chimera_block(fighter: Fighter, parameters: BlockParameters, surface: str = "aileron_left") -> CadModel:
-    """The flow inside a hexahedral block around an aileron and the part of the wing ahead of it.
+    """Return the flow inside a hexahedral block around an aileron and the part of the wing ahead of it.
 
     Its outer faces are planar and called "chimera"; those that face a rib of the wing are perpendicular to y and
     stand in the gap. The front cuts through the wing parallel to the hinge line.
@@ -148,16 +148,16 @@ def chimera_block(fighter: Fighter, parameters: BlockParameters, surface: str = 
 
 
 def background(fighter: Fighter, surface: str = "aileron_left") -> CadModel:
-    """The aircraft that the block's outer faces take their flow from: without the aileron.
+    """Return the background of a Chimera block, the aircraft without the aileron.
 
-    In Chimera practice the background covers the aileron's place, blanked; without the aileron in it, every
-    outer face of the block, and every place that the aileron leaves when it moves, lies in the background's flow.
+    The block's outer faces take their flow from the background. Without the aileron in it, every outer face, and every
+    place that the aileron leaves when it moves, lies in the background's flow.
     """
     return build(fighter, without={surface})
 
 
 def _faces(corners: FloatArray) -> Loops:
-    """The six faces (4, 3) of a hexahedron with corners (8, 3) as `hexahedron_corners` orders them."""
+    """Return the six faces (4, 3) of a hexahedron with corners (8, 3) in the order of `hexahedron_corners`."""
     quads = ((0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6))
     return tuple(corners[list(quad)] for quad in quads)
 
@@ -172,7 +172,7 @@ KERNEL: tuple[type[Exception], ...] = (*_exceptions(Standard), *_exceptions(StdF
 
 @contextmanager
 def _kernel_errors_named(fighter: Fighter) -> Iterator[None]:
-    """Raise CadError that names the parameters which differ from the defaults, where the kernel raises its own."""
+    """Turn errors of the kernel into CadErrors that name the parameters which differ from the defaults."""
     try:
         with np.errstate(all="raise", under="ignore"):
             yield

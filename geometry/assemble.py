@@ -1,4 +1,4 @@
-"""Build the model from the skin's faces, and find what a volume mesher cannot resolve."""
+"""Assembly of the model from the skin's faces, and a search for places that a volume mesher cannot resolve."""
 
 from collections.abc import Iterator, Sequence
 
@@ -36,9 +36,9 @@ ROUNDING = 1e-9
 
 
 def assemble(skin: Sequence[CadFace], partitions: Sequence[CadFace], fluid_inside: bool, loose: int = 0) -> CadModel:
-    """Build the model from its exterior faces and the internal faces that may have to back their creases.
+    """Build the model from its exterior faces, and internal faces, some of which stand behind its creases.
 
-    CadError where the skin is not closed, has not one piece and so many `loose` ones, or one is not a valid solid.
+    CadError if the skin is open, has other than `loose` pieces besides the main one, or a piece is no valid solid.
     """
     index, owners = _edge_owners(skin)
     vertices = TopTools_IndexedMapOfShape()
@@ -105,7 +105,7 @@ def _edge(
 
 
 def _solids(skin: Sequence[CadFace], edges: Sequence[CadEdge], loose: int) -> Solid | Compound:
-    """Make a solid of the faces that hang together, and a compound of all if some are `loose`."""
+    """Return a solid of connected faces, or a compound of several solids if some are `loose`."""
     faces = np.array([edge.faces for edge in edges], dtype=np.intp).reshape(-1, 2)
     links = coo_array((np.ones(len(faces), dtype=bool), tuple(faces.T)), shape=(len(skin), len(skin)))
     count, piece = connected_components(links, directed=False)
@@ -130,7 +130,7 @@ def _solid(skin: Sequence[CadFace]) -> Solid:
 
 
 def preflight(model: CadModel, min_edge: float = MIN_FEATURE) -> None:
-    """Check that edges have at least `min_edge` metres, face corners their angle, weak creases their sheet.
+    """Check that edges are at least `min_edge` metres long, corners are wide enough, and weak creases have a sheet.
 
     CadError names the first places that a mesher would fail at, with the patches that meet there.
     """
@@ -158,7 +158,7 @@ def _sharp_corners(model: CadModel) -> Iterator[str]:
 
 
 def _corners(model: CadModel) -> dict[tuple[int, int], list[FloatArray]]:
-    """For each (face, vertex), the unit directions (3,) of the face's edges there.
+    """Return, for each (face, vertex), the unit directions (3,) of the face's edges there.
 
     They are chords over the smallest feature: an intersection curve's tangent can be off at its very end.
     """

@@ -21,8 +21,8 @@ class Margins(Checked):
     """How far a confinement hexahedron reaches beyond its surface, in metres.
 
     A hinged surface's hexahedron begins `ahead` of its hinge line, 0 in the paper. A tail's begins at its panel's front
-    border; `aft` is measured at its outboard face from the rear border, `up` and `down` there from the height of the
-    panel's borders. A rudder's `up` is to starboard, its `down` to port.
+    border; at its outboard face, `aft` is measured from the rear border, `up` and `down` from the panel's upper and
+    lower borders. A rudder's `up` is to starboard, its `down` to port.
     """
 
     aft: float = quantity(0.05, "m", 1e-4, 10.0, "beyond the trailing edge")
@@ -45,7 +45,7 @@ class BlockParameters(Checked):
 
 
 def hexahedron_corners(fighter: Fighter, surface: str, margins: Margins) -> FloatArray:
-    """Corners (8, 3) of a convex hexahedron with planar faces around a control surface.
+    """Return corners (8, 3) of a convex hexahedron with planar faces around a control surface.
 
     Corner i lies aft where i & 1, to starboard where i & 2, above where i & 4. Inside are the surface and
     flow, with a tail also its fuselage panel, and no node of any other component.
@@ -58,14 +58,14 @@ def hexahedron_corners(fighter: Fighter, surface: str, margins: Margins) -> Floa
 
 
 def inward_face(surface: str) -> str:
-    """The hexahedron's face towards the parent: in the plane of the inboard rib, or inside the fuselage."""
+    """Return the hexahedron's face towards the parent: in the plane of the inboard rib, or inside the fuselage."""
     if surface == "rudder":
         return "z-"
     return "y+" if surface.endswith("_left") else "y-"
 
 
 def rib_faces(fighter: Fighter, surface: str) -> tuple[str, ...]:
-    """The hexahedron's faces in the planes of the parent's ribs, inboard first; none of a tail's."""
+    """Return the hexahedron's faces in the planes of the parent's ribs, inboard first; none for a tail."""
     opposite = {"z-": "z+", "y+": "y-", "y-": "y+"}
     inward = inward_face(surface)
     return (inward, opposite[inward])[: len(parent_ribs(fighter, surface))]
@@ -74,7 +74,7 @@ def rib_faces(fighter: Fighter, surface: str) -> tuple[str, ...]:
 def _around_aileron(
     fighter: Fighter, surface: str, stations: FloatArray, reach: Margins | BlockParameters, ahead: float = 0.0
 ) -> FloatArray:
-    """Corners (8, 3): end faces at stations (k,), a vertical front face `ahead` of the hinge edges (metres)."""
+    """Return corners (8, 3): end faces at stations (k,), a vertical front face `ahead` of the hinge edges (metres)."""
     hinge = hinge_edges(fighter, "aileron_right")[0]
     y = np.append(np.abs(stations), fighter.wing.half_span + reach.outboard)[:2]
     x = np.array([along(hinge[:, 1], hinge[:, 0], y) - ahead, np.full(2, fighter.wing.x_te + reach.aft)])
@@ -86,11 +86,11 @@ def _on_side(surface: str, starboard: FloatArray) -> FloatArray:
 
 
 def _tail(fighter: Fighter, margins: Margins) -> FloatArray:
-    """Corners (8, 3): front face in the plane of the panel's front border, upper and lower through its meridians.
+    """Return corners (8, 3): front face in the plane of the panel's front border, upper and lower by its meridians.
 
-    The rear face touches the panel's rear border where the fuselage is widest and leans aft from there, by `aft` at
-    the outboard face: in the border's plane it would stand ten millimetres behind a trailing edge that moves as far.
-    Where it cuts the panel, the panel's nodes behind it stay.
+    The rear face touches the panel's rear border where the fuselage is widest, and leans aft by `aft` at the outboard
+    face. In the border's plane it would stand only ten millimetres behind a trailing edge that moves as far. Nodes of
+    the panel behind the rear face stay.
     """
     f, tail = fighter.fuselage, fighter.tail
     border = f.radius * np.array([cos(radians(f.panel_angle)), sin(radians(f.panel_angle))])
@@ -109,7 +109,7 @@ def _tail(fighter: Fighter, margins: Margins) -> FloatArray:
 
 
 def _rudder(fighter: Fighter, margins: Margins) -> FloatArray:
-    """Corners (8, 3): front face ahead of the hinge edges, lower face in the plane of the rudder's lower end."""
+    """Return corners (8, 3): front face ahead of the hinge edges, lower face in the plane of the rudder's lower end."""
     hinge, trailing = hinge_edges(fighter, "rudder")[0], trailing_edge(fighter, "rudder")
     z = np.append(parent_ribs(fighter, "rudder"), fighter.fin.z_tip + margins.outboard)[:2]
     front = along(hinge[:, 2], hinge[:, 0], z) - margins.ahead
@@ -119,20 +119,20 @@ def _rudder(fighter: Fighter, margins: Margins) -> FloatArray:
 
 
 def _corners(x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
-    """Corners (8, 3) from x[aft][outboard] (2, 2), y[outboard] (2,), z[above][outboard] (2, 2)."""
+    """Return corners (8, 3) from x[aft][outboard] (2, 2), y[outboard] (2,), z[above][outboard] (2, 2)."""
     return np.array([[x[a, o], y[o], z[k, o]] for k in (0, 1) for o in (0, 1) for a in (0, 1)])
 
 
 def along(stations: FloatArray, values: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Values (k,) at wanted stations (k,) on the line through two stations (2,) and values (2,), also beyond them."""
+    """Return values (k,) at stations (k,) on the straight line through two stations (2,) and values (2,)."""
     slope = (values[1] - values[0]) / (stations[1] - stations[0])
     return np.asarray(values[0] + slope * (wanted - stations[0]), dtype=np.float64)
 
 
 def gap_faces(fighter: Fighter, parameters: BlockParameters, surface: str) -> FloatArray:
-    """Stations y (k,) of the block's faces that stand in a gap, perpendicular to y; inboard first.
+    """Return stations y (k,) of the block's faces that stand in a gap, perpendicular to y; inboard first.
 
-    ValueError where the surface is no aileron or has no gap.
+    ValueError if the surface is no aileron or has no gap.
     """
     if not surface.startswith("aileron"):
         raise ValueError(f"a Chimera block surrounds an aileron, not {surface!r}")
@@ -143,6 +143,6 @@ def gap_faces(fighter: Fighter, parameters: BlockParameters, surface: str) -> Fl
 
 
 def block_corners(fighter: Fighter, parameters: BlockParameters, surface: str) -> FloatArray:
-    """Corners (8, 3) of the block, in the order of `hexahedron_corners`: bits aft, starboard, above."""
+    """Return corners (8, 3) of the block, in the order of `hexahedron_corners`: bits aft, starboard, above."""
     stations = gap_faces(fighter, parameters, surface)
     return _around_aileron(fighter, surface, stations, parameters, parameters.ahead)

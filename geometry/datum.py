@@ -1,4 +1,4 @@
-"""Control surfaces and fuselage as plain arrays, from the parameters alone: what a deformation needs to know of them.
+"""Data of control surfaces and fuselage for a deformation, as plain arrays from the parameters alone.
 
 Arrays are float64 in metres. "Inboard" is the end next to the parent component: the lower one of a rudder.
 """
@@ -27,14 +27,14 @@ SURFACES = ("aileron_left", "aileron_right", "tail_left", "tail_right", "rudder"
 
 
 def hinged(surface: str) -> bool:
-    """True for trailing-edge wedges on a hinge (ailerons, rudder), False for tails, which turn as a whole."""
+    """Return True for wedges on a hinge (ailerons, rudder), False for tails, which turn as a whole."""
     return not surface.startswith("tail")
 
 
 def ends(fighter: Fighter, surface: str) -> FloatArray:
-    """Undeflected sections (2, 6, 3) at a surface's inboard and outboard end, a tail's inside the fuselage.
+    """Return undeflected sections (2, 6, 3) at a surface's inboard and outboard end, for a tail from the fuselage.
 
-    ValueError where there is no control surface of that name.
+    ValueError if there is no control surface of that name.
     """
     if surface not in SURFACES:
         raise ValueError(f"no control surface {surface!r}; there are {', '.join(SURFACES)}")
@@ -51,7 +51,7 @@ def ends(fighter: Fighter, surface: str) -> FloatArray:
 
 
 def hinge_line(fighter: Fighter, surface: str) -> FloatArray:
-    """Two points (2, 3) of the axis that a surface turns about.
+    """Return two points (2, 3) of the axis about which a surface turns.
 
     A positive right-handed turn moves the trailing edge down, a rudder's to port. Ailerons and rudder
     turn about the line half way between their hinge edges, tails about their pivot.
@@ -65,7 +65,7 @@ def hinge_line(fighter: Fighter, surface: str) -> FloatArray:
 
 
 def hinge_edges(fighter: Fighter, surface: str) -> FloatArray:
-    """Edges (2, 2, 3) along which the surface meets its parent: [upper, lower][inboard, outboard].
+    """Return edges (2, 2, 3) along which the surface meets its parent: [upper, lower][inboard, outboard].
 
     A rudder's upper edge is the starboard one. ValueError for tails, which have none.
     """
@@ -76,12 +76,12 @@ def hinge_edges(fighter: Fighter, surface: str) -> FloatArray:
 
 
 def trailing_edge(fighter: Fighter, surface: str) -> FloatArray:
-    """The undeflected trailing edge (2, 3), inboard and outboard; a tail's begins inside the fuselage."""
+    """Return the undeflected trailing edge (2, 3), inboard end first; a tail's begins inside the fuselage."""
     return np.asarray(ends(fighter, surface)[:, TE], dtype=np.float64)
 
 
 def ribs(fighter: Fighter, surface: str) -> FloatArray:
-    """Stations (k,) of the surface's own ends that face its parent.
+    """Return stations (k,) of the surface's ends that face its parent.
 
     They are the y of an aileron's ends and the z of a rudder's, inboard first; a tail has none.
     """
@@ -91,7 +91,7 @@ def ribs(fighter: Fighter, surface: str) -> FloatArray:
 
 
 def parent_ribs(fighter: Fighter, surface: str) -> FloatArray:
-    """Stations (k,) of the parent's ribs across the gaps; equal to `ribs` where there is no gap."""
+    """Return stations (k,) of the parent's ribs across the gaps; equal to `ribs` where there is no gap."""
     if not hinged(surface):
         return np.empty(0)
     if surface == "rudder":
@@ -103,6 +103,6 @@ def parent_ribs(fighter: Fighter, surface: str) -> FloatArray:
 
 
 def cylinder(fighter: Fighter) -> tuple[FloatArray, FloatArray, float]:
-    """A point (3,) on the axis, the axis' direction (3,) and the radius of the rear fuselage."""
+    """Return a point (3,) on the axis, the axis' direction (3,) and the radius of the rear fuselage."""
     point = np.array([fighter.fuselage.nose_length, 0.0, 0.0])
     return point, np.array([1.0, 0.0, 0.0]), fighter.fuselage.radius

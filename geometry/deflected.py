@@ -1,4 +1,4 @@
-"""Control surfaces deflected in the CAD itself: the reference that a deformed mesh is measured against."""
+"""Control surfaces deflected in the CAD, the reference for deformed meshes."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -18,12 +18,12 @@ NOSE = 0.35
 
 @dataclass(frozen=True, slots=True)
 class CadTurn(Checked):
-    """An angle in degrees and the way the surface follows it.
+    """A deflection in the CAD: angle in degrees, and rigid or blended.
 
     Positive angles move the trailing edge down, the rudder's to port. "rigid" turns the whole surface about
     its axis; "blended" keeps the hinge edges and turns the trailing edge alone (paper, appendix A). Tails
-    have no hinge edges and turn rigidly only. Along a `strip` beside each rib without a gap, a blended trailing edge
-    rises to its angle; at 0 it has it up to the rib.
+    have no hinge edges and turn rigidly only. Along a `strip` beside each rib without a gap the angle of a blended
+    trailing edge grows from zero; with a strip of 0 it is constant up to the rib.
     """
 
     angle: float = quantity(0.0, "deg", -LARGEST_TURN, LARGEST_TURN, "angle")
@@ -32,23 +32,23 @@ class CadTurn(Checked):
 
 
 def rotate(points: FloatArray, axis: FloatArray, degrees: float) -> FloatArray:
-    """Points (..., 3) turned right-handed about the line from `axis[0]` to `axis[1]`, (2, 3)."""
+    """Return points (..., 3) turned right-handed about the line from `axis[0]` to `axis[1]`, (2, 3)."""
     direction = axis[1] - axis[0]
     turn = Rotation.from_rotvec(np.radians(degrees) * direction / np.linalg.norm(direction)).as_matrix()
     return np.asarray((points - axis[0]) @ turn.T + axis[0], dtype=np.float64)
 
 
 def wedge(inner: FloatArray, outer: FloatArray) -> Loops:
-    """The trailing-edge wedge between two sections (6, 3), undeflected."""
+    """Return the trailing-edge wedge between two sections (6, 3), undeflected."""
     return prism(inner[WEDGE], outer[WEDGE])
 
 
 def deflected_wedge(
     inner: FloatArray, outer: FloatArray, axis: FloatArray, deflection: CadTurn, ribs: int = 0
 ) -> list[Loops]:
-    """The wedge between two sections (6, 3) turned about `axis` (2, 3), in pieces that close a volume each.
+    """Return the wedge between two sections (6, 3) turned about `axis` (2, 3), as closed pieces.
 
-    `ribs` is the number of its ends, the inner one first, that meet the parent without a gap.
+    `ribs` is the number of ends, counted from the inner one, that meet the parent without a gap.
     """
     if deflection.mode == "blended":
         return _blended_wedge(inner, outer, axis, deflection, ribs)
@@ -56,12 +56,12 @@ def deflected_wedge(
 
 
 def turned_surface(loops: Loops, axis: FloatArray, angle: float) -> Loops:
-    """A whole surface turned rigidly about `axis` (2, 3)."""
+    """Return a whole surface turned rigidly about `axis` (2, 3)."""
     return tuple(rotate(loop, axis, angle) for loop in loops)
 
 
 def _blended_wedge(inner: FloatArray, outer: FloatArray, axis: FloatArray, turn: CadTurn, ribs: int) -> list[Loops]:
-    """The wedge between sections (6, 3) with its trailing edge alone turned about `axis` (2, 3).
+    """Return the wedge between sections (6, 3) with its trailing edge alone turned about `axis` (2, 3).
 
     Beside ribs the faces are ruled: two opposite edges of each are straight, but not in one plane.
     """
@@ -77,7 +77,7 @@ def _blended_wedge(inner: FloatArray, outer: FloatArray, axis: FloatArray, turn:
 
 
 def _with_nose(inner: FloatArray, outer: FloatArray) -> Loops:
-    """The wedge between sections (6, 3) with a ridge ahead of the hinge line, inside the wing at both ends."""
+    """Return the wedge between sections (6, 3) with a ridge ahead of the hinge line, inside the wing at both ends."""
     upper, trailing, lower = (np.array([inner[i], outer[i]]) for i in (HINGE_UPPER, TE, HINGE_LOWER))
     half = 0.5 * np.linalg.norm(upper - lower, axis=1)
     ridge = 0.5 * (upper + lower) - np.outer(NOSE * half, [1.0, 0.0, 0.0])

@@ -56,9 +56,9 @@ TINY = 1e-300
 
 
 def tessellate(face: Face, deflection: float) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Points (N, 3) on the face and outward triangles (T, 3); exact on a plane, else within `deflection` metres.
+    """Return points (N, 3) on the face and outward triangles (T, 3); exact on a plane, else within `deflection` metres.
 
-    ValueError where the kernel finds no triangle on the face.
+    ValueError if the kernel finds no triangle on the face.
     """
     alone = Face(BRepBuilderAPI_Copy(face.wrapped, False, False).Shape())  # which holds no triangles of earlier calls
     BRepMesh_IncrementalMesh(alone.wrapped, deflection, False, ANGLE, False)
@@ -66,7 +66,7 @@ def tessellate(face: Face, deflection: float) -> tuple[FloatArray, NDArray[np.in
 
 
 def closed_triangles(solid: Shape, faces: Named, deflection: float, angle: float) -> dict[str, FloatArray]:
-    """Corners (T, 3, 3) of outward triangles on the faces of each patch, watertight together, in single precision.
+    """Return corners (T, 3, 3) of outward triangles of each patch, watertight together, in single precision.
 
     Triangles that single precision makes degenerate (the kernel makes two at the apex of a nose) are left out.
     """
@@ -85,7 +85,7 @@ def closed_triangles(solid: Shape, faces: Named, deflection: float, angle: float
 
 
 def _triangulation(face: Face) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Points (N, 3) and outward triangles (T, 3) that the kernel keeps with a face."""
+    """Return points (N, 3) and outward triangles (T, 3) that the kernel stores with a face."""
     location = TopLoc_Location()
     mesh = BRep_Tool.Triangulation_s(face.wrapped, location)
     if mesh is None:
@@ -138,7 +138,7 @@ def write_stl(solid: Shape, faces: Named, path: Path) -> None:
 
 
 def write_binary_stl(solid: Shape, faces: Named, path: Path) -> None:
-    """Write the same triangulation as binary STL, which has no place for names."""
+    """Write the triangulation as binary STL, which cannot hold names."""
     corners = np.concatenate([*closed_triangles(solid, faces, STL_TOLERANCE, STL_ANGLE).values()])
     rows = np.zeros(len(corners), dtype=[("vectors", "<f4", (4, 3)), ("attribute", "<u2")])
     rows["vectors"][:, 0] = _normals(corners)
@@ -153,6 +153,6 @@ def _normals(corners: FloatArray) -> FloatArray:
 
 
 def _colour(number: int) -> Quantity_Color:
-    """A colour for the patch of some number, far from those of its neighbours in the list."""
+    """Return a colour for the patch of a number, far from the colours of neighbouring numbers."""
     red, green, blue = hsv_to_rgb(number * GOLDEN % 1.0, 0.5, 0.9)
     return Quantity_Color(red, green, blue, Quantity_TypeOfColor.Quantity_TOC_sRGB)

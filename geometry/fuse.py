@@ -1,6 +1,6 @@
-"""Cut overlapping parts into disjoint cells that share faces, and select the faces of the skin.
+"""Fusion of overlapping parts into disjoint cells that share faces, and the faces of the skin.
 
-Fuselage, canopy and inlet.
+Also the parts of fuselage, canopy and inlet.
 """
 
 from collections.abc import Sequence
@@ -30,21 +30,21 @@ _AXIS = cq.Vector(1, 0, 0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NamedSolid:
-    """A solid and its patch name; where parts overlap, the earlier one in the list owns the volume."""
+    """A solid and its patch name; a common volume of parts belongs to the earlier one in the list."""
 
     patch: str
     solid: Solid
 
 
 def solid(loops: Sequence[FloatArray]) -> Solid:
-    """The solid inside polygons (n, 3) that close a volume, in any orientation; skew quadrilaterals are ruled."""
+    """Return the solid inside closed polygons (n, 3), in any orientation; skew quadrilaterals are ruled."""
     faces = [_face(loop) for loop in loops]
     closed = Solid.makeSolid(Shell.makeShell(faces))
     return closed if closed.Volume() > 0.0 else Solid(closed.wrapped.Reversed())
 
 
 def _face(loop: FloatArray) -> Face:
-    """A planar face within a loop (n, 3), or the ruled one between two opposite sides of a skew one (4, 3)."""
+    """Return a planar face within a loop (n, 3), or the ruled one between two opposite sides of a skew one (4, 3)."""
     corners = [Vector(*corner) for corner in loop]
     sides = loop[1:] - loop[0]
     if len(loop) == RULED and abs(np.linalg.det(sides)) > SKEW * np.linalg.norm(sides, axis=1).prod():
@@ -53,12 +53,12 @@ def _face(loop: FloatArray) -> Face:
 
 
 def both_sides(name: str, starboard: Sequence[Loops]) -> list[NamedSolid]:
-    """The starboard polyhedra as ``name_right``, and their exact mirror images as ``name_left``."""
+    """Return the starboard polyhedra as ``name_right``, and their exact mirror images as ``name_left``."""
     return one_side(f"{name}_right", starboard) + one_side(f"{name}_left", starboard)
 
 
 def one_side(patch: str, starboard: Sequence[Loops]) -> list[NamedSolid]:
-    """Polyhedra as they are, or mirrored for a patch whose name ends in ``_left``."""
+    """Return polyhedra as they are, or mirrored for a patch whose name ends in ``_left``."""
     factor = MIRROR if patch.endswith("_left") else MIRROR**2
     return [NamedSolid(patch, solid([loop * factor for loop in loops])) for loops in starboard]
 
@@ -73,7 +73,7 @@ class Cell:
 
 
 def general_fuse(parts: Sequence[NamedSolid]) -> list[Cell]:
-    """Cut all parts at each other's faces, without merging anything; CadError where the kernel fails."""
+    """Cut all parts at each other's faces, without merging anything; CadError if the kernel fails."""
     builder = BOPAlgo_Builder()
     builder.SetRunParallel(False)
     builder.SetUseOBB(True)  # the same pieces, found in two thirds of the time
@@ -103,7 +103,7 @@ class Wall:
 
 
 def walls(cells: Sequence[Cell]) -> list[Wall]:
-    """Every face of the cells, once."""
+    """Return every face of the cells, once."""
     index = TopTools_IndexedMapOfShape()
     sides: list[tuple[Face, list[Cell]]] = []
     for cell in cells:
@@ -116,9 +116,9 @@ def walls(cells: Sequence[Cell]) -> list[Wall]:
 
 
 def skin(all_walls: Sequence[Wall], flow: str | None = None) -> list[CadFace]:
-    """The faces around the cells of patch `flow`, or around all cells, oriented outwards.
+    """Return the faces around the cells of patch `flow`, or around all cells, oriented outwards.
 
-    A face takes the patch of the cell outside, or where there is none, of the one inside.
+    A face has the patch of the cell outside, or else of the cell inside.
     """
     faces = []
     for wall in all_walls:
@@ -131,7 +131,7 @@ def skin(all_walls: Sequence[Wall], flow: str | None = None) -> list[CadFace]:
 
 
 def partitions(all_walls: Sequence[Wall], flow: str | None = None) -> list[CadFace]:
-    """The other faces, between cells of different parts on the same side of the skin."""
+    """Return the other faces, between cells of different parts on the same side of the skin."""
     pairs = [(wall, *wall.cells) for wall in all_walls if len(wall.cells) == 2]
     faces = [
         CadFace(wall.shape, first.patch)
@@ -142,7 +142,7 @@ def partitions(all_walls: Sequence[Wall], flow: str | None = None) -> list[CadFa
 
 
 def sort_faces(faces: Sequence[CadFace]) -> list[CadFace]:
-    """Faces sorted by patch and centre, so that their order does not depend on the kernel's."""
+    """Return faces sorted by patch and centre, so that their order does not depend on the kernel's."""
 
     def key(face: CadFace) -> tuple[str, list[float]]:
         centre = np.round(face.shape.Center().toTuple(), ORDER_DECIMALS) + 0.0
@@ -152,10 +152,10 @@ def sort_faces(faces: Sequence[CadFace]) -> list[CadFace]:
 
 
 def fuselage_parts(fuselage: Fuselage) -> list[NamedSolid]:
-    """Nose, cylinder and base as sectors of revolution about x.
+    """Return nose, cylinder and base as sectors of revolution about x.
 
-    Every border of a patch, and every place where the surface is smooth or nearly so (nose to cylinder, the
-    plane of symmetry), separates two solids: a mesher finds such a border only where a face stands behind it.
+    Every border of a patch, and every place where the surface is nearly smooth (nose to cylinder, plane of symmetry),
+    separates two solids: a mesher finds such a border only if a face stands behind it.
     """
     f, angle = fuselage, fuselage.panel_angle
     parts = []
@@ -173,7 +173,7 @@ def fuselage_parts(fuselage: Fuselage) -> list[NamedSolid]:
 
 
 def _at(x: float, r: float, polar: float) -> cq.Vector:
-    """The point at distance `r` from the axis, `polar` degrees above the starboard horizontal."""
+    """Return the point at distance `r` from the axis, `polar` degrees above the starboard horizontal."""
     return cq.Vector(x, r * cos(radians(polar)), r * sin(radians(polar)))
 
 
@@ -190,10 +190,10 @@ def _ogive(f: Fuselage, polar: float) -> cq.Wire:
 
 
 def _nose(f: Fuselage, polar: float) -> cq.Edge:
-    """The arc from the apex to the shoulder.
+    """Return the arc from the apex to the shoulder.
 
-    The kernel puts an arc's end a rounding error beside the point that it was given. Where edges meet it keeps the
-    point of either, at random: lines that meet the arc begin at its own end, so that the CAD is always the same.
+    The kernel's arc ends a rounding error beside the given point. At a common end of edges the kernel keeps either
+    point, at random. So lines begin at the arc's actual end, and the CAD is always the same.
     """
     apex, shoulder = _at(0.0, 0.0, polar), _at(f.nose_length, f.radius, polar)
     arc_radius = (f.radius**2 + f.nose_length**2) / (2.0 * f.radius)
@@ -207,7 +207,7 @@ def _sector(outline: cq.Wire, degrees: float) -> cq.Solid:
 
 
 def canopy_parts(canopy: Canopy) -> list[NamedSolid]:
-    """An ellipsoid with its poles and its seam inside the fuselage."""
+    """Return an ellipsoid with its poles and its seam inside the fuselage."""
     sphere = cq.Solid.makeSphere(1.0, _ORIGIN, _AXIS, -90, 90, 360).rotate(_ORIGIN, _AXIS, 180.0)
     c = canopy
     scale = [[c.semi_length, 0, 0, c.x], [0, c.semi_width, 0, 0], [0, 0, c.semi_height, c.z]]
@@ -215,7 +215,7 @@ def canopy_parts(canopy: Canopy) -> list[NamedSolid]:
 
 
 def inlet_parts(inlet: Inlet) -> list[NamedSolid]:
-    """Ruled lofts between neighbouring stations."""
+    """Return ruled lofts between neighbouring stations."""
     outlines = [_inlet_outline(*station) for station in inlet.stations()]
     lofts = [cq.Solid.makeLoft([a, b], True) for a, b in pairwise(outlines)]
     return [NamedSolid("inlet", loft) for loft in lofts]

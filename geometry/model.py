@@ -1,4 +1,4 @@
-"""A finished CAD model as the mesher sees it: named faces, edges, vertices; arrays in, arrays out."""
+"""A finished CAD model for the mesher: named faces, edges and vertices, with arrays for all points."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,15 +35,15 @@ class CadFace:
         return float(self.shape.Area())
 
     def normal_at(self, points: FloatArray) -> FloatArray:
-        """Unit normals (N, 3) out of the solid, where `points` (N, 3) project to."""
+        """Return unit normals (N, 3), out of the solid, at the projections of points (N, 3)."""
         return surface_of(self.shape).normals(_rows(points))
 
     def project(self, points: FloatArray) -> FloatArray:
-        """Nearest points (N, 3) on the underlying surface, which goes on beyond the face's edges."""
+        """Return nearest points (N, 3) on the underlying surface, which continues beyond the face's edges."""
         return surface_of(self.shape).nearest(_rows(points))
 
     def tessellation(self, deflection: float = 1e-5) -> tuple[FloatArray, NDArray[np.intp]]:
-        """Points (N, 3) and outward triangles (T, 3) of the trimmed face; exact on a plane, else to `deflection` m."""
+        """Return points (N, 3) and outward triangles (T, 3) of the face to `deflection` metres; exact on a plane."""
         return tessellate(self.shape, deflection)
 
 
@@ -70,11 +70,11 @@ class CadEdge:
         return float(self.shape.Length())
 
     def at(self, shares: FloatArray) -> FloatArray:
-        """Points (N, 3) at shares (N,) of the parameter range, 0 at the first vertex, 1 at the last."""
+        """Return points (N, 3) at shares (N,) of the parameter range, 0 at the first vertex, 1 at the last."""
         return curve_of(self.shape).at(np.asarray(shares, dtype=np.float64))
 
     def project(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Nearest points (N, 3) on the edge and their parameters (N,), increasing from first to last vertex.
+        """Return nearest points (N, 3) on the edge and their parameters (N,), increasing from first to last vertex.
 
         On a straight edge the parameter is the distance from the first vertex.
         """
@@ -90,7 +90,7 @@ class CadModel:
     faces : tuple of CadFace
         The exterior faces, in an order that depends on the geometry alone.
     sheets : tuple of CadFace
-        Internal faces behind exterior edges too flat for the mesher to see: to be meshed too.
+        Internal faces behind exterior edges that are too flat for the mesher to find; they are meshed, too.
     edges : tuple of CadEdge
         All edges of the exterior faces.
     vertices : (V, 3) array
@@ -98,7 +98,7 @@ class CadModel:
     vertex_faces : tuple of frozenset of int
         The faces that meet at each vertex.
     fluid_inside : bool
-        True where the solid is the flow volume, False where the flow is around the solid.
+        True if the solid is the flow volume, False if the flow is around the solid.
     """
 
     solid: Solid | Compound
@@ -121,7 +121,7 @@ class CadModel:
         return tuple(dict.fromkeys(face.patch for face in self.faces))
 
     def faces_of(self, patch: str) -> tuple[CadFace, ...]:
-        """The faces of one patch; KeyError where there is no such patch."""
+        """Return the faces of one patch; KeyError if there is no such patch."""
         found = tuple(face for face in self.faces if face.patch == patch)
         if not found:
             raise KeyError(f"no patch {patch!r}; there are {', '.join(self.patches)}")
@@ -154,7 +154,7 @@ class CadModel:
 
 
 def _rows(points: FloatArray) -> FloatArray:
-    """The points as an array (N, 3) of float64; ValueError for any other shape."""
+    """Return the points as an array (N, 3) of float64; ValueError for any other shape."""
     rows = np.asarray(points, dtype=np.float64)
     if rows.ndim != 2 or rows.shape[1] != 3:
         raise ValueError(f"points have shape {rows.shape}, expected (N, 3)")

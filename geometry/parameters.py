@@ -1,13 +1,13 @@
-"""Every number of the Standard Dynamics Model as a parameter with unit and range, and what follows from them alone.
+"""The parameters of the Standard Dynamics Model, with units and ranges, and geometry that follows from them alone.
 
 Metres and degrees; x aft from the nose apex, y starboard, z up. The defaults follow the three-view of Chung
-et al. (JoAAA 54(2), 2022) scaled to the paper's span, and where that leaves needle faces that a mesher cannot
-resolve (strake root, aft end of the inlet), the closest shape without them.
+et al. (JoAAA 54(2), 2022), scaled to the paper's span. At the strake root and the aft end of the inlet that would give
+needle faces, which a mesher cannot resolve; there the defaults give the closest shape without them.
 
 Sections of wing, tail and fin are hexagons: double wedges of six points. With thickness and bevels in constant
 proportion to the chord, every face between two of them is planar.
 
-Reference area, lengths and point of the aircraft, for coefficients of forces.
+Also reference area, lengths and point of the aircraft, for coefficients of forces.
 """
 
 from dataclasses import dataclass, field
@@ -90,7 +90,7 @@ class Inlet(Checked):
     z_bottom_4: float = quantity(-0.0515, "m", -2.0, 0.0, "lowest z at station 4")
 
     def stations(self) -> tuple[tuple[float, ...], ...]:
-        """(x, half-width, z of the side, z of the bottom) from front to aft."""
+        """Stations from front to aft, each with x, half-width, z of the side and z of the bottom."""
         columns = ("x", "half_width", "z_side", "z_bottom")
         return tuple(tuple(getattr(self, f"{name}_{i}") for name in columns) for i in range(1, 5))
 
@@ -198,7 +198,7 @@ class Rudder(Checked):
 
 @dataclass(frozen=True, slots=True)
 class Fighter:
-    """The whole aircraft; ValueError where its components do not fit each other."""
+    """The whole aircraft; ValueError if its components do not fit each other."""
 
     fuselage: Fuselage = field(default_factory=Fuselage)
     canopy: Canopy = field(default_factory=Canopy)
@@ -218,14 +218,14 @@ class Fighter:
 
 
 def hexagon(leading: FloatArray, chord: float, bevel: float, half_thickness: float, up: FloatArray) -> FloatArray:
-    """The section (6, 3) of a chord along x from `leading` (3,), thick along the unit vector `up` (3,)."""
+    """Return the section (6, 3) of a chord along x from `leading` (3,), thick along the unit vector `up` (3,)."""
     aft = np.array([0.0, bevel, chord - bevel, chord, chord - bevel, bevel])
     above = half_thickness * np.array([0.0, 1.0, 1.0, 0.0, -1.0, -1.0])
     return np.asarray(leading + np.outer(aft, [1.0, 0.0, 0.0]) + np.outer(above, up), dtype=np.float64)
 
 
 def wing_section(wing: Wing, y: float) -> FloatArray:
-    """The starboard wing's section (6, 3) at a span station."""
+    """Return the starboard wing's section (6, 3) at a span station."""
     chord = _wing_chord(wing, y)
     reference = _wing_chord(wing, max(y, wing.y_kink))
     leading = np.array([wing.x_te - chord, y, 0.0])
@@ -238,7 +238,7 @@ def _wing_chord(wing: Wing, y: float) -> float:
 
 
 def tail_section(tail: Tail, fuselage: Fuselage, y: float) -> FloatArray:
-    """The starboard tail's section (6, 3), perpendicular to the tail's plane, whose chord line is at `y`."""
+    """Return the starboard tail's section (6, 3), perpendicular to the tail's plane, whose chord line is at `y`."""
     slope = radians(tail.anhedral)
     beside = fuselage.radius * cos(slope)
     chord = tail.root_chord - (y - beside) * tan(radians(tail.le_sweep))
@@ -248,7 +248,7 @@ def tail_section(tail: Tail, fuselage: Fuselage, y: float) -> FloatArray:
 
 
 def tail_pivot(tail: Tail, fuselage: Fuselage) -> FloatArray:
-    """Where the tail's axis of rotation, parallel to y, pierces the starboard root chord (3,)."""
+    """Return the point where the tail's axis of rotation, parallel to y, pierces the starboard root chord (3,)."""
     slope = radians(tail.anhedral)
     beside = fuselage.radius * cos(slope)
     x = tail.x_te - (1.0 - tail.pivot) * tail.root_chord
@@ -256,7 +256,7 @@ def tail_pivot(tail: Tail, fuselage: Fuselage) -> FloatArray:
 
 
 def fin_section(fin: Fin, z: float) -> FloatArray:
-    """The fin's section (6, 3) at a height; its upper points are on the starboard side."""
+    """Return the fin's section (6, 3) at a height; its upper points are on the starboard side."""
     above = z - fin.z_root
     sweep = tan(radians(fin.le_sweep))
     chord = fin.root_chord - above * (sweep - tan(radians(fin.te_sweep)))
@@ -269,7 +269,7 @@ def fin_section(fin: Fin, z: float) -> FloatArray:
 class AileronSpan:
     """Span stations (y >= 0, metres) of an aileron and of the wing's ribs that face it.
 
-    Without a gap a rib and the aileron's end coincide; `outer_rib` is the tip where the aileron reaches it.
+    Without a gap a rib and the aileron's end coincide; `outer_rib` is the tip if the aileron reaches it.
     """
 
     wing_rib: float
@@ -279,7 +279,7 @@ class AileronSpan:
 
 
 def aileron_span(fighter: Fighter) -> AileronSpan:
-    """Resolve the stations; a rib within a tenth of a millimetre of the wing's kink is put on it."""
+    """Return the stations; a rib within a tenth of a millimetre of the wing's kink is moved to it."""
     wing, aileron = fighter.wing, fighter.aileron
     offset = aileron.gap or PAPER_GAP_RATIO * wing.half_span
     inboard = aileron.y_inboard or wing.y_kink + offset
@@ -290,7 +290,7 @@ def aileron_span(fighter: Fighter) -> AileronSpan:
 
 
 def rudder_span(fighter: Fighter) -> tuple[float, float]:
-    """Heights z of the rudder's lower and upper end."""
+    """Return heights z of the rudder's lower and upper end."""
     tip = fighter.fin.z_tip
     return fighter.rudder.z_inboard, _snap(fighter.rudder.z_outboard or tip, tip)
 
@@ -438,7 +438,7 @@ class ReferenceValues:
 
 
 def reference_values(fighter: Fighter) -> ReferenceValues:
-    """Return those of the wing's trapezoid, continued to the plane of symmetry.
+    """Return the reference values of the wing's trapezoid, continued to the plane of symmetry.
 
     The chord is the mean aerodynamic one, and moments are about its quarter point.
     """

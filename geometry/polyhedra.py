@@ -1,4 +1,4 @@
-"""Components with plane faces as polyhedra (starboard side), corner by corner: no lofts, no booleans on thin parts."""
+"""Components with plane faces as polyhedra (starboard side), without lofts and booleans on thin parts."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -40,14 +40,14 @@ VENTRAL_ROOT = 0.67
 
 
 def prism(first: FloatArray, last: FloatArray) -> Loops:
-    """Faces between two rings of corners (n, 3) of equal length, with both ends closed."""
+    """Return faces between two rings of corners (n, 3) of equal length, with both ends closed."""
     following = np.roll(np.arange(len(first)), -1)
     strips = [np.array([first[i], first[j], last[j], last[i]]) for i, j in enumerate(following.tolist())]
     return (first[::-1], last, *strips)
 
 
 def wing_polyhedra(fighter: Fighter, notch: float = 0.0) -> list[Loops]:
-    """The wing without its aileron: inboard of the kink, the box outboard of it, the rest of the wedge.
+    """Return the wing without its aileron: the part inboard of the kink, the box outboard, the rest of the wedge.
 
     Between the ribs the box ends a `notch` (m) ahead of the hinge edges.
     """
@@ -62,7 +62,7 @@ def wing_polyhedra(fighter: Fighter, notch: float = 0.0) -> list[Loops]:
 
 
 def _wing_box(wing: Wing, ends: tuple[float, float], notch: float) -> Loops:
-    """The wing ahead of its hinge edges between two stations y; it ends a `notch` (m) ahead of them."""
+    """Return the wing ahead of its hinge edges between two stations y; it ends a `notch` (m) ahead of them."""
     sections = [wing_section(wing, y) for y in ends]
     for section in sections:
         section[[HINGE_UPPER, HINGE_LOWER], 0] -= notch
@@ -70,7 +70,7 @@ def _wing_box(wing: Wing, ends: tuple[float, float], notch: float) -> Loops:
 
 
 def fin_polyhedra(fighter: Fighter) -> list[Loops]:
-    """The fin without its rudder: the box down into the pedestal, and the rest of the wedge."""
+    """Return the fin without its rudder: the box, which ends inside the pedestal, and the rest of the wedge."""
     fin = fighter.fin
     lower, upper = rudder_span(fighter)
     buried = 0.75 * fighter.fuselage.radius
@@ -81,9 +81,9 @@ def fin_polyhedra(fighter: Fighter) -> list[Loops]:
 
 
 def strake_polyhedra(strake: Strake, fuselage: Fuselage) -> list[Loops]:
-    """One polyhedron for each segment of the leading edge, cut along the bisecting lines of its corners.
+    """Return one polyhedron for each segment of the leading edge, cut along the bisecting lines of its corners.
 
-    The bevels of neighbouring segments meet at so flat an angle that a face has to stand behind the crease.
+    The bevels of neighbouring segments meet at a flat angle, so a face has to stand behind the crease.
     """
     outline, inner, root = _strake_plan(strake, fuselage)
     half = 0.5 * strake.thickness
@@ -92,7 +92,7 @@ def strake_polyhedra(strake: Strake, fuselage: Fuselage) -> list[Loops]:
 
 
 def _strake_plan(strake: Strake, fuselage: Fuselage) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Corners (n, 2) of leading edge and inner bevel line, and where the cuts through both reach the root."""
+    """Return corners (n, 2) of leading edge and inner bevel line, and of the cuts through both at the root."""
     y = STRAKE_ROOT * fuselage.radius
     first, second, third = (strake.x_1, strake.y_1), (strake.x_2, strake.y_2), (strake.x_3, strake.y_3)
     start = (first[0] - (first[1] - y) / tan(radians(strake.root_angle)), y)
@@ -106,7 +106,7 @@ def _strake_plan(strake: Strake, fuselage: Fuselage) -> tuple[FloatArray, FloatA
 
 
 def _bevelled_piece(first: Sequence[FloatArray], last: Sequence[FloatArray], half: float) -> Loops:
-    """A piece between two cuts, each given by its edge, inner and root point in plan, (2,) each."""
+    """Return a piece between two cuts, each given by its edge, inner and root point in plan, (2,) each."""
     (edge0, inner0, root0), (edge1, inner1, root1) = first, last
     across = (0.0, half, half, -half, -half)
     faces = [
@@ -121,13 +121,13 @@ def _bevelled_piece(first: Sequence[FloatArray], last: Sequence[FloatArray], hal
 
 
 def _at_heights(plan: Sequence[FloatArray], heights: Sequence[float]) -> FloatArray:
-    """The loop (n, 3) over plan corners, without repeated ones (the first piece's root is its bevel's)."""
+    """Return the loop (n, 3) over plan corners without repeated points; the first piece's root is on its bevel."""
     loop = np.column_stack([np.array(plan), np.array(heights)])
     return loop[np.any(loop != np.roll(loop, 1, axis=0), axis=1)]
 
 
 def ventral_polyhedron(ventral: VentralFin, fuselage: Fuselage) -> Loops:
-    """A plate whose three free edges are bevelled by parallel insets, so that every face is planar."""
+    """Return a plate whose three free edges are bevelled by parallel insets, so that every face is planar."""
     v, buried = ventral, VENTRAL_ROOT * fuselage.radius
     lean = (v.x_tip - v.x_root) / (v.r_tip - fuselage.radius)
     root = [v.x_root - lean * (fuselage.radius - buried), buried]
@@ -144,7 +144,7 @@ def ventral_polyhedron(ventral: VentralFin, fuselage: Fuselage) -> Loops:
 
 
 def pedestal_polyhedron(pedestal: Pedestal, fuselage: Fuselage) -> Loops:
-    """A block, pointed in plan, whose top ramps up from the fuselage and then is flat."""
+    """Return a block, pointed in plan; its top rises from the fuselage and then is flat."""
     p, low = pedestal, 0.75 * fuselage.radius
     slope = (p.z_top - fuselage.radius) / (p.x_ramp_end - p.x_foot)
 
@@ -164,7 +164,7 @@ def pedestal_polyhedron(pedestal: Pedestal, fuselage: Fuselage) -> Loops:
 
 
 def inset(outline: FloatArray, width: float, first: FloatArray, last: FloatArray) -> FloatArray:
-    """Corners (n, 2) of the parallel inset, to the right of an open outline (n, 2).
+    """Return corners (n, 2) of the parallel inset, to the right of an open outline (n, 2).
 
     The inset begins on the line `first` and ends on the line `last`, each given by two points (2, 2).
     """
@@ -176,14 +176,14 @@ def inset(outline: FloatArray, width: float, first: FloatArray, last: FloatArray
 
 
 def crossing(a: FloatArray, b: FloatArray) -> FloatArray:
-    """The point (2,) where two lines, each given by two points (2, 2), cross."""
+    """Return the point (2,) where two lines, each given by two points (2, 2), cross."""
     along = np.column_stack([a[1] - a[0], b[0] - b[1]])
     share = np.linalg.solve(along, b[0] - a[0])[0]
     return np.asarray(a[0] + share * (a[1] - a[0]), dtype=np.float64)
 
 
 def _canted(plan: FloatArray, offset: float, cant: float) -> FloatArray:
-    """Points (n, 3) from (x, r) in the plane through the axis `cant` degrees from straight down."""
+    """Return points (n, 3) from (x, r) in the plane through the axis `cant` degrees from straight down."""
     c, s = cos(radians(cant)), sin(radians(cant))
     x, r = plan.T
     return np.column_stack([x, r * s + offset * c, -r * c + offset * s])

@@ -25,7 +25,7 @@ SEARCH_PRECISION = 1e-7
 
 
 def coordinates(places: Iterable[gp_Pnt | gp_Dir]) -> FloatArray:
-    """The kernel's points or directions as rows (N, 3)."""
+    """Return the kernel's points or directions as rows (N, 3)."""
     return np.array([[place.X(), place.Y(), place.Z()] for place in places], dtype=np.float64).reshape(-1, 3)
 
 
@@ -37,18 +37,18 @@ class PlaneSurface:
     normal: FloatArray
 
     def nearest(self, points: FloatArray) -> FloatArray:
-        """Orthogonal projections (N, 3)."""
+        """Return orthogonal projections (N, 3)."""
         height = (points - self.origin) @ self.normal
         return np.asarray(points - height[:, None] * self.normal, dtype=np.float64)
 
     def normals(self, points: FloatArray) -> FloatArray:
-        """The same normal for every point (N, 3)."""
+        """Return the same normal for every point (N, 3)."""
         return np.tile(self.normal, (len(points), 1))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CylinderSurface:
-    """The circular cylinder about unit `axis` through `origin` (3,); `side` is -1 where out is inwards."""
+    """The circular cylinder about unit `axis` through `origin` (3,); `side` is -1 if outside is towards the axis."""
 
     origin: FloatArray
     axis: FloatArray
@@ -56,7 +56,7 @@ class CylinderSurface:
     side: float
 
     def nearest(self, points: FloatArray) -> FloatArray:
-        """Radial projections (N, 3); points on the axis have none and raise ValueError."""
+        """Return radial projections (N, 3); points on the axis have none and raise ValueError."""
         radial = self._radial(points)
         length = np.linalg.norm(radial, axis=1, keepdims=True)
         if np.any(length < RESOLUTION):
@@ -64,7 +64,7 @@ class CylinderSurface:
         return np.asarray(points + radial * (self.radius / length - 1.0), dtype=np.float64)
 
     def normals(self, points: FloatArray) -> FloatArray:
-        """Radial unit vectors (N, 3)."""
+        """Return radial unit vectors (N, 3)."""
         radial = self._radial(points)
         return np.asarray(self.side * radial / np.linalg.norm(radial, axis=1, keepdims=True), dtype=np.float64)
 
@@ -75,17 +75,17 @@ class CylinderSurface:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FreeFormSurface:
-    """Any other surface, point by point by the CAD kernel; `side` is -1 where out is against its normal."""
+    """Any other surface, evaluated point by point by the CAD kernel; `side` is -1 if outside is against its normal."""
 
     geometry: Geom_Surface
     side: float
 
     def nearest(self, points: FloatArray) -> FloatArray:
-        """Nearest points (N, 3), as close as the kernel's own point projection."""
+        """Return nearest points (N, 3), as exact as the kernel's projection of points."""
         return coordinates(self.geometry.Value(uv.X(), uv.Y()) for uv in self._parameters(points))
 
     def normals(self, points: FloatArray) -> FloatArray:
-        """Unit normals (N, 3); at a pole, that of a neighbouring point."""
+        """Return unit normals (N, 3); at a pole, that of a neighbouring point."""
         return self.side * coordinates(self._normal(uv) for uv in self._parameters(points))
 
     def _parameters(self, points: FloatArray) -> list[gp_Pnt2d]:
@@ -105,7 +105,7 @@ Surface = PlaneSurface | CylinderSurface | FreeFormSurface
 
 
 def surface_of(face: Face) -> Surface:
-    """The unbounded surface under a face, its outside on the side to which the face is oriented."""
+    """Return the unbounded surface under a face; the face's orientation gives its outside."""
     side = -1.0 if face.wrapped.Orientation() == TopAbs_Orientation.TopAbs_REVERSED else 1.0
     adaptor = BRepAdaptor_Surface(face.wrapped)
     if adaptor.GetType() == GeomAbs_Plane:
@@ -133,32 +133,32 @@ class Segment:
     end: FloatArray
 
     def nearest(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Orthogonal projections (N, 3), clamped, and distances (N,) along the segment."""
+        """Return orthogonal projections (N, 3), clamped to the segment, and distances (N,) along it."""
         span = self.end - self.start
         length = float(np.linalg.norm(span))
         along = np.clip((points - self.start) @ span / length**2, 0.0, 1.0)
         return self.start + along[:, None] * span, length * along
 
     def at(self, shares: FloatArray) -> FloatArray:
-        """Points (N, 3) at shares (N,) of the length."""
+        """Return points (N, 3) at shares (N,) of the length."""
         return np.asarray(self.start + shares[:, None] * (self.end - self.start), dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FreeCurve:
-    """Any other curve between two of its parameters, point by point through the CAD kernel."""
+    """Any other curve between two parameters, evaluated point by point by the CAD kernel."""
 
     geometry: Geom_Curve
     first: float
     last: float
 
     def nearest(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Nearest points (N, 3) and the kernel's curve parameters (N,)."""
+        """Return nearest points (N, 3) and the kernel's curve parameters (N,)."""
         parameters = np.array([self._parameter(gp_Pnt(*row)) for row in points.tolist()])
         return self._values(parameters), parameters
 
     def at(self, shares: FloatArray) -> FloatArray:
-        """Points (N, 3) at shares (N,) of the parameter range."""
+        """Return points (N, 3) at shares (N,) of the parameter range."""
         return self._values(self.first + shares * (self.last - self.first))
 
     def _values(self, parameters: FloatArray) -> FloatArray:
@@ -176,7 +176,7 @@ Curve = Segment | FreeCurve
 
 
 def curve_of(edge: Edge) -> Curve:
-    """The bounded curve under an edge, in the direction of the kernel's parameter."""
+    """Return the bounded curve under an edge, in the direction of the kernel's parameter."""
     adaptor = BRepAdaptor_Curve(edge.wrapped)
     first, last = adaptor.FirstParameter(), adaptor.LastParameter()
     if adaptor.GetType() == GeomAbs_Line:

@@ -1,4 +1,4 @@
-"""Numbers of the aircraft with unit, range and meaning: settings whose annotations stand in the field's metadata."""
+"""Parameters of the aircraft with unit, range and meaning, as annotations in a field's metadata."""
 
 from dataclasses import field
 from typing import Any
@@ -7,12 +7,12 @@ from sdm_deflect.base.schema import Doc, Range, check_settings
 
 
 def quantity(default: float, unit: str, low: float, high: float, doc: str) -> Any:
-    """Declare a dataclass field that holds a number of a unit from `low` to `high`; `doc` is what it means."""
+    """Declare a dataclass field for a number from `low` to `high` with a unit; `doc` is its meaning."""
     return field(default=default, metadata={"notes": (Range(low, high, unit=unit), Doc("", doc))})
 
 
 class Checked:
-    """Base of dataclasses whose settings are checked at construction."""
+    """Base class of dataclasses that check their settings at construction."""
 
     __slots__ = ()
 

@@ -28,7 +28,7 @@ _CHECKSUM = 32
 
 
 def cache_key(parameters: Mapping[str, object]) -> str:
-    """Digest (hexadecimal) of parameters, recipe and mesh generators' versions.
+    """Return the hexadecimal digest of parameters, recipe and the mesh generators' versions.
 
     The parameters are everything the mesh depends on: numbers, texts, frozen dataclasses, lists and mappings of them,
     whose order does not matter. ValueError for a number that is not finite, TypeError for a value that has no
@@ -79,7 +79,7 @@ class ArrayCache:
                 return dict(stored)
 
     def write(self, key: str, arrays: Mapping[str, Any]) -> None:
-        """Keep arrays, whole or not at all; MeshFileError where the folder cannot be written."""
+        """Store arrays, completely or not at all; MeshFileError where the folder cannot be written."""
         content = io.BytesIO()
         np.savez(content, **arrays)
         content.write(_checksum(key, content.getbuffer()))
@@ -117,7 +117,7 @@ class MeshCache(ArrayCache):
         return tetrahedral(points, tets, Skin(triangles, patch - 1, face), text["names"][1:]), dict(text["note"])
 
     def store(self, key: str, mesh: Mesh, note: Mapping[str, object]) -> None:
-        """Keep a mesh and its note, whole or not at all; MeshFileError where the folder cannot be written."""
+        """Store a mesh and its note, completely or not at all; MeshFileError where the folder cannot be written."""
         text = json.dumps({"names": (VOLUME, *mesh.names), "note": dict(note)}, sort_keys=True)
         triangles, patch, face = skin(mesh)
         arrays = zip(_ARRAYS[1:], (tets_of(mesh), triangles, patch + 1, face), strict=True)

@@ -33,7 +33,7 @@ class MeshingError(RuntimeError):
 
 
 class LateError(MeshingError):
-    """A step took too long: on another machine, or with less other work, the same input may do."""
+    """A step took too long; on a faster or less busy machine the same input may succeed."""
 
 
 def end_with(parent: int) -> None:
@@ -67,7 +67,7 @@ class Pending:
 
 @contextmanager
 def start(module: str, arrays: Arrays) -> Iterator[Pending]:
-    """Start ``python -m module``, which calls `serve`, on arrays; however this context is left, the child is gone then.
+    """Start ``python -m module`` on arrays, a child that calls `serve`; it is killed when the context ends.
 
     Mesh generators run for minutes inside compiled code that no signal can stop; a process can be killed.
     """
@@ -98,7 +98,7 @@ def call(module: str, arrays: Arrays, seconds: float) -> dict[str, Array]:
 
 
 def serve(work: Callable[[Arrays], Arrays]) -> None:
-    """Be the child: read the question, work, write the answer, own peak memory (bytes) and processor seconds."""
+    """Serve as the child: read arrays, work, and answer arrays with peak memory (bytes) and processor seconds."""
     with np.load(sys.argv[1], allow_pickle=False) as stored:
         question = dict(stored)
     answer = work(question)

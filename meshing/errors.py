@@ -18,10 +18,10 @@ FLUENT = (
 
 @contextmanager
 def about(path: Path) -> Iterator[None]:
-    """Name the file in every error that its content causes in the block.
+    """Put the file's name before every error that its content causes in the block.
 
     Raises MeshFileError: in place of a MeshFileError, a ValueError, a MemoryError or an OSError, as ``"file: what is
-    wrong"``; a WriteError and an OSError of a full disk pass, because they are of another file.
+    wrong"``. A WriteError and an OSError of a full disk pass unchanged: they concern another file.
     """
     try:
         yield
@@ -46,5 +46,5 @@ def check_points(points: FloatArray, count: int) -> None:
 
 
 def only_rewritten(out: Path) -> MeshFileError:
-    """Return the error of converting a mesh to a format whose files can only be rewritten."""
+    """Return the error for writing a mesh from elsewhere in a format whose files can only be rewritten."""
     return MeshFileError(f"{out}: only a mesh of this format can be written in it; name another one, such as .cgns")

@@ -15,7 +15,7 @@ from sdm_deflect.cases.settings.job_settings import BY_NAME, IN_PYTHON
 
 ROOT = Path(__file__).parents[1]
 KEYWORDS, GUIDE = ROOT / "cases" / "settings" / "keywords.py", ROOT / "docs" / "settings.md"
-HEAD = '''"""The settings of a deflection as keywords with types, by `python -m tests.derived` from the schema."""
+HEAD = '''"""Settings of a deflection as typed keywords, generated from the schema by `python -m tests.derived`."""
 
 from __future__ import annotations
 

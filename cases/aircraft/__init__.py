@@ -1,1 +1,1 @@
-"""The aircraft's cases: their settings, what they ask of the engine, and the CAD that judges the result."""
+"""The aircraft's cases: settings, jobs for the engine, and validation against CAD."""

@@ -1,4 +1,4 @@
-"""The CAD of a case and its meshes: needed only when the cache has no mesh of the case."""
+"""The CAD of a case and its meshing, needed only if the cache has no mesh of the case."""
 
 from collections.abc import Callable
 from functools import partial
@@ -15,14 +15,14 @@ from .case import Case
 
 
 def undeflected_cad(case: Case) -> CadModel:
-    """Build what is meshed: the aircraft, or the Chimera block."""
+    """Build the CAD that is meshed: the aircraft, or the Chimera block."""
     if case.domain == "block":
         return chimera_block(case.fighter, case.block, case.deflections[0].surface)
     return build(case.fighter, notch=case.notch)
 
 
 def background_cad(case: Case) -> CadModel:
-    """Build what is meshed around the Chimera block of a case: the aircraft without its control surface."""
+    """Build the CAD that is meshed around a case's Chimera block: the aircraft without its control surface."""
     return background(case.fighter, case.deflections[0].surface)
 
 

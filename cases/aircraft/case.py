@@ -1,4 +1,4 @@
-"""A case: one frozen value that says everything about a run."""
+"""A case: one frozen value with all parameters of a run."""
 
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
@@ -60,7 +60,7 @@ class Confinement:
 
 @dataclass(frozen=True, slots=True)
 class Blending(Checked):
-    """How the surface mesh follows (appendix A)."""
+    """Parameters of the surface mesh's blending (appendix A)."""
 
     epsilon: float = quantity(1e4, "1/m", 1.0, 1e8, "shape parameter of the multiquadric")
     strip: float = quantity(0.020, "m", 0.001, 0.5, "width of the spanwise blended strip beside a closed rib")
@@ -75,7 +75,7 @@ def adaptation(**values: Any) -> Fitting:
 
 @dataclass(frozen=True, slots=True)
 class Limits(Checked):
-    """What a validation demands."""
+    """Limits of the validation."""
 
     quality_min: float = quantity(0.25, "", 0.0, 1.0, "smallest mean ratio of the deflected mesh")
     surface_to_cad: float = quantity(1e-8, "m", 0.0, 1.0, "distance of moved nodes from the deflected CAD")
@@ -138,18 +138,18 @@ class Case:
 
     @property
     def ways(self) -> tuple[str, str]:
-        """Which way the first surface turns by a positive angle, and by a negative one."""
+        """Names of the first surface's senses of rotation by a positive and a negative angle."""
         rudder = self.deflections[0].surface == "rudder"
         return ("to port", "to starboard") if rudder else ("trailing edge down", "trailing edge up")
 
     @property
     def way(self) -> str:
-        """Which way the first surface turns by the angle of the case."""
+        """Name of the first surface's sense of rotation by the angle of the case."""
         return self.ways[self.angle < 0.0] if self.angle else "undeflected"
 
     @property
     def strategy(self) -> Strategy:
-        """How centres are chosen: for each direction, or common ones."""
+        """Choice of centres: for each direction, or common to all."""
         return self.adaptation.strategy
 
 

@@ -45,7 +45,7 @@ GUIDE = {
 
 
 def mesh_name(case: Case) -> str:
-    """Return what is meshed: "aircraft", "notch" for the one with gaps around its ailerons, or "block"."""
+    """Return the mesh's kind: "aircraft", "notch" (aircraft with gaps around its ailerons) or "block"."""
     return "block" if case.domain == "block" else "notch" if case.notch else "aircraft"
 
 
@@ -55,9 +55,9 @@ def points_hash(mesh: Mesh) -> str:
 
 
 def guide_text(case: Case, mesh: Mesh, unseeded: str) -> str:
-    """Say whether an undeflected mesh is the one of the guide, and if it is not, why.
+    """Return a sentence on whether an undeflected mesh is that of the guide, and if not, why.
 
-    `unseeded` says why another run gives another mesh; "" where it gives the same.
+    `unseeded` is the reason why another run gives another mesh; "" if it gives the same.
     """
     reason = _difference(case, mesh, unseeded)
     return f"not the mesh of the guide: {reason}" if reason else "the mesh of the guide"

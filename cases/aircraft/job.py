@@ -71,9 +71,8 @@ def job_of(case: Case, mesh: Mesh, turn: SurfaceTurn) -> Job:
 def repair_slides(case: Case, mesh: Mesh, surface: str) -> tuple[Sliding, ...]:
     """Return the patches whose nodes may slide in a repair.
 
-    Those of a blended surface and of its parents do so on their faces and along the edges, which are straight; those of
-    a tail on its plane faces, and those of its panel on the cylinder. Those of a rigid one stay where the turn brings
-    them.
+    Nodes of a blended surface and its parents slide on faces and along straight edges; nodes of a tail slide on its
+    plane faces, those of its panel on the cylinder. Nodes of a rigid surface do not slide.
     """
     law = case.law(surface)
     if law == "rigid":
@@ -96,7 +95,7 @@ def hexahedron_of(case: Case, surface: str) -> Hexahedron:
 
 
 def open_faces(case: Case, surface: str) -> frozenset[str]:
-    """Faces of the hexahedron without zero sites: a tail's inward face, and faces beyond a Chimera block's."""
+    """Return the hexahedron's faces without zero sites: a tail's inward face, and faces beyond a Chimera block's."""
     if not hinged(surface):
         return frozenset({inward_face(surface)})
     return frozenset(rib_faces(case.fighter, surface)) if case.domain == "block" else frozenset()
@@ -109,7 +108,7 @@ def sections_of(case: Case, surface: str) -> Iterator[Section]:
 
 
 def block_stations(case: Case, surface: str) -> FloatArray:
-    """Stations y (k,) of the Chimera block's faces in the gaps; none where there is no block."""
+    """Return stations y (k,) of the Chimera block's faces in the gaps; none without a block."""
     if case.domain != "block":
         return np.empty(0)
     return gap_faces(case.fighter, case.block, surface)
@@ -213,12 +212,12 @@ class Wedge:
 
 
 def distance_to_line(points: FloatArray, line: FloatArray) -> FloatArray:
-    """Distance of points (N, 3) from the infinite line through line (2, 3)."""
+    """Return the distance (N,) of points (N, 3) from the infinite line through two points (2, 3)."""
     return np.asarray(np.linalg.norm(Axis.through(*line).radial(points), axis=1))
 
 
 def between_hinge_edges(points: FloatArray, upper: FloatArray, lower: FloatArray) -> BoolArray:
-    """True for points (N, 3) in the plane of the two hinge edges (the hinge wall)."""
+    """Return which points (N, 3) are in the plane of the two hinge edges, the hinge wall."""
     normal = np.cross(upper[1] - upper[0], lower[0] - upper[0])
     normal /= np.linalg.norm(normal)
     return np.asarray(np.abs((points - upper[0]) @ normal) < ON_LINE)

@@ -1,4 +1,4 @@
-"""What a run of a case produced, and its metrics.json."""
+"""The results of a case's run, and its metrics.json."""
 
 from dataclasses import dataclass, field
 
@@ -28,7 +28,7 @@ class MeshOrigin:
     ----------
     boundary_to_cad_max : largest distance (m) of a boundary node from the CAD.
     attempts, seconds : meshes tried until one passed verification, and the time they took.
-    unseeded : why another run gives another mesh; "" where it gives the same.
+    unseeded : reason why another run gives another mesh; "" if it gives the same.
     """
 
     boundary_to_cad_max: float
@@ -44,11 +44,11 @@ class Run:
     Attributes
     ----------
     mesh, deflected : the mesh before and after; same cells, same order.
-    origin : how the undeflected mesh came to be.
+    origin : origin of the undeflected mesh.
     deflection : of every control surface.
     whole_mesh_seconds : time to evaluate the first interpolant at every mesh node, for comparison.
     checks : the validation.
-    watch : the time that it took.
+    watch : the time taken, by stage.
     background : the mesh around a Chimera block; None without a block.
     pinned : quality inside the hexahedron with a pinned instead of a sliding Chimera face, for comparison.
     """

@@ -1,4 +1,4 @@
-"""A Chimera block over its background: the background's hole, and donor cells for all nodes that need one."""
+"""A Chimera block over its background: the hole in the background, and donor cells for all nodes that need one."""
 
 from collections.abc import Iterator
 
@@ -49,7 +49,7 @@ def orphans(block: Mesh, background: Mesh, low: FloatArray, high: FloatArray) ->
 
 
 def hole(case: Case) -> tuple[FloatArray, FloatArray]:
-    """Corners (3,) of the box cut out of the background; in a gap it ends with the aileron."""
+    """Return the corners (3,) of the box cut out of the background; in a gap it ends with the aileron."""
     surface = case.deflections[0].surface
     wedges = ends(case.fighter, surface)[:, 2:5]  # hinge above, trailing edge, hinge below
     low, high = wedges.min(axis=(0, 1)), wedges.max(axis=(0, 1))
@@ -64,7 +64,7 @@ def hole(case: Case) -> tuple[FloatArray, FloatArray]:
 
 
 def finer_background(case: Case) -> tuple[FloatArray, FloatArray]:
-    """Points (S, 3) on the hole's ends in the gaps, and the background's edge lengths (S,) there, metres."""
+    """Return points (S, 3) on the hole's ends in the gaps, and the background's edge lengths (S,) there, in metres."""
     surface, (low, high) = case.deflections[0].surface, hole(case)
     points, lengths = [], []
     stations = gap_faces(case.fighter, case.block, surface)
@@ -78,7 +78,7 @@ def finer_background(case: Case) -> tuple[FloatArray, FloatArray]:
 
 
 def overset_checks(case: Case, mesh: Mesh, deflected: Mesh, background: Mesh) -> Iterator[Check]:
-    """Checks of a Chimera block: its faces in the gaps stay planar, and both blocks find their donors."""
+    """Return the checks of a Chimera block: its faces in the gaps stay planar, and both blocks find their donors."""
     surface = case.deflections[0].surface
     nodes = mesh.on(BLOCK)
     off_plane = np.abs(mesh.points[nodes, 1, None] - block_stations(case, surface)).min(axis=1)
@@ -89,7 +89,7 @@ def overset_checks(case: Case, mesh: Mesh, deflected: Mesh, background: Mesh) ->
 
 
 def has_donor(points: FloatArray, mesh: Mesh) -> BoolArray:
-    """True for each of points (N, 3) that lies in a cell of the mesh."""
+    """Return which of points (N, 3) lie in a cell of the mesh."""
     import pyvista as pv  # a second, for Chimera blocks only
     from vtkmodules.vtkCommonDataModel import vtkGenericCell, vtkStaticCellLocator
 
@@ -106,10 +106,10 @@ def has_donor(points: FloatArray, mesh: Mesh) -> BoolArray:
 
 
 def cells_near(points: FloatArray, mesh: Mesh) -> IntArray:
-    """Cells (C, 4) of the mesh whose bounding ball contains one of points (N, 3).
+    """Return the cells (C, 4) of the mesh whose bounding ball contains one of points (N, 3).
 
-    All others are no donors. The locator sorts cells into boxes of one size: among those of a whole graded mesh
-    a box next to a surface holds thousands.
+    All other cells are no donors. The locator sorts cells into boxes of one size; for a whole graded mesh a box next to
+    a surface would hold thousands.
     """
     if not len(points):
         return np.empty((0, 4), dtype=np.intp)

@@ -83,7 +83,7 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, rep
 
 
 def draw_report(case: Case, deflection: Deflection, folder: Path, watch: Stopwatch) -> tuple["ReportData", "Gallery"]:
-    """Return what the report shows, and its pictures, which are in `folder`."""
+    """Return the content of the report, and its pictures, which are drawn into `folder`."""
     from sdm_deflect.cases.report.pictures import draw_pictures
 
     from .report import report_data_of
@@ -153,14 +153,14 @@ def cached_mesh(
 
 
 def adaptation_text(deflection: Deflection) -> str:
-    """Say how many centres all adaptations took and the largest residual that is left."""
+    """Return a text with the number of centres of all adaptations and the largest remaining residual."""
     fits = [fit for box in deflection.boxes for step in box.steps for fit in step.fits.adaptations]
     centres, residual = sum(len(fit.chosen) for fit in fits), max(fit.max_error for fit in fits)
     return f"{centres} centres, residual {residual:.1e} m"
 
 
 def pinned_quality(case: Case, mesh: Mesh, progress: Progress) -> Quality:
-    """Quality inside the box with a pinned instead of a sliding Chimera face: it shows what sliding gains."""
+    """Return the quality inside the box with a pinned Chimera face, to show the gain from sliding."""
     stiff = replace(case, repair="off", confinement=replace(case.confinement, slide=False))
     plan = plan_of(stiff, mesh, progress=progress)
     return deflect(plan, progress=progress).quality[0]
@@ -177,7 +177,7 @@ def case_search(case: Case, mesh: Mesh, threshold: float, resolution: float) -> 
 
 
 def whole_mesh_seconds(deflection: Deflection) -> float:
-    """Time (s) to evaluate the first surface's interpolant at every node: what confinement saves (section 5.1)."""
+    """Return the time (s) to evaluate the first surface's interpolant at every node (section 5.1: saved by the box)."""
     interpolant, start = deflection.boxes[0].steps[0].fits.interpolant, perf_counter()
     interpolant(deflection.plan.mesh.points)
     return perf_counter() - start

@@ -1,7 +1,7 @@
 """The CAD that the validation measures against, as arrays; a child process builds it once, and the cache keeps it.
 
-Building takes seconds, most of them for loading the CAD kernel and fusing the aircraft, and depends on the case alone:
-it goes on while this process reads the mesh and deforms it. A later run of the same case reads the arrays.
+Building takes seconds, mostly for loading the CAD kernel and fusing the aircraft. It depends on the case alone, so it
+goes on while this process reads and deforms the mesh. A later run of the same case reads the arrays.
 """
 
 from __future__ import annotations
@@ -57,9 +57,9 @@ class Reference:
 
     Attributes
     ----------
-    undeflected : of the moving surfaces before they move: what rigid CAD is made of.
-    deflected : of the moving surfaces in CAD that was built again: blended as the mesh is, tails on the fuselage.
-    still : of the components beside hinged surfaces, which do not move.
+    undeflected : faces of the moving surfaces before they move, which are turned to make rigid CAD.
+    deflected : faces of the moving surfaces in CAD built anew: blended like the mesh, tails on the fuselage.
+    still : faces of the components beside hinged surfaces, which do not move.
     """
 
     undeflected: dict[str, Faces]
@@ -97,13 +97,13 @@ def reference(case: Case, cache: bool = True) -> Iterator[Callable[[], Reference
 
 
 def parameters(case: Case) -> dict[str, object]:
-    """Return what the CAD of a case depends on; the sources of the geometry are among it."""
+    """Return everything that the CAD of a case depends on, the sources of the geometry included."""
     sources = "".join(path.read_text(encoding="utf-8") for path in sorted(Path(geometry.__path__[0]).glob("*.py")))
     return {"fighter": case.fighter, "notch": case.notch, "turned": surface_turns(case), "sources": sources}
 
 
 def surface_turns(case: Case) -> dict[str, CadTurn]:
-    """Return the turns of the CAD's surfaces as in the mesh, but for tails, which can only turn rigidly."""
+    """Return the turns of the CAD's surfaces: those of the mesh, but tails always turn rigidly."""
     return {
         one.surface: CadTurn(one.factor * case.angle, "blended", case.blending.strip)
         if case.law(one.surface) == "blended"
@@ -113,7 +113,7 @@ def surface_turns(case: Case) -> dict[str, CadTurn]:
 
 
 def question(case: Case) -> Arrays:
-    """Return the question to the process that builds."""
+    """Return the arrays sent to the process that builds the CAD."""
     packed = pickle.dumps((case.fighter, surface_turns(case), case.notch))
     return {"packed": np.frombuffer(packed, dtype=np.uint8)}
 
@@ -135,7 +135,7 @@ def answer(question: Arrays) -> Arrays:
 
 
 def decode(answer: Arrays) -> Reference:
-    """Return the reference that an answer holds."""
+    """Return the reference from the arrays of an answer."""
     found: dict[str, dict[str, list[dict[str, Any]]]] = {field.name: {} for field in fields(Reference)}
     for path, array in answer.items():
         if path.count("/") == 3:
@@ -153,7 +153,7 @@ def decode(answer: Arrays) -> Reference:
 
 
 def carriers(surfaces: Iterable[str]) -> list[str]:
-    """Return the patches that carry the hinged ones of some surfaces."""
+    """Return the patches to which the hinged surfaces among some surfaces are attached."""
     return ["fin" if one == "rudder" else one.replace("aileron", "wing") for one in surfaces if hinged(one)]
 
 

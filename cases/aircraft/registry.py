@@ -1,4 +1,4 @@
-"""The cases by name, and what users change in them."""
+"""The cases by name, and changes by users."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -123,7 +123,7 @@ def resolve(
 
 
 def _move_kernel(changes: Nested) -> Nested:
-    """Put the kernel where a case has it: it may be named as for `sdm deflect`, without ``adaptation.``."""
+    """Move the kernel to ``adaptation``: users may name it without that table, as for `sdm deflect`."""
     own = {name: changes[name] for name in KERNEL if name in changes}
     rest = {name: value for name, value in changes.items() if name not in own}
     return merge({"adaptation": own} if own else {}, rest)

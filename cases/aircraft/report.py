@@ -1,4 +1,4 @@
-"""What the report of an SDM case adds: its settings in words, and the distance from the CAD as a map."""
+"""Additions to the report of an SDM case: settings in words, and a map of the distance from the CAD."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import is_dataclass, replace
@@ -39,14 +39,14 @@ DEFLECTED, RIGID = "the deflected CAD, built again", "its CAD faces turned rigid
 
 
 def report_data_of(case: Case, found: Deflection) -> ReportData:
-    """Return what the report of a case shows, before it is judged."""
+    """Return the content of a case's report, without the verdict."""
     return case_data(case, found.plan, found.points, [FitRows.of(one) for one in found.boxes], found.moved_by_repair)
 
 
 def case_data(
     case: Case, plan: Plan, points: FloatArray, fits: Sequence[FitRows], repair: FloatArray | None
 ) -> ReportData:
-    """Return what the report of a case shows of its mesh at points (N, 3); a repair moved them by (N, 3) or None."""
+    """Return the report's content for a mesh at points (N, 3), which a repair moved by (N, 3), or None."""
     mesh = plan.mesh
     return ReportData(
         title=f"{case.title[:1].upper()}{case.title[1:]}, {case.angle:+g}\N{DEGREE SIGN} ({case.way})",
@@ -73,7 +73,7 @@ def case_data(
 
 
 def _box(plan: BoxPlan, fits: FitRows) -> Box:
-    """Return the box of a control surface, which is the first patch that moves; a tail's panel only follows it."""
+    """Return the box of the control surface, the first patch that moves; a tail's panel follows it."""
     box, nodes = Box.of(plan, plan.job.amounts, plan.surface, fits), plan.mesh.patch(plan.surface).nodes
     own = replace(box.surfaces[0], name=plan.surface, patches=(plan.surface,), nodes=nodes)
     return replace(box, surfaces=(own,))
@@ -90,7 +90,7 @@ def draw_distances(data: ReportData, folder: Path) -> list[Exhibit]:
 
 
 def cad_distances(data: ReportData, surface: str, checks: Sequence[str]) -> tuple[FloatArray, float]:
-    """Distance (N,) of each mesh node from the CAD by some checks, nan where none was measured; and their limit."""
+    """Return the distance (N,) of each node from the CAD by some checks, nan without one, and the checks' limit."""
     distance, limit = np.full(len(data.mesh.points), np.nan), np.nan
     for check in data.checks:
         name, _, own = check.name.partition(":")
@@ -101,7 +101,7 @@ def cad_distances(data: ReportData, surface: str, checks: Sequence[str]) -> tupl
 
 
 def cad_map(data: ReportData, surface: MovedSurface, part: str) -> Iterator[tuple[Figure, str]]:
-    """Draw the map of a surface where distances were measured, and say what is seen."""
+    """Draw the map of a surface's measured distances; return it with a description."""
     checks = COMPARED[part]
     what = DEFLECTED if part == "cad_map" else RIGID
     distance, limit = cad_distances(data, surface.name, checks)
@@ -138,7 +138,7 @@ def cad_map(data: ReportData, surface: MovedSurface, part: str) -> Iterator[tupl
 
 
 def views(points: FloatArray, triangles: IntArray) -> tuple[list[int], BoolArray, tuple[str, str]]:
-    """Return the axes to draw, the longer first, which of the inward triangles (F,) face viewer 1, and sides' names."""
+    """Return the axes to draw, longer first; which inward triangles (F,) face the first viewer; names of the sides."""
     corners = points[triangles]
     normal = -np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     axis = int(np.abs(normal).sum(axis=0).argmax())

@@ -1,8 +1,8 @@
-"""A moved surface beside its undeflected CAD faces that were turned rigidly: every node, by parts, and as predicted.
+"""Distance of a moved surface's nodes from its rigidly turned CAD faces, by parts, beside the predicted distance.
 
-Where the surface differs from a rigid turn is known before it moves. A hinged one keeps its hinge edges: behind them
-the displacement is affine, in closed form. Beside a closed rib the angle falls to zero, and the root of a tail is
-extended to the fuselage: there the law of appendix A is solved again by SciPy.
+The difference from a rigid turn is known in advance. A hinged surface keeps its hinge edges; behind them the
+displacement is affine, in closed form. Beside a closed rib the angle falls to zero, and the root of a tail is extended
+to the fuselage: there SciPy solves the law of appendix A again.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -50,7 +50,7 @@ WORDS = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shape:
-    """A deflected control surface: the mesh before and after, what was asked, and how far a repair (N, 3) moved it."""
+    """A deflected control surface: mesh before and after, its job, and the repair's displacement (N, 3)."""
 
     case: Case
     mesh: Mesh
@@ -85,7 +85,7 @@ class Shape:
 
     @property
     def exact(self) -> IntArray:
-        """Nodes that must lie on the deflected CAD: those that a repair slid if they now are in triangles of others."""
+        """Nodes that must lie on the deflected CAD; those that a repair slid only if now in triangles of others."""
         nodes, exact = self.plan.sites.moving, self.plan.boundary.laws[0].exact
         if self.repair is None:
             return nodes[exact]
@@ -112,7 +112,7 @@ class Shape:
 
     @property
     def hinge(self) -> IntArray:
-        """Nodes on the edges of the hinge: they keep their place."""
+        """Nodes on the hinge edges, which keep their place."""
         wedge = Wedge.of(self.plan.mesh, self.case.fighter, self.surface)
         return wedge.nodes[wedge.hinge]
 
@@ -128,18 +128,18 @@ class Shape:
                 yield own, self.axis.matrix(self.angle) @ normal
 
     def left_behind(self, nodes: IntArray, normal: FloatArray) -> FloatArray:
-        """Distance (N,) of nodes that did not turn from a plane that they are on, rotated with its normal (3,).
+        """Return the distance (N,) of unturned nodes from the rotated plane, of normal (3,), on which they were.
 
-        A repair may have slid them along the edge of the hinge: what counts is where they are now.
+        A repair may have slid them along the hinge edge; their present places count.
         """
         now = self.deflected.points[nodes]
         return np.asarray(np.abs((now - self.axis.rotated(now, self.angle)) @ normal), dtype=np.float64)
 
 
 def rigid_checks(shape: Shape, rigid: Faces) -> Iterator[Check]:
-    """Yield the distance from rigid CAD, over all nodes and back, and how far it is from what is predicted.
+    """Yield checks of the distance from rigid CAD, in both senses, and of its difference from the prediction.
 
-    A surface that turns rigidly must be there, node by node.
+    A surface that turns rigidly must lie on rigid CAD, node by node.
     """
     nodes, triangles, corners = shape.nodes, shape.rows, corners_of(rigid)
     points, (samples, areas), (places, parts) = shape.deflected.points[nodes], lattice(corners), prediction(shape)
@@ -159,7 +159,7 @@ def rigid_checks(shape: Shape, rigid: Faces) -> Iterator[Check]:
 
 
 def sentence(surface: str, figures: Mapping[str, Mapping[str, float]]) -> str:
-    """Say how far a surface is from CAD that turned rigidly, part by part, and how well that was predicted."""
+    """Return a sentence on a surface's distance from rigid CAD, by part, and the error of its prediction."""
     off = [f"{1e3 * one['largest']:.3g} mm {WORDS[part]}" for part, one in figures.items() if one["largest"] > ROUNDING]
     on = [f"none {WORDS[part]}" for part, one in figures.items() if one["largest"] <= ROUNDING]
     error = max(one["off"] for one in figures.values())
@@ -167,7 +167,7 @@ def sentence(surface: str, figures: Mapping[str, Mapping[str, float]]) -> str:
 
 
 def _figures(measured: FloatArray, predicted: FloatArray, weights: FloatArray) -> dict[str, float]:
-    """Return the largest, mean and rms of distances (K,) by area, what was predicted, and the largest difference."""
+    """Return the largest, mean and rms of distances (K,) by area, those predicted, and the largest difference."""
     share = weights / weights.sum()
     return {
         "points": len(measured),
@@ -180,7 +180,7 @@ def _figures(measured: FloatArray, predicted: FloatArray, weights: FloatArray) -
 
 
 def parts_of(shape: Shape) -> dict[str, BoolArray]:
-    """Return the parts (K,) of a surface's nodes, each in one: by topology and by the CAD's datum lines."""
+    """Return the part (K,) of each node of a surface, by topology and the CAD's datum lines."""
     fighter, points = shape.case.fighter, shape.mesh.points[shape.nodes]
     if shape.law == "rigid":
         return {"whole": np.ones(len(points), dtype=np.bool_)}
@@ -196,9 +196,10 @@ def parts_of(shape: Shape) -> dict[str, BoolArray]:
 
 
 def prediction(shape: Shape) -> tuple[FloatArray, dict[str, BoolArray]]:
-    """Return where the nodes (K, 3) must be, and the parts (K,) that they are in.
+    """Return the predicted places (K, 3) of the nodes, and their parts (K,).
 
-    Nodes that a repair slid must be on the surface of the others. They belong to the first part if they came into it.
+    Nodes that a repair slid must lie on the surface of the others. They count in the first part if they are now within
+    it.
     """
     points, parts = shape.mesh.points[shape.nodes], parts_of(shape)
     expected = points + LAWS[shape.law](shape)
@@ -299,7 +300,7 @@ def corners_of(faces: Faces) -> FloatArray:
 
 
 def distance(points: FloatArray, corners: FloatArray) -> FloatArray:
-    """Distance (N,) of points (N, 3) from triangles (T, 3, 3); trimesh, which made neither, measures it."""
+    """Return the distance (N,) of points (N, 3) from triangles (T, 3, 3), measured by trimesh, which made neither."""
     rows = np.arange(3 * len(corners)).reshape(-1, 3)
     import trimesh  # while the CAD is being built; a finished run is validated without it
 
@@ -308,12 +309,12 @@ def distance(points: FloatArray, corners: FloatArray) -> FloatArray:
 
 
 def _closest(points: FloatArray, corners: FloatArray) -> FloatArray:
-    """Return the distances (N,) of points (N, 3) from triangles (T, 3, 3), by our own tree."""
+    """Return the distances (N,) of points (N, 3) from triangles (T, 3, 3), measured by `Triangles`."""
     return np.asarray(np.linalg.norm(points - Triangles.of(corners).closest(points).places, axis=1))
 
 
 def closest(points: FloatArray, nodes: FloatArray, triangles: IntArray) -> tuple[FloatArray, IntArray]:
-    """Distance (N,) of points (N, 3) from triangles (T, 3), and the rows (N,) of the nearest ones."""
+    """Return the distance (N,) of points (N, 3) from triangles (T, 3), and the row (N,) of the nearest one."""
     if not len(points):
         return np.empty(0), np.empty(0, dtype=np.intp)
     found = Triangles.of(nodes[triangles]).closest(points)
@@ -321,5 +322,5 @@ def closest(points: FloatArray, nodes: FloatArray, triangles: IntArray) -> tuple
 
 
 def plane_normal(points: FloatArray) -> FloatArray:
-    """Unit normal (3,) of the least-squares plane of points (N, 3); its sign is arbitrary."""
+    """Return the unit normal (3,) of the least-squares plane of points (N, 3); its sign is arbitrary."""
     return np.asarray(np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][2], dtype=np.float64)

@@ -1,4 +1,4 @@
-"""The output folder of a case: written, read back, validated again."""
+"""The output folder of a case: writing, reading, and validation again."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -63,7 +63,7 @@ def finished_case(folder: Path) -> FinishedRun:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CadValidation:
-    """See `Validation`: the CAD of a case judges its meshes.
+    """See `Validation`: the meshes of a case are compared with its CAD.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class CadValidation:
         return read_vtu(self.folder / "background.vtu") if self.case.domain == "block" else None
 
     def page(self, plan: Plan, points: FloatArray, fits: Sequence[FitRows], repair: FloatArray | None) -> ReportData:
-        """Return what the report of the case shows, before it is judged."""
+        """Return the content of the case's report, without the verdict."""
         from .report import case_data
 
         return case_data(self.case, plan, points, fits, repair)
@@ -116,7 +116,7 @@ class CadValidation:
 
 
 def undeflected_models(case: Case) -> "tuple[CadModel, ...]":
-    """Build what the meshes of a case follow before the deflection: its own, then that of its background if any."""
+    """Build the CAD of a case's undeflected meshes: that of the case, then that of its background, if any."""
     from .cad import background_cad, undeflected_cad  # the CAD kernel
 
     return (undeflected_cad(case), *([background_cad(case)] if case.domain == "block" else []))

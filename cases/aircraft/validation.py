@@ -1,4 +1,4 @@
-"""Measure a deflected mesh against what it should be, and against the CAD whose surfaces were rotated rigidly."""
+"""Checks of a deflected mesh, among them the distance from CAD whose surfaces were rotated rigidly."""
 
 from collections.abc import Iterator, Sequence
 from math import inf
@@ -45,8 +45,8 @@ def validate(
     Parameters
     ----------
     deflection : every control surface at its angle.
-    mesh_checks : what `checks_of` says of it, as of any mesh.
-    reference : the deflected CAD; without it nothing is measured that needs it.
+    mesh_checks : the result of `checks_of`.
+    reference : the deflected CAD; without it the checks that need it are left out.
     background : the mesh around a Chimera block.
     """
     mesh, repair = deflection.plan.mesh, deflection.moved_by_repair
@@ -93,7 +93,7 @@ def whole_quality(case: Case, deflected: Mesh) -> Check:
 
 
 def slid_on_surfaces(mesh: Mesh, deflected: Mesh, slid: IntArray, reference: Reference) -> Check:
-    """Distance of nodes (K,) of fixed patches, which a repair slid, from each undeflected CAD face that they are on."""
+    """Check the distance of nodes (K,) of fixed patches, which a repair slid, from their undeflected CAD faces."""
     off, limit = np.zeros(len(slid)), ON_PLANE
     for name, faces in reference.still.items():
         for on_face in nodes_by_face(mesh, name):
@@ -108,7 +108,7 @@ def slid_on_surfaces(mesh: Mesh, deflected: Mesh, slid: IntArray, reference: Ref
 
 
 def surface_checks(shape: Shape, reference: Reference) -> Iterator[Check]:
-    """Checks of one control surface."""
+    """Return the checks of one control surface."""
     rigid, cad = shape.rigid(reference.undeflected[shape.surface]), reference.deflected[shape.surface]
     if shape.repair is not None:
         yield kept_shape(shape, shape.repair)
@@ -126,7 +126,7 @@ def surface_checks(shape: Shape, reference: Reference) -> Iterator[Check]:
 
 
 def kept_shape(shape: Shape, repair: FloatArray) -> Check:
-    """Distance of the nodes that a repair slid on the control surface from its triangles before the repair."""
+    """Check the distance of nodes that a repair slid from the control surface's triangles before it."""
     nodes = shape.mesh.on(shape.surface)
     nodes = nodes[repair[nodes].any(axis=1)]
     points, triangles = shape.deflected.points, triangles_of(shape.mesh, shape.surface)
@@ -135,10 +135,10 @@ def kept_shape(shape: Shape, repair: FloatArray) -> Check:
 
 
 def surface_to_cad(shape: Shape, cad: Faces) -> Iterator[Check]:
-    """Distance of all nodes from the trimmed faces of the deflected CAD, and of those that are on it to rounding.
+    """Check the distance of all nodes from the deflected CAD, and of those that must lie on it to rounding.
 
-    Beside a closed rib the CAD's faces are ruled and those of the mesh blended: there the limit follows from where the
-    nodes must be. A tail's root line is on a curved edge.
+    Beside a closed rib the CAD's faces are ruled and the mesh is blended: there the limit follows from the predicted
+    places. A tail's root line is on a curved edge.
     """
     nodes, exact, corners = shape.nodes, shape.exact, corners_of(cad)
     if shape.law == "rooted":
@@ -151,7 +151,7 @@ def surface_to_cad(shape: Shape, cad: Faces) -> Iterator[Check]:
 
 
 def planarity(shape: Shape) -> Check:
-    """Distance of each planar face's nodes from their own best plane (three nodes always have one)."""
+    """Check the distance of each planar face's nodes from their least-squares plane."""
     faces = [nodes for nodes, _ in shape.faces(shape.exact) if len(nodes) > 3]
     off = np.concatenate([plane_deviation(shape.deflected.points[nodes]) for nodes in faces])
     points = shape.deflected.points[np.concatenate(faces)]
@@ -159,7 +159,7 @@ def planarity(shape: Shape) -> Check:
 
 
 def trailing_edge_angle(shape: Shape) -> Check:
-    """Largest deviation of the trailing edge from its angle, in degrees."""
+    """Check the largest deviation of the trailing edge from its angle, in degrees."""
     wedge = Wedge.of(shape.plan.mesh, shape.case.fighter, shape.surface)
     nodes = np.intersect1d(wedge.nodes[wedge.trailing & ~wedge.fixed], shape.exact, assume_unique=True)
     before, after = (shape.axis.radial(mesh.points[nodes]) for mesh in (shape.mesh, shape.deflected))
@@ -170,7 +170,7 @@ def trailing_edge_angle(shape: Shape) -> Check:
 
 
 def hinge_offset(shape: Shape, rigid: Faces) -> Check:
-    """Blended and rigid wedge differ at the hinge by a known amount: check that it is exactly that.
+    """Check that blended and rigid wedge differ at the hinge by exactly the known amount.
 
     A hinge node P stays where the rigid wedge's turns to R P. Its distance from the plane of the rotated face, of
     normal R n, is therefore |(P - R P) . R n|: that is compared with the CAD.
@@ -192,14 +192,14 @@ def hinge_offset(shape: Shape, rigid: Faces) -> Check:
 
 
 def cylindricity(shape: Shape, panel: IntArray) -> Check:
-    """Distance of the panel's nodes from the fuselage cylinder."""
+    """Check the distance of the panel's nodes from the fuselage cylinder."""
     points = shape.deflected.points[panel]
     off = np.abs(fuselage_cylinder(shape.case.fighter).distance(points))
     return Check("cylindricity", float(off.max()), ON_CYLINDER, "m", worst(off, points))
 
 
 def root_on_cylinder(shape: Shape, rigid: Faces, root: IntArray) -> Check:
-    """Distance of the root line's nodes from the cylinder and from each rotated plane of the tail they are on."""
+    """Check the distance of the root line's nodes from the cylinder and from their rotated planes of the tail."""
     points = shape.deflected.points[root]
     off = np.abs(fuselage_cylinder(shape.case.fighter).distance(points))
     rotation = shape.axis.matrix(shape.angle)
@@ -213,19 +213,19 @@ def root_on_cylinder(shape: Shape, rigid: Faces, root: IntArray) -> Check:
 
 
 def distance_to_plane(points: FloatArray, faces: Faces, normal: FloatArray) -> FloatArray:
-    """Distance (N,) of points (N, 3) from the plane of that face which looks along `normal` (3,)."""
+    """Return the distance (N,) of points (N, 3) from the plane of the face with outward `normal` (3,)."""
     planes = [face for face in faces if np.isfinite(face.normal).all()]
     face = max(planes, key=lambda plane: abs(float(plane.normal @ normal)))
     return np.asarray(np.abs((points - face.points[0]) @ face.normal), dtype=np.float64)
 
 
 def plane_deviation(points: FloatArray) -> FloatArray:
-    """Distance (N,) of points (N, 3) from their least-squares plane."""
+    """Return the distance (N,) of points (N, 3) from their least-squares plane."""
     return np.asarray(np.abs((points - points.mean(axis=0)) @ plane_normal(points)), dtype=np.float64)
 
 
 def mesh_check(name: str, mesh: Mesh, model: "CadModel", parameters: MeshParameters) -> Check:
-    """Check a mesh as a new one: it fills the flow domain without gap and overlap, and its boundary is on the CAD.
+    """Check that a mesh fills the flow domain without gap and overlap, with its boundary on the CAD.
 
     Its value is the largest distance (m) of a boundary node from the CAD, infinite if anything else is wrong.
     """
@@ -239,7 +239,7 @@ def mesh_check(name: str, mesh: Mesh, model: "CadModel", parameters: MeshParamet
 
 
 def mesh_faults(mesh: Mesh, model: "CadModel") -> list[str]:
-    """Return what is wrong with the patches and the topology of a mesh, a sentence for each thing."""
+    """Return a sentence for each fault of a mesh's patches and topology."""
     names = (*model.patches, *(() if model.fluid_inside else (FAR_FIELD,)))
     if mesh.names != names:
         return [f"the patches are {', '.join(mesh.names)}, those of the CAD {', '.join(names)}"]

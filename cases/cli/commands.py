@@ -23,7 +23,7 @@ LONGEST = 200
 
 
 class InOrder(click.Group):
-    """A group whose help lists its commands by subject, in the order of use."""
+    """A group whose help lists commands by subject, in the order of use."""
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write one section for each subject; a command without one is hidden."""
@@ -119,7 +119,7 @@ for command in chain.from_iterable(SUBJECTS.values()):
 
 
 def carry_out(commands: click.Command = cli, name: str = "sdm") -> NoReturn:
-    """Carry out a command: a mistake is one line on stderr and a code that says what went wrong; no traceback."""
+    """Carry out a command; a user's mistake is one line on stderr and an exit code, without a traceback."""
     gc.set_threshold(OBJECTS)
     try:
         code = _carried_out(commands, name)
@@ -164,7 +164,7 @@ def _carried_out(commands: click.Command, name: str) -> int:
 
 
 def _prepare(out: TextIO | None) -> None:
-    """Let an output escape letters that its encoding lacks; ClickException if the working folder is gone."""
+    """Let an output escape letters that its encoding lacks; ClickException if the working folder does not exist."""
     if isinstance(out, TextIOWrapper):
         out.reconfigure(errors="backslashreplace")
     try:

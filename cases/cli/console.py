@@ -1,4 +1,4 @@
-"""What commands print: calm tables, at the end."""
+"""Tables and sentences that commands print at the end."""
 
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -43,9 +43,9 @@ WIDTH = 160
 
 
 def console() -> Console:
-    """Return the standard output, wide enough for a table where it is no terminal.
+    """Return a console on standard output; if that is no terminal, it is wide enough for a table.
 
-    Colours and bold letters are for terminals only, and for none if the environment variable NO_COLOR is set.
+    Only terminals get colours and bold letters, and none if the environment variable NO_COLOR is set.
     """
     out = Console()
     return out if out.is_terminal or os.environ.get("COLUMNS", "").isdecimal() else Console(width=WIDTH)
@@ -63,17 +63,17 @@ def check_table(checks: Sequence[Check], title: str) -> Table:
 
 
 def outcome(checks: Sequence[Check], warned: Sequence[str] = ()) -> str:
-    """Return the verdict, and how many warnings there are."""
+    """Return the verdict and the number of warnings."""
     return verdict(checks) + counted(warned)
 
 
 def counted(warned: Sequence[str]) -> str:
-    """Return how many warnings there are, to follow a verdict."""
+    """Return the number of warnings as text after a verdict."""
     return f", {len(warned)} warning{'s' if len(warned) > 1 else ''}" if warned else ""
 
 
 def warning_texts(warned: Sequence[str], *before: str) -> list[Text]:
-    """Return warnings in yellow, below what comes before them; nothing without any."""
+    """Return warnings in yellow, after an empty line; nothing without warnings."""
     lines = [plain(f"warning: {text}") for text in warned]
     for line in lines:
         line.stylize("yellow")
@@ -81,12 +81,12 @@ def warning_texts(warned: Sequence[str], *before: str) -> list[Text]:
 
 
 def rigid_lines(checks: Sequence[Check]) -> list[str]:
-    """Return how far each surface of the aircraft is from CAD that turned rigidly."""
+    """Return a line on the distance of each of the aircraft's surfaces from rigid CAD."""
     return [check.where for check in checks if check.name.partition(":")[0] == "surface_to_rigid_cad"]
 
 
 def findings(found: Sequence["Finding"]) -> Group:
-    """Return what was found on a machine, and what would help."""
+    """Return a table of a machine's findings, with advice."""
     table = _table("", ("",), (), ("found", " "))
     for one in found:
         mark = Text("well") if one.well else Text("NOT WELL", style="bold")
@@ -96,7 +96,7 @@ def findings(found: Sequence["Finding"]) -> Group:
 
 
 def plan_table(plan: Plan) -> Group:
-    """Return patches with their part, the box, and what will be computed."""
+    """Return tables of patches and their roles, the box, and the planned computation."""
     table = _table(f"{plan.mesh.name}: what would be done", ("patch", "part"), ("nodes", "in the box"))
     inside = union(*(box.inside for box in plan.boxes))
     for patch in plan.mesh.patches:
@@ -107,7 +107,7 @@ def plan_table(plan: Plan) -> Group:
 
 
 def result_table(done: "Outcome", whole: bool) -> Group:
-    """Return verdict, warnings, motion, quality and files; with `whole` all checks, the box and the fit, too."""
+    """Return verdict, warnings, motion, quality and files; with `whole` also all checks, the box and the fit."""
     ordered = sorted(done.poses, key=lambda summary: summary.amounts)
     tables, texts = _of_one_pose(done, ordered[0], whole) if len(ordered) == 1 else _of_many_poses(done, ordered)
     texts = [*_lines(done.plan, whole), *texts, *(f"note: {text}" for text in done.notes)]
@@ -127,7 +127,7 @@ def result_table(done: "Outcome", whole: bool) -> Group:
 
 
 def _advice(done: "Outcome") -> list[str]:
-    """Return what helps where a tail's mesh failed."""
+    """Return advice for a tail whose mesh failed."""
     roots = [moving.motion for moving, _ in done.plan.moving if isinstance(moving.motion, Root)]
     if done.passed or not roots:
         return []
@@ -136,7 +136,7 @@ def _advice(done: "Outcome") -> list[str]:
 
 
 def _unfit(done: "Outcome") -> str:
-    """Say which of the meshes must not be used."""
+    """Return a sentence on which meshes must not be used."""
     bad = [str(file) for file, summary in zip(done.files, done.poses, strict=False) if not summary.passed]
     if len(done.poses) == 1 and bad:
         return "; do not use the mesh as it is"
@@ -144,7 +144,7 @@ def _unfit(done: "Outcome") -> str:
 
 
 def _made_at(plan: Plan) -> str:
-    """Say at which setting of a slot the mesh was made; nothing without a slot."""
+    """Return a sentence on the setting of a slot in the mesh; nothing without a slot."""
     from sdm_deflect.deform.surface.slots import SlotSetting
 
     slots = (moving.motion.slot(own) for moving, own in plan.moving if isinstance(moving.motion, SlotSetting))
@@ -153,7 +153,7 @@ def _made_at(plan: Plan) -> str:
 
 
 def _of_one_pose(done: "Outcome", summary: "PoseSummary", whole: bool) -> tuple[list[Table], list[str]]:
-    """Return the tables of a single pose, or of its checks that failed, and lines on quality, repair and fit."""
+    """Return the checks of a single pose, or those that failed, and lines on quality, repair and fit."""
     title, repair = f"{_title(done)}, {_amounts(summary)} {_unit(done)}", repair_text(summary.figures)
     texts = [repair] if repair else []
     if not whole:
@@ -209,7 +209,7 @@ def _quality_lines(before: Sequence[Quality], after: Sequence[Quality]) -> Itera
 
 
 def face_table(figures: Json) -> list[Table]:
-    """Return what checkMesh says of the faces of polyhedra before and after; no table without any."""
+    """Return checkMesh's figures of polyhedra's faces before and after; no table without polyhedra."""
     of, rows = face_rows(figures)
     table = _table("", (f"{of} (checkMesh)",), ("before", "after"))
     for row in rows:
@@ -218,7 +218,7 @@ def face_table(figures: Json) -> list[Table]:
 
 
 def comparison_tables(names: Sequence[str], tables: Mapping[str, Sequence[Sequence[str]]]) -> list[Table]:
-    """Return tables by their titles: rows of a name and a value of each run; none without rows."""
+    """Return tables by title, with a row for each name and a column for each run; none without rows."""
     found = []
     for title, rows in tables.items():
         table = _table(title, ("",), (), names)
@@ -251,7 +251,7 @@ def _texts(lines: Iterable[str]) -> list[Text]:
 
 
 def _table(title: str, left: Sequence[str], right: Sequence[str], rest: Sequence[str] = ()) -> Table:
-    """Return an empty table; the columns of `rest` break their lines where there is no room."""
+    """Return an empty table; columns in `rest` break their lines if there is no room."""
     table = Table(title=plain(title) if title else None, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
     for heading in (*left, *right, *rest):
         table.add_column(heading, justify="right" if heading in right else "left", no_wrap=heading not in rest)
@@ -280,7 +280,7 @@ def _slot_rows(plan: Plan) -> list[str]:
 
 
 def _box_lines(plan: BoxPlan) -> list[str]:
-    """Describe the box of a plan, what is in it, and the interpolation there."""
+    """Return lines on the box of a plan, its content, and the interpolation."""
     sites, region = plan.sites, plan.region
     low, high = (", ".join(f"{x:.4g}" for x in region.hexahedron.corners[i]) for i in (0, 7))
     return [

@@ -244,7 +244,7 @@ def gradient(
 
 
 def _named_amounts(flag: str, text: str) -> float | dict[str, float]:
-    """Return an amount, or those of ``NAME=AMOUNT`` with commas; InputError for another text."""
+    """Return an amount, or amounts by name for ``NAME=AMOUNT`` with commas; InputError for another text."""
     try:
         if "_" in text.rpartition("=")[2]:  # Python's digit groups: 1_0 is more likely a slip than 10
             raise ValueError
@@ -330,7 +330,7 @@ def convert(mesh: Path, out: Path, as_json: bool, quiet: bool, verbose: bool) ->
 
 
 def _search_of_case(case: str, watch: "Stopwatch", given: dict[str, Any]) -> Found:
-    """Return how the limits of a case are found, its mesh made."""
+    """Return the search for the limits of a case, whose mesh is made first."""
     from sdm_deflect.cases.aircraft.registry import resolve
     from sdm_deflect.cases.run.output import check_installed
 
@@ -350,7 +350,7 @@ def _search_of_case(case: str, watch: "Stopwatch", given: dict[str, Any]) -> Fou
 
 
 def _search_of_mesh(name: str, watch: "Stopwatch", given: dict[str, Any]) -> Found:
-    """Return how the limits of surfaces of a mesh are found, the mesh read."""
+    """Return the search for the limits of surfaces of a mesh, which is read first."""
     from sdm_deflect.cases.run.limit import search_of
     from sdm_deflect.cases.run.mesh_files import OutputFiles
     from sdm_deflect.cases.settings.jobs import jobs_of
@@ -396,7 +396,7 @@ def _show_plan(wanted: "OutputFiles", plan: "Plan", as_json: bool) -> int:
 
 
 def _settings(given: dict[str, Any]) -> tuple[JobSettings, tuple[Path, ...]]:
-    """Return the settings of a configuration file with options in their place, and the files that they name."""
+    """Return the settings of a configuration file, replaced by options, and the files that they name."""
     from sdm_deflect.cases.run.mesh_files import inputs_of
 
     config, assignments = given.pop("config"), given.pop("assignments")

@@ -1,4 +1,4 @@
-"""Whether this machine is fit for the program, and what would help; what killed commands left is removed."""
+"""Examination of this machine for `sdm doctor`, with advice, and removal of killed commands' leftovers."""
 
 import json
 import os
@@ -34,7 +34,7 @@ YOUNG, LONGEST = 60.0, 1 << 16
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What one examination found, and what would help if it is not well."""
+    """The result of one examination, and advice if it is bad."""
 
     name: str
     well: bool
@@ -43,7 +43,7 @@ class Finding:
 
 
 def libraries() -> Finding:
-    """Look whether all libraries are installed that every command needs."""
+    """Examine whether all libraries that every command needs are installed."""
     installed = versions(LIBRARIES)
     missing = [name for name, version in installed.items() if not version]
     text = ", ".join(f"{name} {version or 'missing'}" for name, version in installed.items())
@@ -51,14 +51,14 @@ def libraries() -> Finding:
 
 
 def extras() -> Finding:
-    """Say which extras are installed; none must be."""
+    """Report which extras are installed; none is required."""
     lacking = {extra: text for extra in EXTRAS if (text := lacks(extra))}
     ready = [extra for extra in EXTRAS if extra not in lacking]
     return Finding("extras", True, "; ".join([", ".join(ready) or "none is installed", *lacking.values()]))
 
 
 def compiled_libraries() -> Finding:
-    """Load each compiled library that is installed in a process of its own, which may crash."""
+    """Load each installed compiled library in a separate process, which may crash."""
     present = [name for name in COMPILED if find_spec(name)]
     with ThreadPoolExecutor(usable_cores()) as pool:
         complaints = dict(zip(present, pool.map(import_complaint, present), strict=True))
@@ -68,7 +68,7 @@ def compiled_libraries() -> Finding:
 
 
 def import_complaint(module: str) -> str:
-    """Return why a module cannot be imported in a process of its own, empty if it can."""
+    """Return why a module cannot be imported in a separate process; empty if it can."""
     bound = f"from sdm_deflect.meshing.child import end_with; end_with({os.getpid()})"
     command = [sys.executable, "-c", f"{bound}; import {module}"]
     try:
@@ -80,7 +80,7 @@ def import_complaint(module: str) -> str:
 
 
 def cache() -> Finding:
-    """Look whether meshes can be kept, and whether those that are kept are whole."""
+    """Examine whether the cache can be written, and whether the meshes in it are undamaged."""
     store = MeshCache(default_folder())
     try:
         store.folder.mkdir(parents=True, exist_ok=True)
@@ -99,7 +99,7 @@ def cache() -> Finding:
 
 
 def compiled_code() -> Finding:
-    """Look whether compiled code can be kept."""
+    """Examine whether compiled code can be stored."""
     if complaint := code_complaint():
         text = f"{code_folder()}: {complaint}; functions are compiled in each process, for about 10 s"
         remedy = f"set the environment variable {CODE_VARIABLE} to a folder that you alone can write"
@@ -115,7 +115,7 @@ def _loads(store: MeshCache, key: str) -> bool:
 
 
 def leftovers(folder: Path) -> Finding:
-    """Remove what killed commands left in a folder and in the system's temporary one; put back what they put aside."""
+    """Remove killed commands' leftovers in a folder and the system's temporary one; put back what they moved."""
     if not hasattr(os, "O_DIRECTORY"):
         return Finding("leftovers", True, "not looked for on this system")
     homes = dict.fromkeys(Path(os.path.realpath(one)) for one in (folder, tempfile.gettempdir()))
@@ -132,7 +132,7 @@ def _hidden(home: Path) -> list[Path]:
 def _tidy(place: Path) -> Iterator[str]:
     """Remove a hidden folder of this user whose process has ended, and say so.
 
-    What is removed is what was opened and locked, whatever its path has become meanwhile.
+    The opened and locked folder is removed, even if its path has changed meanwhile.
     """
     with ExitStack() as stack, suppress(OSError):
         handle = _open_own(stack, place, os.O_RDONLY | os.O_DIRECTORY)
@@ -150,7 +150,7 @@ def _tidy(place: Path) -> Iterator[str]:
 
 
 def _put_back(place: Path, handle: int) -> Iterator[str]:
-    """Give a run folder that was put aside its name again, or remove it if another has that name by now."""
+    """Give a run folder that was moved its old name again, or remove it if another folder has that name."""
     with ExitStack() as stack, suppress(OSError, ValueError, TypeError):
         note = _open_own(stack, NOTE, os.O_RDONLY | os.O_NONBLOCK, handle)
         number, aside, name = json.loads(os.read(note, LONGEST))
@@ -169,7 +169,7 @@ def _put_back(place: Path, handle: int) -> Iterator[str]:
 
 
 def _open_own(stack: ExitStack, path: Path | str, flags: int, folder: int | None = None) -> int:
-    """Open a file or a folder of this user, but no link; PermissionError if it is another's, or a pipe."""
+    """Open a file or folder, not through a link; PermissionError if it is another user's, or a pipe."""
     handle = os.open(path, flags | os.O_NOFOLLOW, dir_fd=folder)
     stack.callback(os.close, handle)
     status = os.fstat(handle)
@@ -184,7 +184,7 @@ def _names(handle: int) -> dict[str, bool]:
 
 
 def _remove(place: Path, handle: int) -> None:
-    """Remove what is in an open folder, and the path if it is an empty folder then."""
+    """Remove the content of an open folder, and then the folder at the path if it is empty."""
     for name, is_folder in _names(handle).items():
         (shutil.rmtree if is_folder else os.unlink)(name, dir_fd=handle)
     place.rmdir()

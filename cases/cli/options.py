@@ -1,4 +1,4 @@
-"""What the commands share: kinds of arguments, options of the same name, and how a result is printed."""
+"""Common parts of commands: types of arguments, common options, and printing of results."""
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -41,7 +41,7 @@ Command = Callable[..., Any]
 
 
 class CaseName(click.ParamType):  # type: ignore[type-arg, unused-ignore]
-    """The name of a case; a shell completes it."""
+    """Type of an argument: the name of a case, which shells complete."""
 
     name = "case"
 
@@ -53,7 +53,7 @@ class CaseName(click.ParamType):  # type: ignore[type-arg, unused-ignore]
 
 
 class Grouped(click.Option):
-    """An option that the help shows in a group."""
+    """An option that help shows in a group."""
 
     def __init__(self, *args: Any, group: str = "Options", **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -64,7 +64,7 @@ output_option, cluster_option = (partial(click.option, cls=Grouped, group=group)
 
 
 def settings_options(settings: Iterable[Setting]) -> list[click.Parameter]:
-    """Return the options of settings; some have none."""
+    """Return the options of settings; some settings have none."""
     return [_option(setting) for setting in settings if setting.option.flag is not None]
 
 
@@ -85,13 +85,13 @@ def _option(setting: Setting) -> Grouped:
 
 
 def flag(setting: Setting) -> str:
-    """Return the option of a setting, or its name if it has none."""
+    """Return the option of a setting, or the setting's name without one."""
     how = setting.option
     return setting.name if how.flag is None else how.flag or f"--{setting.name.replace('_', '-')}"
 
 
 def _help(setting: Setting, in_full: bool = False) -> str:
-    """Return what a setting means, with its default, and with options instead of the names of settings."""
+    """Return a setting's meaning and default; names of settings are replaced by options."""
     words = f"{setting.doc.text} {setting.doc.more if in_full else ''}".rstrip().replace("``", "'").split("`")
     text = "".join(flag(BY_NAME[word]) if i % 2 and word in BY_NAME else word for i, word in enumerate(words))
     hidden = not setting.default or setting.default is True or not setting.default_text
@@ -180,7 +180,7 @@ def print_json(value: Any) -> None:
 
 
 def print_tables(*tables: Any) -> None:
-    """Print tables for a reader, and texts as they are, one below the other."""
+    """Print tables, and texts as they are, one below the other."""
     from .console import console, plain
 
     out = console()
@@ -189,7 +189,7 @@ def print_tables(*tables: Any) -> None:
 
 
 def print_either(as_json: bool, figures: Any, *tables: Any) -> None:
-    """Print figures as JSON, or else tables for a reader."""
+    """Print figures as JSON, or else tables."""
     if as_json:
         print_json(figures)
     else:

@@ -68,7 +68,7 @@ def run(
 
 
 def case_table(run: "Run", folder: Path) -> "Group":
-    """Return what `result_table` has of a case in a folder, with what a case alone measures."""
+    """Return the `result_table` of a case in a folder, with the figures that only cases have."""
     from sdm_deflect.cases.run.deflect_file import Outcome, PoseSummary
 
     from .console import result_table, rigid_lines

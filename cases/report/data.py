@@ -1,4 +1,4 @@
-"""What a report tells of: any deflected mesh, with its boxes, adaptations and checks."""
+"""Content of a report on any deflected mesh: boxes, adaptations, checks."""
 
 import csv
 import json
@@ -45,13 +45,13 @@ LARGER = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Length:
-    """The unit of length of a mesh, and how lengths in it are shown.
+    """The unit of length of a mesh, and the unit in figures.
 
     Attributes
     ----------
     name : the mesh's unit.
     shown : unit in figures.
-    factor : by which coordinates are multiplied in figures.
+    factor : factor of coordinates in figures.
     """
 
     name: str
@@ -74,7 +74,7 @@ class Convergence:
     Attributes
     ----------
     box : name of the first patch that moves in the box.
-    step : 1 for the first.
+    step : number of the step, from 1.
     directions : such as ``"x"`` or ``"xyz"``.
     centres, errors : number of centres and the largest residual with them, a length, by iteration.
     """
@@ -112,12 +112,12 @@ class MovedSurface:
 
     Attributes
     ----------
-    name : of the surface; its patches if it has none.
-    amount, unit : how far it goes, in degrees or as a share of a table.
+    name : name of the surface, or else of its patches.
+    amount, unit : its amount, in degrees or as a share of a table.
     patches : names of its patches.
     nodes : (K,) its nodes.
     axis : its hinge, None without one.
-    width : setting of the width that is blended beside it: ``"strip"`` or ``"panel"``; empty without one.
+    width : name of the setting of a blended width beside it, ``"strip"`` or ``"panel"``, or empty.
     """
 
     name: str
@@ -140,13 +140,13 @@ class Box:
 
     Attributes
     ----------
-    name : of the surfaces in it together.
+    name : names of its surfaces, joined.
     surfaces : at least one.
     nodes : (M,) nodes that may move.
     sites : (K,) nodes of the surfaces that are data sites.
     affected : cells with such a node.
     zero : (Z, 3) data sites of zero displacement.
-    tolerance : of the residual at the data sites, a length.
+    tolerance : tolerance of the residual at the data sites, a length.
     """
 
     name: str
@@ -193,20 +193,20 @@ class ReportData:
 
     Attributes
     ----------
-    title : what was deflected.
-    facts : name and value of what stands at the top of the page.
-    mesh : before.
-    points : (N, 3) after.
-    boxes : disjoint.
+    title : name of the surfaces and the mesh.
+    facts : names and values at the top of the page.
+    mesh : undeflected mesh.
+    points : (N, 3) deflected coordinates.
+    boxes : disjoint boxes.
     length : the mesh's unit.
     settings : content of the file `settings_file`, with which `repeat` repeats the run.
-    tables : the settings in words, by table.
-    middle : (3,) point from which ends of surfaces are inner or outer ones.
-    drawn, hidden : names of the patches in pictures, and of those that only the turnable picture offers.
+    tables : rows of settings with meanings, by table.
+    middle : (3,) point that tells a surface's inner end from its outer end.
+    drawn, hidden : names of patches in all pictures, and of those in the turnable picture only.
     quality_limit : smallest mean ratio that is accepted, None without a limit.
     interpolated : (N, 3) before a repair moved nodes, None if none did.
-    motion : what moves the mesh to other amounts; None without a plan.
-    moves : the command that does so, at AMOUNTS.
+    motion : plan that moves the mesh to other amounts, or None.
+    moves : command that moves the mesh, with AMOUNTS to replace.
     checks : the verdict; empty until the mesh is judged.
     figures : the content of metrics.json; empty until then.
     """
@@ -233,7 +233,7 @@ class ReportData:
 
     @cached_property
     def near(self) -> "ReportData":
-        """The same data with only the cells that touch a box, or that a slice through one can show."""
+        """The data with only the cells that touch a box or that a slice can show."""
         around = [_bounds_of_slices(box.hexahedron.corners) for box in self.boxes]
         affected = with_near_cells(self.mesh, [box.affected for box in self.boxes], around)
         boxes = tuple(replace(box, affected=own) for box, own in zip(self.boxes, affected, strict=True))
@@ -267,7 +267,7 @@ class ReportData:
 
     @property
     def states(self) -> dict[str, FloatArray]:
-        """Points (N, 3) before, after the interpolation where a repair followed, and after all, by name."""
+        """Points (N, 3) by name: before, after the interpolation if a repair followed, and after all."""
         between = {} if self.interpolated is None else {"interpolated": self.interpolated}
         return {"before": self.mesh.points, **between, "after": self.points}
 
@@ -277,19 +277,19 @@ class ReportData:
 
 
 def _bounds_of_slices(corners: FloatArray) -> FloatArray:
-    """Return two corners (2, 3) of what slices show around a hexahedron (8, 3)."""
+    """Return the two corners (2, 3) of the region that slices show around a hexahedron (8, 3)."""
     low, high = corners.min(axis=0), corners.max(axis=0)
     margin = AROUND * float((high - low).max())
     return np.array([low - margin, high + margin])
 
 
 def before_repair(points: FloatArray, moved: FloatArray | None) -> FloatArray | None:
-    """Return where the interpolant put nodes (N, 3) that a repair has `moved` (N, 3); None if it moved none."""
+    """Return nodes (N, 3) before a repair that `moved` them (N, 3); None if it moved none."""
     return None if moved is None or not moved.any() else points - moved
 
 
 def in_view(mesh: Mesh, parts: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the patches that pictures show: `parts`, and those not much larger, so no far field that hides them."""
+    """Return the patches for pictures: `parts`, and others not much larger; a far field would hide them."""
     reach = LARGER * diagonal(mesh.points[mesh.on(*parts)])
     return tuple(p.name for p in mesh.patches if p.name in parts or diagonal(mesh.points[p.nodes]) <= reach)
 
@@ -311,7 +311,7 @@ def qualities(affected: AffectedCells, states: Sequence[FloatArray]) -> dict[str
 
 
 def measure_in_words(boxes: Sequence[Box]) -> str:
-    """Return what the colours of the cells that touch boxes mean, in words."""
+    """Return the meaning of the colours of cells that touch boxes."""
     shapes: dict[str, set[str]] = {}
     for shape, _ in (pair for box in boxes for pair in box.affected.by_shape()):
         shapes.setdefault(MEASURES[shape], set()).add(shape)
@@ -331,7 +331,7 @@ def read_json(folder: Path) -> Json:
 
 
 def read_courses(folder: Path) -> dict[str, list[Convergence]]:
-    """Return the adaptations that convergence.csv tells of, by surface; InputError if it is missing or damaged."""
+    """Return the adaptations in convergence.csv by surface; InputError if the file is missing or damaged."""
     path, courses = folder / "convergence.csv", {}  # type: tuple[Path, dict[str, list[Convergence]]]
     with damaged(path, "history of a run"), path.open(newline="", encoding="utf-8") as file:
         for key, group in groupby(
@@ -350,7 +350,7 @@ def read_courses(folder: Path) -> dict[str, list[Convergence]]:
 
 
 def read_figures(folder: Path) -> tuple[Json, tuple[Check, ...], list[FitRows]]:
-    """Read metrics.json, the checks in it, and of each deflection what convergence.csv and interpolant.npz hold.
+    """Read metrics.json, its checks, and for each deflection convergence.csv and interpolant.npz.
 
     Raises InputError if a file is missing or damaged.
     """
@@ -371,7 +371,7 @@ def read_figures(folder: Path) -> tuple[Json, tuple[Check, ...], list[FitRows]]:
 
 
 def stored_checks(checks: Sequence[Check]) -> tuple[Check, ...]:
-    """Return the checks of the fits, which only the run could make, and mark them so."""
+    """Return the checks of the fits, marked as stored, because only the run could make them."""
     errors = (check for check in checks if check.name.startswith("site_error"))
     return tuple(replace(check, where=f"{check.where}; measured by the run") for check in errors)
 
@@ -389,7 +389,7 @@ def rows_of(settings: Mapping[str, Any]) -> Rows:
 
 
 def as_text(value: Any) -> str:
-    """Return the value of a setting in words; of a long list the beginning."""
+    """Return the value of a setting as text; of a long list only the beginning."""
     if isinstance(value, dict):
         return ", ".join(f"{name}: {one}" for name, one in value.items()) or "none"
     if isinstance(value, list | tuple):

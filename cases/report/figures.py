@@ -24,7 +24,7 @@ SMALLEST = 1e-3
 
 
 def panels(count: int) -> tuple[Figure, list[Axes]]:
-    """Return a figure of so many axes, two in a row; a single one is wider."""
+    """Return a figure with a number of axes, two in a row; a single one is wider."""
     columns = min(count, 2)
     rows = -(-count // columns)
     left, right, low, top = MARGINS
@@ -42,7 +42,7 @@ def panels(count: int) -> tuple[Figure, list[Axes]]:
 
 
 def convergence(data: ReportData) -> tuple[Figure, str]:
-    """Largest residual against the number of centres, per direction (the paper's figure 2), and what is seen."""
+    """Plot the largest residual over the number of centres, by direction (figure 2); return it with a description."""
     figure, axes = panels(len(data.boxes))
     texts, unit, clipped = [], data.length.name, False
     for one, box in zip(axes, data.boxes, strict=True):
@@ -64,7 +64,7 @@ def convergence(data: ReportData) -> tuple[Figure, str]:
 
 
 def quality(data: ReportData) -> tuple[Figure, str]:
-    """Quality of the cells that touch each hexahedron by type, before and after, and what is seen."""
+    """Plot the quality of cells that touch each hexahedron, by type; return the figure with a description."""
     states = list(data.states.values())
     found = [(box, *pair) for box in data.boxes for pair in qualities(box.affected, states).items()]
     figure, axes = panels(len(found))
@@ -73,7 +73,7 @@ def quality(data: ReportData) -> tuple[Figure, str]:
 
 
 def _histogram(data: ReportData, axes: Axes, box: Box, shape: str, values: FloatArray) -> str:
-    """Draw the histograms of one type of cell in one hexahedron, by state (2 or 3, M), and say what is seen."""
+    """Draw the histograms of one type of cell, for states (2 or 3, M); return a description."""
     before, after = values[0], values[-1]
     bins = np.linspace(min(0.0, float(values.min())), 1.0, 51)
     bars(axes, after, bins, "deflected", color="#e0a36a", fill=True)
@@ -96,5 +96,5 @@ def _histogram(data: ReportData, axes: Axes, box: Box, shape: str, values: Float
 
 
 def bars(axes: Axes, values: FloatArray, bins: FloatArray, label: str, **looks: Any) -> None:
-    """Draw one histogram; what lies beyond the bins counts in the last one."""
+    """Draw one histogram; values beyond the bins count in the last bin."""
     axes.stairs(np.histogram(np.clip(values, bins[0], bins[-1]), bins)[0], bins, label=label, **looks)

@@ -1,4 +1,4 @@
-"""A finished run, read from its folder: its checks and its report made again."""
+"""A finished run, read from its folder, with its checks and its report made again."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -33,7 +33,7 @@ STORED = "the checks and their values are those of the run, and there are no map
 
 
 class Validation(Protocol):
-    """What a case adds to a finished run: its page, checks against the CAD, their pictures, a mesh around its own."""
+    """Additions of a case to a finished run: page, checks against CAD and their pictures, background mesh."""
 
     @property
     def lacks(self) -> str:
@@ -46,11 +46,11 @@ class Validation(Protocol):
         ...
 
     def page(self, plan: Plan, points: FloatArray, fits: Sequence[FitRows], repair: FloatArray | None) -> ReportData:
-        """Return what the report shows, before it is judged."""
+        """Return the content of the report, without the verdict."""
         ...
 
     def checks(self, found: Deflection, cache: bool) -> tuple[Check, ...]:
-        """Return all checks of the deflected mesh; `cache` allows CAD that was kept."""
+        """Return all checks of the deflected mesh; with `cache` the CAD may come from the cache."""
         ...
 
     def undeflected_checks(self, mesh: Mesh) -> tuple[Check, ...]:
@@ -64,16 +64,16 @@ class Validation(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FinishedRun:
-    """A finished run, as its folder holds it: of a mesh that was deflected, or of a case.
+    """A finished run of a deflected mesh or of a case, read from its folder.
 
     Attributes
     ----------
-    folder : its files.
-    plan : what was decided before the fit, from its settings and its undeflected mesh.
+    folder : its folder.
+    plan : decisions before the fit, from its settings and its undeflected mesh.
     points : (N, 3) deflected coordinates.
     repair : (N, 3) displacement by the repair; None without one.
     settings : content of settings.toml, or of case.toml.
-    validation : what a case adds; None for a mesh.
+    validation : additions of a case; None for a mesh.
     """
 
     folder: Path
@@ -100,7 +100,7 @@ class FinishedRun:
         return cls(folder, plan, points, moved_by_repair(folder / "deflected.vtu", len(points)), settings)
 
     def report_data(self) -> ReportData:
-        """Return what its report shows, with the checks that it made itself; InputError if a file is damaged."""
+        """Return the content of its report, with the checks that the run made; InputError if a file is damaged."""
         figures, checks, fits = read_figures(self.folder)
         with damaged(self.folder, RUN):
             if self.validation:
@@ -112,12 +112,12 @@ class FinishedRun:
 
     @property
     def motion(self) -> MeshMotion | None:
-        """What moves its mesh to other amounts; None if its folder has no plan."""
+        """Plan that moves its mesh to other amounts; None if its folder has none."""
         path = self.folder / PLAN
         return MeshMotion.load(path) if path.exists() else None
 
     def recheck(self) -> tuple[Check, ...]:
-        """Return its checks, made again from its files, and those of the files.
+        """Return its checks, made again from its files, and the checks that the run made.
 
         All files are read before any CAD is built. Raises InputError or MeshFileError if a file is missing or damaged,
         or the files do not belong together.
@@ -138,12 +138,12 @@ class FinishedRun:
         return (*checks_of(Deflection.at(plan, self.points, self.repair)), *stored_checks(stored), whole)
 
     def not_repeated(self, checks: Sequence[Check]) -> tuple[str, ...]:
-        """Return the names of the run's checks that are not among those that were made again."""
+        """Return the names of the run's checks that were not made again."""
         names = {check.name for check in checks}
         return tuple(check.name for check in read_figures(self.folder)[1] if check.name not in names)
 
     def rejudged_data(self) -> ReportData:
-        """Return what its report shows, with the checks against CAD made again; those of the fits are stored ones."""
+        """Return the content of its report, with all checks made again but those of the fits, which are stored."""
         data = self.report_data()
         if not self.validation:
             return data
@@ -155,7 +155,7 @@ class FinishedRun:
         return replace(data, checks=(*(fresh.pop(one.name, one) for one in data.checks), *fresh.values()))
 
     def report(self, form: str = "") -> ReportData:
-        """Make report.html and the figures again, these also in a form for a paper (pdf, svg, png)."""
+        """Write report.html and the figures again, the figures also as pdf, svg or png for a paper."""
         from .page import write_report
         from .pictures import draw_pictures
 
@@ -184,7 +184,7 @@ def _read_points(path: Path, plan: Plan) -> FloatArray:
 
 
 def moved_by_repair(path: Path, count: int) -> FloatArray | None:
-    """Return how far (N, 3) the repair of a run moved each node, by its deflected.vtu; None without a repair.
+    """Return the repair's displacement (N, 3) from a run's deflected.vtu; None without a repair.
 
     Raises InputError if the array is damaged.
     """

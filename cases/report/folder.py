@@ -79,18 +79,17 @@ def write_run_folder(
 ) -> ReportData:
     """Write settings.toml, metrics.json, deflected.vtu, convergence.csv, interpolant.npz, figures and report.html.
 
-    With a plan that holds other amounts also plan.npz.
-
-    Figures and page are left out where their libraries are not installed (`lacks`).
+    A plan for other amounts is written as plan.npz. Figures and page are left out if their libraries are not installed
+    (`lacks`).
 
     Parameters
     ----------
-    folder : Where to; it may exist.
+    folder : The folder; it may exist.
     deflection : The deflection.
-    checks : The verdict on it.
-    out : The file of the deflected mesh, beside which `folder` will be, as `folder_of` says. None if there is no file.
+    checks : The checks of it.
+    out : The file of the deflected mesh, beside which `folder_of` puts the final folder. None if there is no file.
     timings : Seconds by stage.
-    home : Where `folder` will be; it follows from `out` if that is given, else it is `folder` if None.
+    home : Final place of `folder`; if None, it follows from `out`, or else is `folder`.
     motion : The plan that moves the mesh to other amounts; None without one.
     """
     folder.mkdir(parents=True, exist_ok=True)
@@ -128,7 +127,7 @@ def plan_around(deflection: Deflection, progress: Progress = silent) -> MeshMoti
 def written_plan(folder: Path | None, motion: MeshMotion | None) -> Json:
     """Write plan.npz into a folder, if there is one, and return its figures.
 
-    There is no file where nodes at one place move apart.
+    No file is written if nodes at one place move apart.
     """
     if motion is None:
         return {"plan": None}
@@ -139,7 +138,7 @@ def written_plan(folder: Path | None, motion: MeshMotion | None) -> Json:
 
 
 def data_of(deflection: Deflection, settings: str = "", name: str = "") -> ReportData:
-    """Return what pictures of a deflection show, before it is judged.
+    """Return the content of a deflection's pictures, without the verdict.
 
     `settings` is the content of settings.toml in the folder `name`.
     """
@@ -151,7 +150,7 @@ def job_data(
     plan: Plan, pose: Amounts, points: FloatArray, stored: tuple[str, str], fits: Sequence[FitRows],
     repair: FloatArray | None,
 ) -> ReportData:  # fmt: skip
-    """Return what a report shows of a mesh at points (N, 3); a repair moved them by (N, 3), None without one.
+    """Return a report's content for a mesh at points (N, 3); a repair moved them by (N, 3), or None.
 
     `stored` is the content of settings.toml and the name of its folder.
     """
@@ -189,7 +188,7 @@ def job_data(
 
 
 def _plan_command(settings: Mapping[str, Any], folder: Path, motion: MeshMotion) -> str:
-    """Return the command that writes the plan of a run whose folder will be at `folder`."""
+    """Return the command that writes the plan of a run with its final folder."""
     words = ["sdm", "deflect", _source(settings, folder.name), "--config", str(Path(folder.name, SETTINGS))]
     ranged = any("range" in surface for surface in settings["surface"])
     for own in () if ranged else motion.controls[:1]:
@@ -229,7 +228,7 @@ def metrics_of(
 
 
 def settings_of(deflection: Deflection, home: Path, folder: Path) -> dict[str, Any]:
-    """Return every setting as resolved, as a configuration in `home` has it; tables become files in `folder`."""
+    """Return every resolved setting for a settings file in `home`; tables become files in `folder`."""
     plan, job = deflection.plan, deflection.plan.job
     source, tables = plan.mesh.source, []
     for number, ((moving, surface), amount) in enumerate(zip(plan.moving, deflection.amounts, strict=True)):
@@ -255,7 +254,7 @@ def settings_of(deflection: Deflection, home: Path, folder: Path) -> dict[str, A
 
 
 def _join_mirrored(tables: list[dict[str, Any]], deflection: Deflection) -> None:
-    """Put each reflection into the table of its surface, if both amounts are equal or opposite."""
+    """Join each reflection with the table of its surface, if both amounts are equal or opposite."""
     for i in reversed([i for i, box in enumerate(deflection.plan.boxes) if box.mirror]):
         of = deflection.plan.boxes[i].job.image_of
         one, other = deflection.amounts[of], deflection.amounts[i]
@@ -339,14 +338,14 @@ def _nodes(nodes: NodeSet, surface: Surface) -> list[str] | list[int]:
 
 
 def is_small(mesh: Mesh) -> bool:
-    """True if the whole mesh is written."""
+    """Return whether the whole mesh is written."""
     return not mesh.is_part and sum(mesh.cell_counts) <= threads.LIMITS.shown
 
 
 def write_arrays(folder: Path, deflection: Deflection, whole: bool) -> None:
-    """Write convergence.csv, interpolant.npz, and deflected.vtu: of the `whole` mesh, or of what may change.
+    """Write convergence.csv, interpolant.npz and deflected.vtu, of the `whole` mesh or of the part that may change.
 
-    The latter holds cells and faces with displacement and quality.
+    deflected.vtu holds cells and faces with displacement and quality.
     """
     plan = deflection.plan
     write_convergence(folder / "convergence.csv", deflection.boxes)
@@ -371,7 +370,7 @@ def _mesh_shown(plan: Plan, points: FloatArray, whole: bool) -> tuple[Mesh, IntA
 
 
 def part_of(mesh: Mesh, rows: Sequence[IntArray], nodes: IntArray) -> tuple[Mesh, IntArray]:
-    """Return some rows of each block of cells and the faces with one of the nodes (K,), and their nodes (P,)."""
+    """Return given rows of each block of cells, the faces with one of the nodes (K,), and the nodes (P,) of both."""
     chosen = np.zeros(len(mesh.points), dtype=bool)
     chosen[nodes] = True
     cells = [some_cells(block, own) for block, own in zip(mesh.cells, rows, strict=True)]

@@ -1,4 +1,4 @@
-"""The page of a mesh that has not been deflected: its patches, to be turned and clicked."""
+"""The page of an undeflected mesh, whose patches can be turned and clicked."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -44,13 +44,13 @@ def page_of(mesh: Mesh) -> str:
 
 
 def write_mesh_page(mesh: Mesh, out: Path) -> None:
-    """Write the page of a mesh; MeshFileError if the file cannot be written, or is there and no earlier page."""
+    """Write the page of a mesh; MeshFileError if the file cannot be written, or exists and is no earlier page."""
     with permitted_as(mesh.source), fresh(out, *map(Path, mesh.files), earlier=is_page) as beside:
         beside.write_text(page_of(mesh), encoding="utf-8")
 
 
 def is_page(path: Path) -> bool:
-    """Whether a file is a page of ours, by its mark."""
+    """Return whether a file is a page of this program, by its mark."""
     with path.open("rb") as file:
         return MARK in file.read(BEGIN)
 

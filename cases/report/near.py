@@ -1,4 +1,4 @@
-"""The cells of a mesh that pictures of a box can show; nodes keep their numbers."""
+"""Selection of the cells that pictures of a box can show; nodes keep their indices."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,9 +15,9 @@ EVERY_SIDE = 0b111111
 
 
 def with_near_cells(mesh: Mesh, affected: Sequence[AffectedCells], boxes: Sequence[FloatArray]) -> list[AffectedCells]:
-    """Return the affected cells in a mesh reduced to them and to the cells at boxes (2, 3) of two corners.
+    """Return the affected cells in a mesh with only these and the cells near boxes (2, 3), given by two corners.
 
-    A submesh is reduced to the affected ones: its other cells are there for their centres, and may lack faces.
+    A submesh is reduced to the affected cells: its other cells only serve for their centres, and may lack faces.
     """
     sides = [np.zeros(len(mesh.points), dtype=np.uint8) for _ in boxes] if not mesh.is_part else []
     for bits, (low, high) in zip(sides, boxes, strict=False):
@@ -34,7 +34,7 @@ def with_near_cells(mesh: Mesh, affected: Sequence[AffectedCells], boxes: Sequen
 
 
 def _between(block: Volume, bits: np.ndarray) -> IntArray:
-    """Return the rows of cells not wholly on one side of a box: together their nodes have every bit (N,)."""
+    """Return the rows of cells not wholly on one side of a box: their nodes have every bit (N,) among them."""
     if isinstance(block, Cells):
         return np.flatnonzero(np.bitwise_or.reduce([bits[column] for column in block.nodes.T]) == EVERY_SIDE)
     face = np.bitwise_or.reduceat(bits[block.faces.nodes], block.faces.offsets[:-1])

@@ -1,4 +1,4 @@
-"""The page of a run: one self-contained file that asks no network for anything."""
+"""The page of a run, one self-contained file that needs no network."""
 
 from base64 import b64encode
 from collections.abc import Iterable, Iterator
@@ -103,13 +103,13 @@ def write_report(data: ReportData, gallery: Gallery, folder: Path) -> None:
 
 
 def templates(folder: str) -> Environment:
-    """Return the templates of a package; every text in a page is escaped."""
+    """Return the templates of a package, which escape every text in a page."""
     loader = PackageLoader(folder, ".")
     return Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
 
 
 def picture(data: ReportData, scene: Json) -> Json:
-    """Return what `picture.html` shows; no script but its own two can run."""
+    """Return the variables of `picture.html`; no script but its two can run."""
     library = files(HERE).joinpath(LIBRARY).read_bytes()
     viewer = read(HERE, "measures.js") + read(HERE, "viewer.js")
     return {
@@ -126,7 +126,7 @@ def picture(data: ReportData, scene: Json) -> Json:
 
 
 def page(data: ReportData, gallery: Gallery) -> str:
-    """Return the page of a run; InputError if figures are missing that it shows."""
+    """Return the page of a run; InputError if a figure that it shows is missing."""
     data = data.near
     jinja = templates(HERE)
     jinja.filters |= {"pixels": pixels, "meaning": meaning, "kernel": kernel_text}
@@ -177,17 +177,17 @@ def policy(scripts: Iterable[str]) -> str:
 
 
 def style() -> Markup:
-    """Return the style sheet of a page, its colours first."""
+    """Return the style sheet of a page; colours come first."""
     return read(HERE, "palette.css") + read(HERE, "style.css")
 
 
 def read(package: str, *name: str) -> Markup:
-    """Return a file of a package as it is, for a place where nothing is escaped."""
+    """Return the text of a package's file, which the template does not escape."""
     return Markup(files(package).joinpath(*name).read_text(encoding="utf-8").replace("\r\n", "\n"))
 
 
 def inline(exhibit: Exhibit, share: float = 1.0) -> str:
-    """Return a picture, of a share of its width, as the address of itself; as it is if it is whole."""
+    """Return a picture, or a copy at a share of its width, as a data address."""
     if share == 1.0:
         return "data:image/png;base64," + b64encode(exhibit.path.read_bytes()).decode("ascii")
     smaller = BytesIO()
@@ -205,7 +205,7 @@ def pixels(exhibit: Exhibit) -> tuple[int, int]:
 
 
 def remedies(data: ReportData) -> tuple[str, ...]:
-    """Return what helps where checks fail, each advice once; a mesh that nothing moves is not helped by settings."""
+    """Return the advice for failed checks, each once; none for an undeflected mesh, because no setting helps it."""
     failed = [check.cause or check.name.partition(":")[0] for check in data.checks if not check.passed]
     moved = any(one.amount for one in data.surfaces)
     widths = [f"a wider --{name}" for name in dict.fromkeys(one.width for one in data.surfaces if one.width)]
@@ -217,6 +217,6 @@ def remedies(data: ReportData) -> tuple[str, ...]:
 
 
 def meaning(check: str) -> str:
-    """Return what a check measures, empty for one that is not known."""
+    """Return a sentence on what a check measures; empty for an unknown check."""
     name = check.partition(":")[0]
     return CHECKS.get(name, OF_PATCHES.get(name.partition("_")[0], "") if "_" in name else "")

@@ -1,4 +1,4 @@
-"""Every picture of a run: rendered views put together, saved, with what each shows in words."""
+"""All pictures of a run, with descriptions: rendered views are combined and saved."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -31,7 +31,7 @@ Drawn = tuple[str, str, Figure, str]
 
 
 def write_png(figure: Figure, path: Path) -> None:
-    """Write a figure, no coarser than its size demands; white stays white."""
+    """Write a figure as PNG; resolution and colours are reduced only if the file is too large, white stays white."""
     for dpi, step in LADDER:
         pixels = np.asarray(pixels_of(figure, dpi), dtype=np.intp)
         rounded = np.minimum(255, (pixels + step // 2) // step * step).astype(np.uint8)
@@ -43,7 +43,7 @@ def write_png(figure: Figure, path: Path) -> None:
 
 
 def pixels_of(figure: Figure, dpi: int) -> ImageFile.Image:
-    """Return a figure as coloured pixels."""
+    """Return a figure as a colour image."""
     figure.set_dpi(dpi)
     canvas: Any = FigureCanvasAgg(figure)
     canvas.draw()
@@ -52,7 +52,7 @@ def pixels_of(figure: Figure, dpi: int) -> ImageFile.Image:
 
 @dataclass(frozen=True, slots=True)
 class Exhibit:
-    """A picture in a file: the part of the page it belongs to, what it shows in words, and its figure."""
+    """A picture in a file: its part of the page, its description and its figure."""
 
     part: str
     path: Path
@@ -60,7 +60,7 @@ class Exhibit:
     figure: Figure | None = None
 
     def write(self, form: str) -> None:
-        """Write the figure beside the file for a paper: pdf, svg or png; the same figure gives the same bytes."""
+        """Write the figure beside its file as pdf, svg or png, for a paper; equal figures give equal bytes."""
         if self.figure:
             dated = {"pdf": "CreationDate", "svg": "Date"}.get(form, "Software")
             with rc_context({"svg.hashsalt": self.part}):

@@ -1,4 +1,4 @@
-"""What the page's turnable picture shows, as JSON: coordinates are single precision numbers, in arrays beside it."""
+"""Content of the page's turnable picture: JSON, and arrays of coordinates in single precision."""
 
 import json
 from base64 import b64decode, b64encode
@@ -88,9 +88,9 @@ class Turning:
 
     Attributes
     ----------
-    motion : the motion of all nodes; without surfaces where there is no plan.
+    motion : the motion of all nodes; without surfaces if there is no plan.
     own : amounts of the run.
-    poses : amounts of all surfaces at which the mesh was measured, those of each surface one after another.
+    poses : amounts of all surfaces at which the mesh was measured, surface by surface.
     """
 
     motion: MeshMotion = field(repr=False)
@@ -99,7 +99,7 @@ class Turning:
 
     @classmethod
     def of(cls, data: ReportData) -> "Turning":
-        """Take the plan of a run, if there is one."""
+        """Return the fields of a run's plan, if there is one."""
         motion = data.motion
         if motion is None:
             return cls(MeshMotion((), data.mesh.points, (), ()), ())
@@ -134,7 +134,7 @@ class Turning:
 
 
 def turnable(data: ReportData, most_cells: int = 0, most_triangles: int = MOST_TRIANGLES) -> Json:
-    """Return patches, hexahedra, sites, centres and cells of a run, and what turns them."""
+    """Return patches, hexahedra, sites, centres and cells of a run, with the fields that turn them."""
     edges, turning = BOX_EDGES, Turning.of(data)
     most_cells = most_cells or (MOST_PLANE if data.mesh.plane else MOST_CELLS)
     return {
@@ -164,9 +164,9 @@ def turnable(data: ReportData, most_cells: int = 0, most_triangles: int = MOST_T
 
 
 def _arrows(data: ReportData) -> FloatArray:
-    """Return the triangles (T, 3, 3) of an arrow for each surface: from its trailing edge on, which way that moved.
+    """Return triangles (T, 3, 3) of an arrow for each surface, from its trailing edge in the direction of its motion.
 
-    x goes aft. The trailing edge is among the nodes that move at least half as far as the farthest one.
+    x points aft. The trailing edge is among the nodes that move at least half the largest distance.
     """
     triangles = [np.empty((0, 3, 3))]
     for surface in data.surfaces:
@@ -182,7 +182,7 @@ def _arrows(data: ReportData) -> FloatArray:
 
 
 def patches(data: ReportData, most: int, turning: Turning) -> Iterator[Json]:
-    """Yield the surface meshes; faces point out of the body, as lighting wants them."""
+    """Yield the surface meshes; faces point out of the body, for the lighting."""
     inside = union(*(one.nodes for one in data.boxes))
     moving = [name for one in data.surfaces for name in one.patches]
     for patch in data.mesh.patches:
@@ -202,16 +202,16 @@ def patches(data: ReportData, most: int, turning: Turning) -> Iterator[Json]:
 
 
 def _edges(patch: Patch) -> IntArray | None:
-    """Return the edges (E, 2) of faces that are no triangles."""
+    """Return the edges (E, 2) of faces with more than three corners."""
     if all(isinstance(block, Cells) and block.shape == "triangle" for block in patch.faces):
         return None
     return np.unique(np.sort(edges_of(polygons_of(patch.faces))[0], axis=1), axis=0)
 
 
 def thin_patch(mesh: Mesh, patch: Patch, keep: IntArray, most: int = MOST_TRIANGLES) -> IntArray:
-    """Return about `most` triangles (F, 3) of a patch: nodes in one box of a lattice become the one in its middle.
+    """Return about `most` triangles (F, 3) of a patch: the nodes in a box of a lattice are merged to one.
 
-    The nodes `keep` (K,) stay, and all on creases and on what the patch shares with others.
+    Nodes in `keep` (K,), on creases, and shared with other patches stay.
     """
     triangles, faces = triangles_of(patch.faces), polygons_of(patch.faces)
     a, b, c = mesh.points[triangles].transpose(1, 0, 2)
@@ -235,7 +235,7 @@ def thin_patch(mesh: Mesh, patch: Patch, keep: IntArray, most: int = MOST_TRIANG
 
 
 def _side(mesh: Mesh, patch: Patch) -> IntArray:
-    """Return to which of six sides each node (N,) of a patch looks, so that both sides of a thin body stay apart."""
+    """Return the side, of six, that each node (N,) of a patch faces, so that both sides of a thin body stay apart."""
     faces, normal = polygons_of(patch.faces), np.zeros_like(mesh.points)
     edges, face = edges_of(faces)
     np.add.at(normal, edges[:, 0], area_vectors(mesh.points, faces)[face])
@@ -257,7 +257,7 @@ def dots(data: ReportData) -> Iterator[Json]:
 
 
 def surfaces(data: ReportData, turning: Turning) -> Json:
-    """Return the surfaces that can be turned, what was measured of each, and the command that moves the mesh."""
+    """Return the surfaces that can be turned, the figures of each, and the command that moves the mesh."""
     motion, out = data.motion, []
     for own, amount, table in zip(
         turning.motion.controls, turning.own, motion.figures() if motion else (), strict=True
@@ -279,7 +279,7 @@ def _functions(own: ControlRange) -> Json:
 
 
 def cells(data: ReportData, most: int, turning: Turning) -> Json:
-    """Return the worst cells that touch a hexahedron, by their quality at any amount, and how many there are."""
+    """Return the worst cells that touch a hexahedron, by their least quality at any amount, and the number of all."""
     found = list(_touching(data, turning))
     worst = np.concatenate([np.empty(0), *(own.min(axis=0) for *_, own in found)])
     limit = np.partition(worst, most - 1)[most - 1] if len(worst) > most else np.inf
@@ -310,7 +310,7 @@ def _touching(data: ReportData, turning: Turning) -> Iterator[tuple[Volume, IntA
 
 
 def _corners(block: Cells | Polyhedra, rows: IntArray) -> tuple[Json, IntArray]:
-    """Return how triangles are made of cells, and the nodes (C, k) of these; of polyhedra these are triangles."""
+    """Return how triangles are made of cells, and the cells' nodes (C, k); polyhedra are given as triangles."""
     if isinstance(block, Cells):
         return {"table": TABLES[block.shape], "cell": None}, block.nodes[rows]
     place = np.full(len(block), -1, dtype=np.intp)
@@ -325,9 +325,9 @@ def _corners(block: Cells | Polyhedra, rows: IntArray) -> tuple[Json, IntArray]:
 
 
 def views(data: ReportData) -> Iterator[Json]:
-    """Yield names and boxes (low, high) of what can be looked at: each hexahedron, then everything.
+    """Yield names and boxes (low, high) of the views: each hexahedron, then everything.
 
-    Of a hexahedron only the patches with a node in it are shown, so that no corner of another floats in the picture.
+    A hexahedron's view shows only the patches with a node in it.
     """
     for i, one in enumerate(data.boxes):
         corners = _corners_shown(data, one)
@@ -349,7 +349,7 @@ def _corners_shown(data: ReportData, box: Box) -> FloatArray:
 
 
 def shades(name: str) -> list[list[object]]:
-    """Return a colour map: shares of the range, and the colours there."""
+    """Return a colour map as shares of the range and their colours."""
     return [[float(s), to_hex(colormaps[name](s))] for s in np.linspace(0.0, 1.0, SHADES)]
 
 
@@ -364,10 +364,10 @@ def integers(values: IntArray) -> str:
 
 
 def pack(scene: Json) -> tuple[str, str]:
-    """Return a scene as two texts, base64 of compressed ones: the JSON with places of arrays, and the arrays.
+    """Return a scene as two compressed texts in base64: the JSON with references to arrays, and the arrays.
 
-    A place is where an array starts, and how many numbers it has. Of each array the first bytes of all numbers come
-    first, then the second ones, and so on: alike they compress better.
+    A reference has the begin of an array and its length. The first bytes of all numbers of an array come first, then
+    the second bytes, and so on: similar bytes compress better.
     """
     parts: list[bytes] = []
 
@@ -397,10 +397,10 @@ def encode(content: bytes) -> str:
 def _part(
     data: ReportData, turning: Turning, faces: IntArray, edges: IntArray | None = None, *, exact: bool = False
 ) -> Json:
-    """Return cells or triangles (F, k) with their own nodes and the fields that move these.
+    """Return cells or triangles (F, k) with their nodes and the fields that move these.
 
-    `rest` is what the run's mesh has beyond the fields, `unrepaired` what lies before it without the repair. Of `exact`
-    parts the numbers have a second, low part: cells of thin layers need it.
+    `rest` is the displacement of the run's mesh from the fields' mesh, `unrepaired` that from the mesh without repair.
+    Numbers of `exact` parts have a second, low part, which cells of thin layers need.
     """
     nodes, local = np.unique(faces, return_inverse=True)
     before, after = data.mesh.points[nodes], data.points[nodes]
@@ -436,7 +436,7 @@ def _split(values: FloatArray, exact: bool) -> list[FloatArray]:
 
 
 def _without_small(values: FloatArray, small: float) -> FloatArray:
-    """Return values (M, 3), zero in rows where all are small."""
+    """Return values (M, 3) with small rows set to zero."""
     return np.where(np.abs(values).max(axis=1, keepdims=True) > small, values, 0.0)
 
 

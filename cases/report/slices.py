@@ -1,6 +1,6 @@
 """Sections through the cells around a surface, coloured by quality.
 
-Also the colours of patches, qualities and displacements, and faces as arrays.
+Also colours of patches, qualities and displacements, and faces as arrays.
 """
 
 from collections.abc import Iterable
@@ -98,7 +98,7 @@ def patch_colour(patch: str, moving: bool = False) -> Colour:
 
 
 def hexadecimal(colour: Colour) -> str:
-    """Return a colour as a web page wants it."""
+    """Return a colour as text for a web page."""
     return "#{:02x}{:02x}{:02x}".format(*colour)
 
 
@@ -128,7 +128,7 @@ def triangles_of(faces: Iterable[Faces]) -> IntArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CutPlane:
-    """A plane x, y or z = const, where it lies, what it shows, and the part (2, 3) of it that is drawn."""
+    """A plane x, y or z = const: its place, its title, and the part (2, 3) that is drawn."""
 
     axis: int
     station: float
@@ -155,10 +155,10 @@ def directions(points: FloatArray, surface: MovedSurface) -> tuple[int, int]:
 
 
 def planes(data: ReportData, box: Box, surface: MovedSurface) -> tuple[CutPlane, ...]:
-    """The section at half span: all of the box, then what is around the hinge, and around the trailing edge.
+    """Return sections at half span: of the whole box, around the hinge, and around the trailing edge.
 
-    The section of a plane mesh is its own plane. The trailing edge is where a node of the section moves farthest. A
-    motion without a hinge has no section there. A section where layers changed most is last, if a check found any.
+    The section of a plane mesh is its plane. The trailing edge is at the node of the section that moves farthest. A
+    motion without a hinge has no section around one. If layers changed, the last section is at their largest change.
     """
     points, corners = data.mesh.points[surface.nodes], box.hexahedron.corners
     size = float(np.ptp(corners, axis=0).max())
@@ -186,7 +186,7 @@ def planes(data: ReportData, box: Box, surface: MovedSurface) -> tuple[CutPlane,
 
 
 def slices(data: ReportData, box: Box, surface: MovedSurface) -> tuple[Figure, str]:
-    """Draw the sections of a surface before and after the deflection, and say what is seen."""
+    """Draw the sections of a surface before and after the deflection; return a description."""
     cuts, texts = planes(data, box, surface), []
     figure = Figure(figsize=(9.6, 4.0 * len(cuts)))
     figure.subplots_adjust(left=0.09, right=0.86, bottom=0.05, top=0.94, wspace=0.28, hspace=0.28)
@@ -233,7 +233,7 @@ def draw_slice(axes: Axes, data: ReportData, points: FloatArray, box: Box, plane
 def cut_cells(
     points: FloatArray, block: Volume, plane: CutPlane, orientation: float = 1.0
 ) -> tuple[list[FloatArray], FloatArray]:
-    """Polygons (k, 2) in which the plane cuts the cells of its window, and the drawn quality (P,) of those cells.
+    """Return polygons (k, 2) in which the plane cuts the cells of its window, and these cells' drawn quality (P,).
 
     Cells of a plane mesh lie in it.
     """
@@ -251,7 +251,7 @@ def cut_cells(
 
 
 def cut_walls(mesh: Mesh, points: FloatArray, plane: CutPlane) -> FloatArray:
-    """Segments (S, 2, 2) in which the plane cuts the boundary."""
+    """Return segments (S, 2, 2) in which the plane cuts the boundary."""
     faces = polygons_of(tuple(chain.from_iterable(patch.faces for patch in mesh.patches)))
     if not len(faces):
         return np.empty((0, 2, 2))
@@ -268,7 +268,7 @@ def cut_walls(mesh: Mesh, points: FloatArray, plane: CutPlane) -> FloatArray:
 
 
 def with_node(block: Volume, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """True for cells (M,) with a node in the mask (N,)."""
+    """Return which cells (M,) have a node in the mask (N,)."""
     if isinstance(block, Cells):
         return np.asarray(np.logical_or.reduce([mask[column] for column in block.nodes.T]))
     face = np.logical_or.reduceat(mask[block.faces.nodes], block.faces.offsets[:-1])
@@ -279,7 +279,7 @@ def with_node(block: Volume, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def cell_edges(block: Volume, rows: IntArray) -> tuple[IntArray, IntArray]:
-    """Edges (E, 2) of some cells, and which of the rows (E,) each belongs to."""
+    """Return the edges (E, 2) of some cells, and the row (E,) to which each belongs."""
     if isinstance(block, Cells):
         own = block.nodes[rows][:, EDGES[block.shape]]
         return np.repeat(np.arange(len(rows)), own.shape[1]), own.reshape(-1, 2)

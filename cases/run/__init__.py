@@ -1,1 +1,1 @@
-"""A job carried out on a mesh or a file, and the files it leaves."""
+"""Jobs carried out on meshes and files, and the files that they write."""

@@ -29,15 +29,15 @@ Write = Callable[[Path, FloatArray], tuple[Path, Path]]
 
 @dataclass(frozen=True, slots=True)
 class Applied:
-    """What a plan moved.
+    """The result of applying a plan.
 
     Attributes
     ----------
-    files : each file with its points and how many of them moved.
+    files : for each file the number of its points and of those that moved.
     places, missing : number of the plan's places, and of those that are in none of the meshes.
     amounts, ranges, passed : of each surface by its name; the amounts that passed are None if none did.
     faults : sentences on amounts that did not pass.
-    measured : whether at most one surface is away from where it stood while the others were measured.
+    measured : whether at most one surface is away from its base amount, as in all measurements.
     """
 
     files: tuple[tuple[Path, int, int], ...]
@@ -58,13 +58,14 @@ def apply_plan(
     zones: Sequence[str] = (),
     progress: Progress = silent,
 ) -> Applied:
-    """Move the points of meshes by the plan in the file `path`, to the bits of the whole; all appear, or none.
+    """Move the points of meshes by the plan in the file `path`; all files appear, or none.
 
     Parameters
     ----------
     path : A file of `MeshMotion.save`.
-    amounts : Of the only surface, or by the surfaces' names.
-    meshes : Mesh files; or folders ``processor0`` and so on of one decomposed case of OpenFOAM.
+    amounts : Amount of the only surface, or amounts by the surfaces' names.
+    meshes : Mesh files; or folders ``processor0`` and so on of a decomposed OpenFOAM case. Parts get the bits of the
+        whole.
     out : The file to write, or the folder of the case; NAME-deflected beside the mesh, or the case, if None.
     zones : Further zones that deform, as in a job.
     progress : Called with what is being done.
@@ -127,8 +128,8 @@ def compare(
 ) -> tuple[int, int]:
     """Compare mesh files, or parts of a case, with the mesh of the plan in the file `path`.
 
-    Return the number of the plan's places, and how many of them are in none of the meshes. Errors as of
-    `compare_points` and `points_of`.
+    Return the number of the plan's places, and of those that are in none of the meshes. Errors as of `compare_points`
+    and `points_of`.
     """
 
     def read() -> Iterator[tuple[Path, FloatArray, Sequence[Zone]]]:
@@ -216,7 +217,7 @@ def deforming(mesh: Path, zones: Sequence[Zone], names: Sequence[str], further: 
 
 @contextmanager
 def _writers(meshes: Sequence[Path], out: Path | None) -> Iterator[list[Write]]:
-    """Give a function for each mesh that writes it; what was written appears once the block has ended well."""
+    """Yield a function for each mesh that writes it; the files appear once the block has ended well."""
     cases = {mesh.resolve().parent for mesh in meshes if is_part(mesh)}
     if len(cases) > 1 or (cases and not all(map(is_part, meshes))):
         raise InputError("name mesh files, or parts of one case, in one command")

@@ -1,6 +1,6 @@
-"""Workers in other processes and on other machines: Dask distributed, the engine that clusters run.
+"""Workers in other processes and on other machines, by Dask distributed.
 
-A piece of work can be repeated: Dask gives the pieces of a lost worker to others.
+Pieces of work can be repeated: Dask gives the pieces of a lost worker to others.
 """
 
 import json
@@ -58,7 +58,7 @@ class Cluster:
         self._sent: tuple[Any, Any] = None, None
 
     def map(self, work: Callable[[Any, Any], Any], shared: Any, items: Sequence[Any]) -> Iterator[Any]:
-        """See `Runner.map`; LostError if the scheduler is gone, or a piece has cost too many workers."""
+        """See `Runner.map`; LostError if the scheduler is lost, or a piece killed too many workers."""
         with _losses(self.client):
             room, waiting = AHEAD * max(1, sum(self.client.nthreads().values())), deque[Any]()
             if self._sent[0] is not shared:  # sent once, as a task: if its workers are lost, others make it again
@@ -75,7 +75,7 @@ class Cluster:
                     one.release()
 
     def check(self, source: Path, out: Path) -> None:
-        """Raise InputError unless all workers have our versions, see the file, and may write into the folder `out`."""
+        """Raise InputError unless all workers have this process's versions, see the file, and may write into `out`."""
         asked: list[Any] = [("Python", platform.python_version()), *((name, version(name), name) for name in SAME)]
         with _losses(self.client):
             for package, own, *words in asked:
@@ -94,15 +94,15 @@ class Cluster:
 def workers(
     watch: Stopwatch, source: Path, out: Path, *, count: int = 0, scheduler: str = "", memory: str = ""
 ) -> Iterator[Runner]:
-    """Give workers for a file and the folder of what is written.
+    """Yield workers for a file and an output folder.
 
     Parameters
     ----------
     count : Number of processes to start on this machine.
     scheduler : Address of a running scheduler, such as ``"tcp://node7:8786"``, or its file ``"scheduler.json"``.
-    memory : Of each process that is started, such as ``"2GB"``; by default all have as much as this one.
+    memory : Memory of each started process, such as ``"2GB"``; by default as much as this process may have.
 
-    Raises InputError if they cannot be had, or are not fit for the work.
+    Raises InputError if workers cannot be started or reached, or are unfit for the work.
     """
     if count and scheduler:
         raise InputError("--workers starts processes here and --scheduler joins others: give one of them")
@@ -127,7 +127,7 @@ def workers(
 
 @contextmanager
 def _local_scheduler(count: int, wanted: str) -> Iterator[Any]:
-    """Start processes on this machine; they end with this one, however it ends, and accept no other user."""
+    """Start processes on this machine; they end whenever this process ends, and accept no other user."""
     from dask.utils import parse_bytes
     from distributed import Client, LocalCluster, Security
     from distributed.system import MEMORY_LIMIT
@@ -192,7 +192,7 @@ def _losses(client: Any) -> Iterator[None]:
 
 
 def _missing(source: Path, size: int, out: Path) -> str:
-    """Return what a worker cannot do, or nothing."""
+    """Return a sentence on what a worker cannot do, or nothing."""
     try:
         if source.stat().st_size != size and not source.is_dir():
             return f"read {source}, of which they see another"
@@ -204,7 +204,7 @@ def _missing(source: Path, size: int, out: Path) -> str:
 
 @contextmanager
 def _block_interrupts() -> Iterator[None]:
-    """Keep interruptions from the terminal away from threads and processes that begin here."""
+    """Block interrupts from the terminal in threads and processes that are started within the block."""
     shown = os.environ.get("PYTHONWARNINGS", "")
     os.environ["PYTHONWARNINGS"] = f"{shown},ignore:resource_tracker".lstrip(",")  # what it says when we are killed
     resource_tracker.ensure_running()  # whose start lets interruptions in again

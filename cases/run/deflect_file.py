@@ -1,4 +1,4 @@
-"""`sdm deflect` carried out: read, deflect, write, all files or none."""
+"""The work of `sdm deflect`: read, deflect, write; all files appear, or none."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -65,9 +65,9 @@ class PoseSummary:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome:
-    """What was done, for the table at the end; the poses in the order in which they were computed.
+    """The results for the table at the end; poses are in the order of computation.
 
-    `notes` are sentences on what is left to do; `motion` is the plan by which the meshes were moved, if there is one.
+    `notes` are sentences on what remains to do; `motion` is the plan that moved the meshes, if there is one.
     """
 
     plan: Plan
@@ -85,7 +85,7 @@ class Outcome:
 
     @property
     def shortfalls(self) -> tuple[str, ...]:
-        """What of a plan's ranges did not pass."""
+        """Parts of the plan's ranges that did not pass."""
         return self.motion.shortfalls if self.motion else ()
 
     @property
@@ -103,7 +103,7 @@ class Outcome:
 def read_needed(wanted: OutputFiles, jobs: Sequence[Job], progress: Progress, runner: Runner = HERE) -> Mesh:
     """Read a mesh, or only the submesh that jobs need if the file is large and can be read in pieces.
 
-    Raises InputError if others than this process are to work on it and it cannot.
+    Raises InputError if other processes are to work on it but cannot read it.
     """
     source, sent = wanted.source, not runner.shares_memory
     if sent and not format_of(source).for_workers:
@@ -138,8 +138,7 @@ def plan_file(wanted: OutputFiles, jobs: Sequence[Job], watch: Stopwatch, runner
 def deflect_file(wanted: OutputFiles, jobs: Sequence[Job], watch: Stopwatch, runner: Runner = HERE) -> Outcome:
     """Deflect a mesh file to each pose; the files appear together at the end, or none of them.
 
-    Raises InputError if a file that is read changes meanwhile, MeshFileError if one that is written is not what was
-    judged.
+    Raises InputError if an input file changes meanwhile, MeshFileError if a written file differs from the judged mesh.
     """
     with hold_open(files_of(wanted.source)):
         return _deflect(wanted, jobs, watch, runner)
@@ -195,7 +194,7 @@ def _of_one_amount(deflection: Deflection, checks: Sequence[Check]) -> "MeshMoti
 
 
 def _notes(wanted: OutputFiles, motion: "MeshMotion | None", older: Sequence[str]) -> list[str]:
-    """Return what else a user should know: what of a plan passed, no report, or files that were replaced."""
+    """Return notes: on the range of a plan that passed, a missing report, or replaced files."""
     plan = [f"plan: {text}" for text in motion.lines] if motion else []
     lacking = lacks("report") if wanted.reports else ""
     notes = [f"there is no report.html: {lacking}"] * bool(lacking)
@@ -206,7 +205,7 @@ def _write_beside(
     wanted: OutputFiles, deflection: Deflection, checks: tuple[Check, ...], scratch: Path, watch: Stopwatch,
     motion: "MeshMotion | None",
 ) -> None:  # fmt: skip
-    """Write report and sensitivity of one pose, if they are wanted."""
+    """Write report and sensitivity of one pose, if requested."""
     plan, pose = deflection.plan, deflection.amounts
     if wanted.reported:
         from sdm_deflect.cases.report.folder import plan_around, write_run_folder
@@ -224,7 +223,7 @@ def _write_beside(
 
 
 def motion_within_ranges(plan: Plan, stage: Stage) -> "MeshMotion | None":
-    """Return what moves the mesh within the ranges of surfaces, judged at some amounts; None without a range."""
+    """Return the plan for the ranges of surfaces, judged at some amounts; None without a range."""
     if not any(one.range for one, _ in plan.moving):
         return None
     from sdm_deflect.deform.mesh_motion import MeshMotion
@@ -236,9 +235,9 @@ def motion_within_ranges(plan: Plan, stage: Stage) -> "MeshMotion | None":
 
 
 def write_pose(wanted: OutputFiles, deflection: Deflection, out: Path, progress: Progress) -> tuple[str, ...]:
-    """Write the mesh at one pose; return what its format cannot hold.
+    """Write the mesh at one pose; return a sentence for each thing that its format cannot hold.
 
-    Raises MeshFileError if it does not read back as what was judged.
+    Raises MeshFileError if the file read back differs from the judged mesh.
     """
     mesh = deflection.plan.mesh
     points, source = deflection.points, wanted.source if mesh.source else None
@@ -248,9 +247,9 @@ def write_pose(wanted: OutputFiles, deflection: Deflection, out: Path, progress:
 
 
 def plan_figures(plan: Plan) -> Json:
-    """Return what was decided before the fit, for JSON.
+    """Return the decisions before the fit, for JSON.
 
-    Box and sites are those of the first box; of several all are in `boxes`.
+    Box and sites are those of the first box; of several boxes all are in `boxes`.
     """
     boxes = [_box_figures(box) for box in plan.boxes]
     return {
@@ -275,7 +274,7 @@ def _box_figures(plan: BoxPlan) -> Json:
 
 
 def figures(done: Outcome, watch: Stopwatch) -> Json:
-    """Return the figures of a job as JSON has them."""
+    """Return the figures of a job for JSON."""
     return {
         **plan_figures(done.plan),
         "notes": [*notes_of(done.plan), *done.notes],

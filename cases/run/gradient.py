@@ -1,4 +1,4 @@
-"""`sdm gradient`: derivatives of an objective by the amounts of a plan, from the nodal sensitivities of any adjoint."""
+"""The work of `sdm gradient`: derivatives by a plan's amounts from an adjoint's nodal sensitivities."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -55,14 +55,14 @@ def amount_derivatives(
     zones: Sequence[str] = (),
     progress: Progress = silent,
 ) -> AmountDerivatives:
-    """Sum d(objective)/d(coordinates) times d(coordinates)/d(amount) over all nodes, a part of them at a time.
+    """Return the sums over all nodes of d(objective)/d(coordinates) times d(coordinates)/d(amount).
 
     Parameters
     ----------
     path : The sensitivities d(objective)/d(coordinates): a .csv, an .npz, a .cgns, or a point field of OpenFOAM.
     plan : A file of `MeshMotion.save`.
-    amounts : Where the adjoint was solved: of the only surface, or by the surfaces' names.
-    mesh : The undeflected mesh; the one of that name beside the plan if None.
+    amounts : Amounts at which the adjoint was solved: one of the only surface, or by the surfaces' names.
+    mesh : The undeflected mesh; if None, the mesh whose name is in the plan, beside the plan.
     zones, progress : As for `apply_plan`.
 
     Raises InputError if sensitivities do not belong to the mesh at these amounts, or if one of a node that moves is
@@ -96,12 +96,12 @@ def amount_derivatives(
 
 
 def near_of(points: FloatArray) -> float:
-    """Return the largest distance of places in a file from nodes at points (N, 3)."""
+    """Return the largest distance between a place in a file and its node at points (N, 3)."""
     return NEAR * float(np.ptp(points, axis=0).max())
 
 
 def _refuse_missing(path: Path, motion: MeshMotion, place: IntArray, seen: IntArray) -> None:
-    """Raise InputError if nodes that a surface moves, by their places (N,), are not among those `seen` (N,)."""
+    """Raise InputError if a node that a surface moves, by its place (N,), is not `seen` (N,)."""
     moves = np.zeros(len(motion.by_place.start) + 1, dtype=np.bool_)
     for rows in motion.by_place.rows:
         moves[rows] = True
@@ -110,7 +110,7 @@ def _refuse_missing(path: Path, motion: MeshMotion, place: IntArray, seen: IntAr
 
 
 def pieces(path: Path, points: FloatArray, zones: Sequence[Zone], plane: bool) -> Iterator[Piece]:
-    """Yield what a file holds for a mesh with nodes at `points` (N, 3); InputError if it is not of such a mesh."""
+    """Yield the sensitivities in a file for a mesh with nodes at `points` (N, 3); InputError for another mesh's."""
     refuse_device(path)
     count = len(points)
     if path.suffix.lower() == ".csv":
@@ -178,7 +178,7 @@ def _of_arrays(path: Path) -> FloatArray:
 def _of_cgns(path: Path, points: FloatArray, zones: Sequence[Zone], plane: bool) -> FloatArray:
     """Return the sensitivities (N, 3) in solutions at the vertices, zone by zone of the mesh.
 
-    With coordinates (N, 6) if all zones have some other than the undeflected ones.
+    With coordinates, (N, 6), if all zones have other coordinates than the undeflected ones.
     """
     import h5py
 

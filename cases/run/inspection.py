@@ -1,4 +1,4 @@
-"""Points, cells, patches and quality of a mesh file of any format that can be deflected."""
+"""Points, cells, patches and quality of a mesh file of any format."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
@@ -40,7 +40,7 @@ SHOWN = 20
 
 
 def inspect(path: Path, select: Mapping[str, str] = NOTHING, slot: tuple[str, ...] = ()) -> str:
-    """Return what a mesh file holds, in a few lines; errors as in `file_figures`."""
+    """Return a text of a few lines on the content of a mesh file; errors as in `file_figures`."""
     figures = file_figures(path, select, slot)
     plane = ", two-dimensional" if figures["plane"] else ""
     lines = [
@@ -62,7 +62,7 @@ def inspect(path: Path, select: Mapping[str, str] = NOTHING, slot: tuple[str, ..
 
 
 def _zone_lines(zones: Json, blocks: Json) -> Iterator[str]:
-    """Yield the sizes of several zones, and for each which zones of the file it consists of, if they are several."""
+    """Yield the sizes of zones, if there are several, and the zones of the file in each, if there are several."""
     if len(zones) > 1:
         yield "zones (points): " + ", ".join(f"{name} {count}" for name, count in zones.items())
     for name, parts in blocks.items():
@@ -90,28 +90,26 @@ def _patch_lines(figures: Json) -> Iterator[str]:
 
 
 def file_figures(path: Path, select: Mapping[str, str] = NOTHING, slot: tuple[str, ...] = ()) -> Json:
-    """Return what a mesh file holds.
+    """Return the figures of a mesh file.
 
     Parameters
     ----------
     path : The file, or the folder of an OpenFOAM case.
-    select : Names of further patches, and of which faces of the file's patches they are made.
-    slot : Two patches of a plane mesh, whose slot is measured; or none.
+    select : Selections that make further patches, by name.
+    slot : Two patches of a plane mesh whose slot is measured, or nothing.
 
     Returns
     -------
-    dict
-        ``file``; ``points`` and ``cells``, how many there are; ``plane``, whether the mesh is two-dimensional;
-        ``zones``, name: number of points; ``blocks``, for a zone that several of the file fit together in, their
-        names; ``patches``, name: number of faces; ``extents``, name: least and largest coordinates; ``components``,
-        the number of connected components of the patches that have several; ``parts``, of each of these components
-        (`MOST` of a patch) and of each selection the name, the number of ``faces`` and the least and largest
-        coordinates, ``low`` and ``high``; ``quality``, the fields of `Quality` for each type of cell;
-        ``face_quality``, the figures of checkMesh for the faces of polyhedra, None without any;
-        ``left_handed``, whether the file counts the nodes of cells the other way round; ``notes``, sentences on what
-        may not be expected; ``slot``, its ``gap`` and ``overlap`` as lengths, and ``chord``, the extent of both
-        elements along x; None if it is not asked for; ``hinges``, for patches whose skin goes on in others along
-        straight lines, these lines: two points each, in a plane mesh the same.
+    dict ``file``; ``points`` and ``cells``, their numbers; ``plane``, whether the mesh is two-dimensional; ``zones``,
+        name: number of points; ``blocks``, for a zone joined from several of the file, their names; ``patches``, name:
+        number of faces; ``extents``, name: least and largest coordinates; ``components``, the number of connected
+        components of the patches that have several; ``parts``, of each of these components (`MOST` of a patch) and of
+        each selection the name, the number of ``faces`` and the least and largest coordinates, ``low`` and ``high``;
+        ``quality``, the fields of `Quality` for each type of cell; ``face_quality``, the figures of checkMesh for the
+        faces of polyhedra, None without any; ``left_handed``, whether the file has left-handed cells; ``notes``,
+        sentences on what a user may not expect; ``slot``, its ``gap`` and ``overlap`` as lengths, and ``chord``, the
+        extent of both elements along x; None if it is not asked for; ``hinges``, for patches whose skin continues in
+        others beyond a straight line, the two points of this line, equal in a plane mesh.
 
     Raises InputError or MeshFileError if the file is missing, damaged, of an unknown format, holds no cells with a
     volume, or more inverted cells than others, and InputError if a selection does not suit it.
@@ -147,7 +145,7 @@ def file_figures(path: Path, select: Mapping[str, str] = NOTHING, slot: tuple[st
 
 
 def _hinges(mesh: Mesh) -> dict[str, list[Json]]:
-    """Return the hinges of patches; of two patches that meet at a line, only the smaller one turns about it."""
+    """Return the hinges of patches; if two patches meet at a line, it is the hinge of the smaller."""
     found = {name: list(candidates(mesh, [name])) for name in mesh.names}
     size = {
         name: float(np.linalg.norm(np.ptp(mesh.points[mesh.on(name)], axis=0))) for name, own in found.items() if own
@@ -181,7 +179,7 @@ def _slot(mesh: Mesh, names: tuple[str, ...]) -> Json | None:
 
 
 def _signs(mesh: Mesh, name: str) -> list[float]:
-    """Return for each block 1, or -1 where nodes are counted left-handed; InputError for a mesh mostly inverted."""
+    """Return for each block 1, or -1 if its nodes are left-handed; InputError if most cells are inverted."""
     signs, inverted = zip(*(find_orientation(mesh.points, block) for block in mesh.cells), strict=True)
     check_most(name, sum(inverted), sum(map(len, mesh.cells)))
     return list(signs)
@@ -218,7 +216,7 @@ def _quality_line(found: Json) -> str:
 
 
 def _face_quality(mesh: Mesh) -> Json | None:
-    """Return what checkMesh says of the faces of polyhedra; None without any."""
+    """Return checkMesh's figures of polyhedra's faces; None without polyhedra."""
     if not any(isinstance(block, Polyhedra) for block in mesh.cells):
         return None
     from sdm_deflect.meshing.mesh.orthogonality import face_quality  # loads the compiler

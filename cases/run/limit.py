@@ -1,4 +1,4 @@
-"""The largest deflection of each sign at which every check holds, and what ends it."""
+"""Search for the largest deflection of each sign at which every check holds."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -37,14 +37,14 @@ COLOURS = ("#0072b2", "#d55e00")
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """One amount of the first surface that was tried.
+    """One tried amount of the first surface.
 
     Attributes
     ----------
     angle : the amount: degrees, or the share of a table.
     quality_min : least quality of the affected cells; 0 where one is inverted or there is no mesh.
     steps : of the deflection.
-    where : at which patches the worst cell is.
+    where : patches at the worst cell, as text.
     reason : why there is no mesh: a surface leaves its box, or a tail's root leaves the fuselage.
     fault : why the mesh is not acceptable; empty if it is.
     failed : names of all checks that fail.
@@ -65,14 +65,14 @@ Told = Callable[[RepairMode, Trial], None]
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """The largest acceptable amount of one sign, from zero outwards.
+    """The largest acceptable amount of one sign.
 
     Attributes
     ----------
     repair : how cells were repaired.
-    angle : the limit; every amount tried below is acceptable.
-    end : what is next beyond it: a cell that is too bad, or why there is no mesh; empty if nothing ends it.
-    trials : every amount tried, ascending by magnitude.
+    angle : the limit; every tried amount below it is acceptable.
+    end : reason why larger amounts fail: a cell that is too bad, or no mesh; empty if none was found.
+    trials : all trials, ascending by magnitude.
     """
 
     repair: RepairMode
@@ -88,16 +88,16 @@ class Limit:
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """How amounts are tried, and what a mesh must hold.
+    """A search: how amounts are tried, and which meshes are acceptable.
 
     Attributes
     ----------
-    title : what is deflected.
+    title : name of the surfaces and the mesh.
     unit : of the amounts.
-    plan : plans one amount of the first surface, with a mode of repair; InputError if it is not possible.
+    plan : function that plans one amount of the first surface with a mode of repair; InputError if impossible.
     largest : amount that is never exceeded.
-    resolution : to which the limits, and the ends of what can be meshed, are found.
-    threshold : the least quality that is acceptable beside the checks; 0: they alone.
+    resolution : largest error of a limit.
+    threshold : least acceptable quality in addition to the checks; 0 for the checks alone.
     """
 
     title: str
@@ -112,7 +112,7 @@ class Search:
     ) -> tuple[Limit, ...]:
         """Find the limits of both signs, without repair and, unless it is off, with it; InputError if nothing moves.
 
-        `tried` is called with a line on each trial, as soon as it is made; if it is stopped, with what is known.
+        `tried` is called with a line on each trial; if the search is stopped, with a summary.
         """
         still = self.trial(0.0, "off")
         if still.reason:
@@ -133,7 +133,7 @@ class Search:
             raise
 
     def _known(self, made: Sequence[tuple[RepairMode, Trial]]) -> Iterator[str]:
-        """Yield what trials say of each mode of repair and each sign: what holds, and the first amount that fails."""
+        """Yield for each mode of repair and sign the amounts that hold and the first that fails, as text."""
         for mode, sign in dict.fromkeys((mode, np.sign(trial.angle)) for mode, trial in made):
             own = [trial for of, trial in made if of == mode and np.sign(trial.angle) == sign]
             bad = min((abs(trial.angle) for trial in own if trial.fault), default=np.inf)
@@ -142,7 +142,7 @@ class Search:
             yield f"known when stopped: repair {mode}: all checks hold up to {sign * good:+.4g} {self.unit}{fails}"
 
     def trial(self, angle: float, repair: RepairMode) -> Trial:
-        """Deflect by an amount, and judge the mesh; without one the trial says why."""
+        """Deflect by an amount and judge the mesh; a trial without a mesh has the reason."""
         try:
             plan = self.plan(angle, repair)
             if not plan.affected.count:
@@ -160,9 +160,9 @@ class Search:
         return Trial(angle, least, steps, where, "", "; ".join(faults), tuple(check.name for check in failed))
 
     def _limit(self, repair: RepairMode, sign: float, still: Trial, progress: Progress, told: Told) -> Limit:
-        """Go on in steps until cells invert or there is no mesh; then bisect between good amounts and bad ones.
+        """Increase the amount in steps until cells invert or there is no mesh; then bisect between good and bad ones.
 
-        `still` is the trial of amount 0: there no cell is repaired.
+        `still` is the trial of amount 0, where no cell is repaired.
         """
         trials = {0.0: still}
 
@@ -198,13 +198,13 @@ class Search:
 
 
 def search_of(mesh: Mesh, jobs: Sequence[Job], resolution: float = 0.0, precision: Precision = EVERY_BIT) -> Search:
-    """Return how the limits of surfaces of any mesh are found; several keep their proportion to the first one.
+    """Return the search for the limits of surfaces of any mesh; several keep their proportion to the first.
 
     Parameters
     ----------
     jobs : One for each box.
     resolution : Of the limits; 0: a degree, or a fiftieth of a table.
-    precision : How the file of a deflected mesh keeps coordinates.
+    precision : Precision of coordinates in the file of a deflected mesh.
     """
     first, unit = jobs[0], jobs[0].surfaces[0].motion.unit
     whole = abs(first.angle) or 1.0
@@ -222,7 +222,7 @@ def search_of(mesh: Mesh, jobs: Sequence[Job], resolution: float = 0.0, precisio
 
 
 def where_worst(deflection: Deflection) -> str:
-    """Say at which patches the worst cell of a single box is."""
+    """Return the patches at the worst cell of a single box, as text."""
     mesh, affected = deflection.plan.mesh, deflection.plan.affected
     worst = []
     for block, rows, orientation in zip(mesh.cells, affected.rows, affected.orientation, strict=True):

@@ -1,6 +1,6 @@
-"""The files of a deflection: what is read, what is written, and that neither overwrites what it should not.
+"""The files of a deflection: inputs, outputs, and protection of files that must not be overwritten.
 
-What was written is read back from the disk before it takes its place: its points must be those that were judged.
+A written file is read back from the disk before it takes its place: its points must be those that were judged.
 """
 
 import zipfile
@@ -38,12 +38,12 @@ class OutputFiles:
 
     Attributes
     ----------
-    source : the mesh that is read.
-    out : the mesh that is written; a folder for OpenFOAM. With several poses, the names of all begin with it.
-    poses : amounts of all surfaces; distinct, in the order asked for.
+    source : file of the undeflected mesh.
+    out : file of the deflected mesh; a folder for OpenFOAM. With several poses all names begin with it.
+    poses : amounts of all surfaces at each pose; distinct, in the user's order.
     sensitive : whether d(points)/d(angle) is written beside each mesh.
     reported : whether a folder with a report is written beside each mesh.
-    plan : the file of the plan; None: none is written.
+    plan : the file of the plan, or None.
     meshes : whether meshes are written, and reports beside them.
     form, source_form : the formats of `out` and `source`.
     """
@@ -68,8 +68,8 @@ class OutputFiles:
     ) -> "OutputFiles":
         """Return the files of a job; `out` is beside the source if None.
 
-        Raises MeshFileError for an unknown format, or one in which this mesh cannot be written, InputError for an `out`
-        without a name, or with another suffix where a file is only rewritten.
+        Raises MeshFileError for an unknown format, or one that cannot hold this mesh; InputError for an `out` without a
+        name, or with another suffix if the format only rewrites files.
         """
         chosen = out or _beside(source)
         form, given = format_of(chosen), format_of(source)
@@ -117,12 +117,12 @@ class OutputFiles:
         return tuple(map(self.report, self.poses)) if self.reported and self.meshes else ()
 
     def precision(self, mesh: Mesh) -> Precision:
-        """Return how the files keep the coordinates of a mesh."""
+        """Return the precision of a mesh's coordinates in the files."""
         return precision_of(self.source, self.out, mesh)
 
     @property
     def is_copy(self) -> bool:
-        """Whether only copies with other coordinates, and reports, are written."""
+        """Whether nothing but copies with other coordinates, and reports, is written."""
         return not self.sensitive and self.source.exists() and _keeps_bytes(self.source, self.out)
 
     @property
@@ -137,11 +137,11 @@ class OutputFiles:
 
     @property
     def tables(self) -> tuple[Path, ...]:
-        """Files with names of patches beside the meshes, of a format that has such."""
+        """Files with names of patches beside the meshes, for formats that have such."""
         return tuple(table for pose in self.poses for table in self.form.name_files(self.mesh(pose)))
 
     def check_names(self, mesh: Mesh) -> None:
-        """Raise MeshFileError if a table of patch names is there and belongs to another mesh."""
+        """Raise MeshFileError if a table of patch names exists and belongs to another mesh."""
         for pose in self.poses if self.source_form is not self.form else ():
             self.form.check_named(mesh, self.mesh(pose))
 
@@ -152,10 +152,7 @@ class OutputFiles:
                 (scratch / table.name).unlink(missing_ok=True)
 
     def check(self, inputs: Sequence[Path] = ()) -> None:
-        """Refuse targets that would overwrite an input, one another, or a file that is not of an earlier job.
-
-        Raises InputError naming the first such target.
-        """
+        """Raise InputError if an output would overwrite an input, another output or a foreign file."""
         self._check_plan()
         meshes = tuple(map(self.mesh, self.poses))
         seen: set[Path] = set()
@@ -190,12 +187,12 @@ class OutputFiles:
             raise InputError(f"{target} exists already, {fault}; delete it, or choose another name in out")
 
     def _other_tables(self) -> list[Path]:
-        """Return the tables that would replace another one."""
+        """Return the tables that would replace a different one."""
         meshes = [mesh for mesh in map(self.mesh, self.poses) if self.form.named_otherwise(self.source, mesh)]
         return [table for mesh in meshes for table in self.form.name_files(mesh)]
 
     def _may_replace(self, target: Path) -> bool:
-        """Whether what is there may be replaced."""
+        """Return whether an existing file may be replaced."""
         if target.is_dir():
             return self._is_folder and not target.suffix[1:2].isalpha() and not any(target.iterdir())
         if target == self.plan:
@@ -232,7 +229,7 @@ def inputs_of(given: Mapping[str, Any], folder: Path) -> tuple[Path, ...]:
 
 
 def precision_of(source: Path | None, out: Path, mesh: Mesh) -> Precision:
-    """Return how a file keeps the coordinates of a mesh that was read from `source`, or came from elsewhere."""
+    """Return the precision of coordinates in a file for a mesh read from `source`, or from elsewhere."""
     form = format_of(out)
     same = source is not None and source.exists() and format_of(source) is form
     real = form.real(out, source if same else None)
@@ -244,7 +241,7 @@ def precision_of(source: Path | None, out: Path, mesh: Mesh) -> Precision:
 
 
 def _keeps_bytes(source: Path, out: Path) -> bool:
-    """Whether `out` is a copy of the source but for coordinates; a change of UGRID's encoding is none."""
+    """Return whether `out` copies all but coordinates from the source; not for another encoding of UGRID."""
     if format_of(out) is not format_of(source):
         return False
     return format_of(out).folder or ending(out).lower() == ending(source).lower()
@@ -253,9 +250,9 @@ def _keeps_bytes(source: Path, out: Path) -> bool:
 def write_mesh(
     source: Path | None, mesh: Mesh, points: FloatArray, out: Path, progress: Progress = silent, runner: Runner = HERE
 ) -> tuple[str, ...]:
-    """Write the mesh with new points; return what the format of `out` cannot hold.
+    """Write the mesh with new points; return a sentence for each thing that the format of `out` cannot hold.
 
-    In the format of the source only coordinates change; all else in the file stays, byte by byte. A .vtu made from
+    In the format of the source only coordinates change; all other bytes stay. A .vtu made from
     another format shows the point array ``displacement`` and the cell array ``quality``. Raises InputError if the
     source is no longer the file that was read, MeshFileError as the format does, and ValueError for a mesh of a file
     without the states of the files that were read.
@@ -318,16 +315,16 @@ def _is_ours(path: Path) -> bool:
 
 
 def check_written(mesh: Mesh, points: FloatArray, staged: Path, out: Path) -> None:
-    """Read a file that was written for a mesh with its nodes at `points` (N, 3), and compare these, to the bit.
+    """Read a written file and compare its points, bit by bit, with `points` (N, 3).
 
-    Raises MeshFileError, which names the file `out` that is to be, if they are others or it cannot be read.
+    Raises MeshFileError, which names the final file `out`, if they differ or the file cannot be read.
     """
     if text := difference(mesh, points, staged):
         raise MeshFileError(DIFFERS.format(out, text.replace(str(staged), out.name)))
 
 
 def difference(mesh: Mesh, points: FloatArray, path: Path) -> str:
-    """Describe how the points of a file differ from those of a mesh, or of its submesh."""
+    """Return a text on how the points of a file differ from those of a mesh or its submesh; empty if equal."""
     try:
         stored = _points_in(mesh, path)
     except (MeshFileError, InputError) as error:

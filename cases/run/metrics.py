@@ -52,7 +52,7 @@ def figures_by_box(deflection: Deflection) -> Json:
 def deflection_figures(deflection: Deflection) -> Json:
     """Return box, sites, adaptation and quality of one deflection of any mesh; lengths in the mesh's unit.
 
-    Of several boxes box, sites and adaptation are the first one's; cells, repair and motion are those of all.
+    Of several boxes, box, sites and adaptation are those of the first; cells, repair and motion are those of all.
     """
     first, whole = deflection.boxes[0], deflection.plan
     plan = first.plan
@@ -96,7 +96,7 @@ def kernel_figures(plan: BoxPlan) -> Json:
 
 
 def kernel_text(figures: Json) -> str:
-    """Describe a kernel by its figures; the radius in the mesh's unit of length."""
+    """Return a text on a kernel from its figures; the radius is in the mesh's unit of length."""
     needs, radius = KERNELS[figures["name"]], figures["radius"]
     wide = f" of radius {radius:.4g}" if radius else ""
     added = f"a {figures['polynomial']} polynomial" if ORDERS[figures["polynomial"]] else "no polynomial"
@@ -105,7 +105,7 @@ def kernel_text(figures: Json) -> str:
 
 
 def fit_text(figures: Json) -> str:
-    """Describe the interpolation by the figures of a deflection: centres by direction, and accuracy."""
+    """Return a text on a deflection's interpolation: centres by direction, and accuracy."""
     fits, between = figures["adaptation"], figures["error_between_sites"]
     centers = ", ".join(f"{fit['centers']} ({name})" for name, fit in fits.items())
     condition = max((fit["condition"] or 0.0 for fit in fits.values()), default=0.0)
@@ -115,7 +115,7 @@ def fit_text(figures: Json) -> str:
 
 
 def face_figures(deflection: Deflection) -> Json:
-    """Return what checkMesh says of the faces of affected polyhedra before and after; nothing without polyhedra."""
+    """Return checkMesh's figures of affected polyhedra's faces, before and after; nothing without polyhedra."""
     faces, after = deflection.plan.faces, deflection.faces
     if not faces or not after:
         return {}
@@ -133,7 +133,7 @@ def face_rows(figures: Json) -> tuple[str, list[tuple[str, str, str]]]:
 
 
 def repair_figures(deflection: Deflection) -> Json | None:
-    """Return what repairs did, and the quality of the affected cells before them; None without one."""
+    """Return figures of the repairs, and the affected cells' quality before them; None without a repair."""
     repairs = deflection.repairs
     if not repairs:
         return None
@@ -152,7 +152,7 @@ def repair_figures(deflection: Deflection) -> Json | None:
 
 
 def repair_text(figures: Json) -> str:
-    """Say what a repair did, of the figures of a deflection; empty without one."""
+    """Return a sentence on the repair in a deflection's figures; empty without one."""
     repair = figures["repair"]
     if not repair:
         return ""
@@ -178,7 +178,7 @@ def verdict_figures(checks: Sequence[Check]) -> Json:
 
 
 def warnings_of(plan: Plan) -> tuple[str, ...]:
-    """Return sentences on what is probably wrong, though every check may hold."""
+    """Return sentences on probable mistakes, although every check may hold."""
     notes = [note for note in (*plan.mesh.notes, *plan.reflections) if isinstance(note, Warned)]
     texts = (text for box in plan.boxes for text in box.boundary.warnings)
     return tuple(dict.fromkeys([*notes, *texts]))
@@ -191,7 +191,7 @@ def _figures(reached: ReachedShare) -> Json:
 def short_turns(plan: Plan) -> tuple[str, ...]:
     """Return a sentence for each surface whose mean turn is below 90 % of its angle; it names --strip if that is why.
 
-    It stands beside the verdict, and is no warning: a blended surface always turns less at its ends.
+    This is no warning: a blended surface always turns less at its ends.
     """
     found = []
     motion = {surface.label: moving.motion for moving, surface in plan.moving}
@@ -231,7 +231,7 @@ def farthest(plan: Plan) -> Iterator[tuple[str, FloatArray, FloatArray]]:
 
 
 def motion_figures(plan: Plan, pose: Amounts) -> Json:
-    """Return how much of its angle each surface reaches (`ReachedShare`); null for a motion without an angle."""
+    """Return the share of its angle that each surface reaches (`ReachedShare`); null for a motion without an angle."""
     return {name: reached and _figures(reached) for name, reached in _reaches(plan, pose)}
 
 
@@ -247,9 +247,9 @@ def _hinge(moving: Moving, law: MotionLaw, amount: float) -> list[list[float]] |
 
 
 def surface_figures(plan: Plan, pose: Amounts) -> Json:
-    """Return each surface's amount at a pose, what it reaches of it, and two points of its hinge.
+    """Return each surface's amount at a pose, its reached share, and two points of its hinge.
 
-    The hinge of a track is where the motion brings it.
+    The hinge of a track is given at its moved place.
     """
     out = {}
     for box, amounts in plan.by_box(pose):
@@ -280,21 +280,21 @@ def amounts(plan: Plan, pose: Amounts) -> Iterator[tuple[str, str]]:
 
 
 def motions(plan: Plan) -> Iterator[tuple[str, str]]:
-    """Yield the name of each turning surface and, as text, how much of the largest angle it reaches."""
+    """Yield the name of each turning surface and, as text, the share of the largest angle that it reaches."""
     for name, reached in _reaches(plan, plan.largest):
         if reached:
             yield name, reached.text
 
 
 def _reaches(plan: Plan, pose: Amounts) -> Iterator[tuple[str, ReachedShare | None]]:
-    """Yield the name of each surface, and what it reaches at a pose."""
+    """Yield the name of each surface, and its reached share at a pose."""
     for box, own in plan.by_box(pose):
         for surface, reached in box.boundary.reaches(own):
             yield surface.label, reached
 
 
 def travels(plan: Plan) -> Iterator[tuple[str, str]]:
-    """Describe each surface's largest displacement: its name; length, place and direction as text."""
+    """Yield each surface's name, and length, place and direction of its largest displacement, as text."""
     for name, place, move in farthest(plan):
         size = float(np.linalg.norm(move))
         there = ", ".join(f"{round(x, 2) + 0.0:+.2f}" for x in move / (size or 1.0))  # no -0.00
@@ -316,7 +316,7 @@ def peak_rss_bytes() -> int:
 
 
 def _adaptation(deflection: BoxDeflection) -> Json:
-    """Per direction, summed over steps: centres of the largest step, its error and condition, seconds of all."""
+    """Return, by direction, the centres, error and condition of the step with most centres, and all steps' seconds."""
     table: Json = {}
     groups = list(zip(*(step.fits.adaptations for step in deflection.steps), strict=True))
     for fits, condition in zip(groups, deflection.conditions or [None] * len(groups), strict=True):

@@ -1,7 +1,4 @@
-"""The files of a run: written into a folder that replaces the old one as a whole.
-
-Also what the program runs on: libraries and their versions, interpreter, machine.
-"""
+"""The files of a run, in a folder that replaces the old one as a whole; also versions, interpreter and machine."""
 
 import csv
 import os
@@ -64,10 +61,10 @@ class OutputError(ValueError):
 def output_folder(target: Path, stale: Sequence[str] = RUN) -> Iterator[Path]:
     """Yield an empty folder that replaces `target` as one on success; else nothing changes.
 
-    Of an old folder those files go whose names match a pattern in `stale`; all others stay.
+    Files of the old folder stay, unless their names match a pattern in `stale`.
 
-    Raises OutputError at once if the folder cannot be made or written, later if a file in it cannot, on a full disk for
-    example; the message names the folder or the file that was to be.
+    Raises OutputError at once if the folder cannot be made or written, later if a file cannot, for example on a full
+    disk; the message names the folder or the final file.
     """
     if target.exists() and not target.is_dir():
         raise OutputError(f"--out {target}: Not a directory; choose a folder that can be written")
@@ -82,7 +79,7 @@ def output_folder(target: Path, stale: Sequence[str] = RUN) -> Iterator[Path]:
 
 
 def _refuse_others(target: Path, stale: Sequence[str]) -> None:
-    """Raise OutputError for a folder with files that a run would remove, if it is no earlier run."""
+    """Raise OutputError for a folder that is no earlier run and has files that a run would remove."""
     if not {*stale} & {*SETTINGS_FILES}:
         return
     theirs = [path.name for pattern in stale for path in target.glob(pattern)] if target.is_dir() else []
@@ -102,7 +99,7 @@ def output_files(folder: Path, stale: Sequence[str] = RUN) -> Iterator[Path]:
 
 @contextmanager
 def _name_errors(target: Path, scratch: AbstractContextManager[Path]) -> Iterator[Path]:
-    """Say which folder cannot be written, at the beginning and later."""
+    """Turn errors of writing into OutputErrors that name the folder."""
     with ExitStack() as stack:
         try:
             folder = stack.enter_context(scratch)
@@ -117,11 +114,11 @@ def _name_errors(target: Path, scratch: AbstractContextManager[Path]) -> Iterato
 
 
 def write_interpolants(path: Path, deflections: Sequence[BoxDeflection]) -> None:
-    """Write kernel, centres and coefficients per direction, enough to evaluate the deformation elsewhere.
+    """Write kernel, centres and coefficients by direction, by which other programs can evaluate the deformation.
 
     The first surface's first step has the plain names `centers_x`, `beta_x`, `alpha_x`; further surfaces and
-    steps append `_<surface>` and `_step<k>`. Those of the fit that carries sliding nodes, before these are put on
-    their shapes, begin with `sliding_`. `hexahedron` (8, 3) says where each applies.
+    steps append `_<surface>` and `_step<k>`. Those of the fit for sliding nodes, which are projected onto their
+    shapes afterwards, begin with `sliding_`. `hexahedron` (8, 3) is the box of each.
     """
     arrays: dict[str, np.ndarray] = {}
     for i, one in enumerate(deflections):
@@ -174,7 +171,7 @@ def text_of(cell: str) -> str:
 
 
 def lacks(extra: str) -> str:
-    """Return a sentence on what is not installed of an extra; empty if all is."""
+    """Return a sentence on the libraries of an extra that are not installed; empty if all are."""
     absent = [name for name in EXTRAS[extra] if find_spec(name) is None]
     return f"{BRINGS[extra]} needs {', '.join(absent)}: in your clone, pip install '.[{extra}]'" if absent else ""
 
@@ -221,7 +218,7 @@ def _version(name: str) -> str:
 
 
 def missing(error: ModuleNotFoundError) -> str:
-    """Return which extra brings a module that is not installed, as a sentence; empty if none does."""
+    """Return a sentence on the extra that installs a missing module; empty if none does."""
     module = (error.name or "").partition(".")[0]
     extra = next((name for name, modules in EXTRAS.items() if module in modules), "")
     return extra and f"this needs {module}, which is not installed: in your clone, pip install '.[{extra}]'"

@@ -1,4 +1,4 @@
-"""Stages of a run: who reports progress, who shows it, and how long each stage took."""
+"""Stages of a run: progress, its display, and the time of each stage."""
 
 import os
 import sys
@@ -28,8 +28,7 @@ PAUSE = 30.0
 def lines(console: "Console", every: bool = True) -> Stage:
     """Show stages as lines on a console, with the seconds since each began.
 
-    There is one for every report, or one at the beginning of a stage that takes long, then one every `PAUSE` seconds,
-    and one at its end.
+    A line is printed for every report; or at the beginning of a long stage, every `PAUSE` seconds, and at its end.
     """
 
     @contextmanager
@@ -68,7 +67,7 @@ def lines(console: "Console", every: bool = True) -> Stage:
 
 @contextmanager
 def bars(console: "Console") -> Iterator[Stage]:
-    """Show stages as rich's progress bars on a console, with their times and what they told last."""
+    """Show stages as rich's progress bars on a console, with times and the last report."""
     from rich import progress
 
     columns = (
@@ -94,7 +93,7 @@ def bars(console: "Console") -> Iterator[Stage]:
 
 @contextmanager
 def show_stages(*, quiet: bool, verbose: bool, console: "Console | None" = None) -> Iterator[Stage]:
-    """Show stages on a console (default: standard error) as the switches of the command line ask.
+    """Show stages on a console (default: standard error) by the switches of the command line.
 
     A terminal shows a bar for each stage; a file or a pipe gets a line for each when it has ended.
     """
@@ -117,7 +116,7 @@ def in_notebook() -> bool:
 
 
 def of_notebook() -> Progress:
-    """Return what shows progress in a notebook once that takes two seconds, and nothing elsewhere."""
+    """Return a display of progress for notebooks, which appears after two seconds; elsewhere it shows nothing."""
     if not in_notebook():
         return silent
     from IPython.display import display
@@ -136,7 +135,7 @@ def of_notebook() -> Progress:
 
 
 def process_start() -> float:
-    """Return when this process started, on the clock of `perf_counter`; other systems than Linux do not say so."""
+    """Return the start of this process on the clock of `perf_counter`; known on Linux only."""
     if not hasattr(time, "CLOCK_BOOTTIME"):
         return perf_counter()
     ticks = int(Path("/proc/self/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[19])
@@ -145,7 +144,7 @@ def process_start() -> float:
 
 @dataclass(slots=True)
 class Stopwatch:
-    """Seconds of every stage, shown as they pass, and of all since `start` on the clock."""
+    """Seconds of every stage and of all since `start`; stages are shown while they run."""
 
     show: Stage = unseen
     seconds: dict[str, float] = field(default_factory=dict)
@@ -153,7 +152,7 @@ class Stopwatch:
 
     @property
     def total(self) -> float:
-        """Seconds since the start, with what lies between the stages."""
+        """Seconds since the start, the time between stages included."""
         return perf_counter() - self.start
 
     @contextmanager

@@ -1,1 +1,1 @@
-"""Settings: what users write becomes a job."""
+"""Settings of users, and their conversion to jobs."""

@@ -1,6 +1,6 @@
-"""TOML tables, ``key=value`` texts and keywords become frozen dataclasses, whose fields are the schema of all settings.
+"""Conversion of TOML tables, ``key=value`` texts and keywords to frozen dataclasses, whose fields are the schema.
 
-A mistake becomes one sentence that names the setting as the user would type it, such as ``wing.half_span``.
+A mistake is reported in one sentence that names the setting as the user would type it, such as ``wing.half_span``.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -31,9 +31,9 @@ LARGEST = 2**31
 
 
 def structure(table: Any, kind: type[T], place: str = "") -> T:
-    """Return the dataclass that a table describes, or InputError: a sentence on the first setting that is wrong.
+    """Return the dataclass of a table; InputError, of one sentence, for the first setting that is wrong.
 
-    `place` is where the table stands within others.
+    `place` is the path of the table within other tables.
     """
     if isinstance(table, kind):
         return table
@@ -70,7 +70,7 @@ def table_of(value: Any, kind: Any = None) -> Nested:
 
 
 def with_values(value: T, changes: Mapping[str, Any]) -> T:
-    """Return a dataclass with the values of a nested table in place of its own; InputError as `structure`."""
+    """Return a dataclass with some values replaced by those of a nested table; InputError as `structure`."""
     return structure(merge(table_of(value), changes), type(value))
 
 
@@ -95,7 +95,7 @@ def read_toml(path: Path) -> Nested:
 
 
 def parse_assignments(assignments: Sequence[str]) -> Nested:
-    """Turn ["wing.half_span=0.3", ...] into tables, values as in TOML or text; InputError if one is not key=value."""
+    """Return tables from ["wing.half_span=0.3", ...], values as TOML or text; InputError if one is not key=value."""
     nested: Nested = {}
     for text in assignments:
         key, equals, value = (part.strip() for part in text.partition("="))
@@ -112,7 +112,7 @@ def parse_assignments(assignments: Sequence[str]) -> Nested:
 
 
 def merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> Nested:
-    """Return nested tables with other values in place of their own."""
+    """Return nested tables with some values replaced by others."""
     out = dict(base)
     for name, new in changes.items():
         old = out.get(name)
@@ -121,7 +121,7 @@ def merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> Nested:
 
 
 def _value(text: str) -> Any:
-    """Return the value that a text stands for in TOML, else the text."""
+    """Return the value of a text in TOML, or else the text."""
     with suppress(TOMLDecodeError, RecursionError):
         table = loads(f"value = {text}")
         if len(table) == 1:
@@ -142,7 +142,7 @@ def _plainly(item: Any) -> Any:
 
 
 def _inline(rest: Nested, name: str, kind: Any, place: str) -> Nested:
-    """Take the settings of an inline dataclass out of those around it, or from under its name."""
+    """Remove the settings of an inline dataclass from those around it, or from its table, and return them."""
     known = settings_in(kind)
     of_group = name not in known or isinstance(rest.get(name), Mapping | kind)
     given = rest.pop(name, {}) if of_group else {}
@@ -155,14 +155,14 @@ def _inline(rest: Nested, name: str, kind: Any, place: str) -> Nested:
 
 
 def _meant(name: str, known: Mapping[str, Setting]) -> str:
-    """Return what an unknown name may mean: the same name in a table within, or a name that comes near it."""
+    """Return what an unknown name may mean: the same name in an inner table, or a similar name."""
     tables = {table: settings_in(s.kind) for table, s in known.items() if is_dataclass(s.kind)}
     same = [f"{table}.{name}" for table, inner in tables.items() if name in inner]
     return f"did you mean {', '.join(same)}?" if same else nearest(name, known)
 
 
 def parse_spelling(value: Any, setting: Setting, place: str) -> Any:
-    """Return the value of a setting that may be written in another way; InputError names it."""
+    """Return the value of a setting that users may write in another way; InputError names it."""
     try:
         return setting.spelling.read(value) if setting.spelling.read else value
     except InputError as error:
@@ -222,7 +222,7 @@ def _choice(value: Any, kind: Any, place: str) -> Any:
 
 
 def _names(value: Any, kind: Any, place: str) -> tuple[str | int, ...]:
-    """Take a list of names, or names with commas between them; numbers too, where the kind has them."""
+    """Return names from a list, or from text with commas; also numbers, if the type allows them."""
     rows = [str(value)] if isinstance(value, str | PathLike) else _plain(value)
     if not isinstance(rows, list | tuple):
         raise _wrong(place, value, "is no list of names")
@@ -236,7 +236,7 @@ def _names(value: Any, kind: Any, place: str) -> tuple[str | int, ...]:
 
 
 def _either(value: Any, kind: Any, place: str) -> Any:
-    """Take text as the first kind of a union and anything else as the last; objects of a protocol as they are."""
+    """Return text as the first type of a union, other values as the last; objects of a protocol stay as they are."""
     value, kinds = _plain(value), [part for part in get_args(kind) if part is not NoneType]
     if value is None and NoneType in get_args(kind):
         return None

@@ -50,7 +50,7 @@ IN_PYTHON = {"surface": "surfaces", "patches": "surfaces", "amount": "angle"}
 
 @dataclass(frozen=True, slots=True)
 class Only:
-    """The motions that have a use for a setting of a surface: ``"rigid"``, ``"blended"``; others have their own."""
+    """The motions that use a setting of a surface: ``"rigid"``, ``"blended"``; other settings belong to one motion."""
 
     motions: tuple[str, ...]
 
@@ -169,7 +169,7 @@ class PeriodicSettings:
     Attributes
     ----------
     patches : names of the two.
-    axis : two points of the axis about which the first is turned onto the second; one point, x and y, in a plane mesh.
+    axis : two points of the axis of rotation from the first to the second; in a plane mesh one point, x and y.
     translation : from the first to the second. Without both, the translation between the patches, or the rotation about
         x, y or z through the origin, whichever fits.
     """
@@ -189,7 +189,7 @@ class PeriodicSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JobSettings(JobOptions):
-    """What moves, what stays, what slides, and in which box; and what every job can be told.
+    """The settings of a job: moving, fixed and sliding patches, box, and everything else that a job can be given.
 
     Attributes
     ----------
@@ -268,12 +268,11 @@ def settings_of(surfaces: Any, hinge: Any, angle: Any, options: Mapping[str, Any
     ----------
     surfaces : Name of a patch, or several, wildcards allowed; or tables of `SurfaceSettings`, one for each moving
         surface.
-    hinge : (2, 3) two points of the hinge line; None where `motion` or `table` needs none.
-    angle : Degrees; of a table of displacements its share.
+    hinge : (2, 3) two points of the hinge line; None if `motion` or `table` needs none.
+    angle : Degrees, or the share of a table of displacements.
     options : Settings of `JobSettings` and, for the surface, of `SurfaceSettings`.
 
-    Raises InputError for an option that is unknown or without effect, or a value of another type or out of range: one
-    sentence.
+    Raises InputError, of one sentence, for an option that is unknown or without effect, or a wrong value.
     """
     for name in IN_PYTHON.keys() & options.keys():
         raise InputError(f"unknown setting {name}; did you mean {IN_PYTHON[name]}?")
@@ -301,7 +300,7 @@ def check_swept(settings: JobSettings, swept: bool = True) -> JobSettings:
 
 
 def tables_of(surfaces: Any) -> list[Nested]:
-    """Return surfaces that are given as tables, or as a mapping from patch to table; none for mere names."""
+    """Return surfaces given as tables, or as a mapping from patch to table; nothing if they are names."""
     if isinstance(surfaces, Mapping) and surfaces and all(isinstance(own, Mapping) for own in surfaces.values()):
         return [{"patches": name, **own} for name, own in surfaces.items()]
     rows = surfaces if isinstance(surfaces, list | tuple) else [surfaces]
@@ -322,7 +321,7 @@ def _check_use(surfaces: Sequence[Nested], rest: Nested) -> None:
 
 
 def read_job(path: Path) -> Nested:
-    """Return the tables of a configuration file; files that it names are taken as relative to it."""
+    """Return the tables of a settings file; files that it names are relative to it."""
     nested = read_toml(path)
     nested.pop("mesh", None)  # of the settings beside a report, which the command names itself
     for table in (nested, *_tables(nested.get("surface"))):
@@ -334,9 +333,9 @@ def read_job(path: Path) -> Nested:
 
 
 def with_options(nested: Nested, options: Mapping[str, Any], assignments: Sequence[str] = ()) -> Nested:
-    """Return tables with options in place of their values; those of a surface concern the first one.
+    """Return tables with values replaced by options; options of a surface concern the first.
 
-    Further surfaces turn in their proportion to the first one's angle. An option ``patches`` makes it the only one.
+    Further surfaces keep their proportion to its angle. With the option ``patches`` it is the only surface.
     """
     given = {key: value for key, value in options.items() if value not in (None, ())}
     own, new = _split_options({**given, **parse_assignments(assignments)})
@@ -354,7 +353,7 @@ def with_options(nested: Nested, options: Mapping[str, Any], assignments: Sequen
 
 
 def angles_of(wanted: Any) -> tuple[float, ...]:
-    """Return the angles of ``first:last:step``, ends included, of a list with commas, or a sequence; or InputError."""
+    """Return angles from ``first:last:step``, ends included, a list with commas, or a sequence; else InputError."""
     if not isinstance(wanted, str):
         several = isinstance(wanted, Iterable) and not isinstance(wanted, Mapping)
         if angles := structure({"angles": list(wanted) if several else wanted}, _Angles).angles:
@@ -389,7 +388,7 @@ def _refuse_renamed(names: Iterable[str]) -> None:
 
 
 def _split_options(options: Mapping[str, Any]) -> tuple[Nested, Nested]:
-    """Return the settings of the surface, and those of the job; InputError for one that is neither."""
+    """Return the options of the surface and those of the job; InputError for an unknown option."""
     known = (*OF_JOB, *OF_SURFACE)
     for name in options:
         if name not in (*known, "fitting"):
@@ -404,7 +403,7 @@ def _tables(value: Any) -> list[dict[str, Any]]:
 
 
 def _in_proportion(surfaces: list[dict[str, Any]], angle: float | None) -> list[dict[str, Any]]:
-    """Return the further surfaces, turned in their proportion to the first one's angle; InputError if that is zero."""
+    """Return the further surfaces with their proportion to the first one's angle kept; InputError if that is zero."""
     first = surfaces[0].get("angle")
     if angle is None or first is None or angle == first:
         return surfaces[1:]

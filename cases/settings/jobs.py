@@ -1,6 +1,6 @@
-"""What users set becomes a job of the engine: files are read, and words become motions, nodes and boxes.
+"""Conversion of settings to jobs of the engine: files are read; words become motions, nodes and boxes.
 
-Selections of patches are written so: ``flap=wall#2 box:0.6,-1,-1,1,1,1``.
+A selection of patches is written as ``flap=wall#2 box:0.6,-1,-1,1,1,1``.
 """
 
 import re
@@ -54,7 +54,7 @@ NUMBERS = {"box": "two opposite corners, box:x,y,z,x,y,z", "side": "a point and 
 
 
 def selection(name: str, text: str) -> "Selection":
-    """Return the selection that a name and an expression describe; InputError if it is of another form."""
+    """Return the selection of a name and an expression; InputError if the expression has another form."""
     if not re.fullmatch(r"[\w.+-]+", name):
         raise InputError(f"select = {shortened(name)}: a new patch is named by letters, digits and . _ + - alone")
     try:
@@ -90,7 +90,7 @@ def _condition(name: str, word: str) -> "Condition":
 
 
 def _point(of: FloatArray, z: float) -> Point:
-    """Return a point; z is used where it has only x and y."""
+    """Return a point; z completes one with only x and y."""
     x, y, *rest = of.tolist()
     return x, y, rest[0] if rest else z
 
@@ -103,7 +103,7 @@ def _degrees(name: str, word: str) -> float:
 
 
 def _numbers(text: str) -> list[float]:
-    """Return the numbers of a list with commas; none if any is not a number."""
+    """Return the numbers of a list with commas; nothing if a word is no number."""
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
@@ -117,9 +117,9 @@ class _BoxFile:
 
 
 def jobs_of(settings: JobSettings, *, by_range: bool = False) -> tuple[Job, ...]:
-    """Return one job for all surfaces, or one for each if each is to have a box; InputError as `job_of`.
+    """Return one job for all surfaces, or one for each if each has its box; InputError as `job_of`.
 
-    `by_range` says that a surface with a range needs no angle.
+    With `by_range` a surface with a range needs no angle.
     """
     settings = replace(settings, surface=tuple(map(_with_angle, settings.surface)))
     count, sources = len(settings.surface), [i for i, one in enumerate(settings.surface) if one.mirror]
@@ -140,10 +140,10 @@ def jobs_of(settings: JobSettings, *, by_range: bool = False) -> tuple[Job, ...]
 
 
 def _with_angle(surface: SurfaceSettings) -> SurfaceSettings:
-    """Return a surface with the angle at which its trailing edge, aft along x, is down or up.
+    """Return a surface whose angle turns its trailing edge, aft along x, down or up as set.
 
-    The hinge of a device has its points in the order of the growing span. Raises InputError for a hinge along the
-    vertical or the flow, which says nothing of down and up.
+    The hinge points of a device are in the order of growing span. Raises InputError for a hinge along the vertical or
+    the flow, which makes down and up undefined.
     """
     given = [surface.angle, surface.down, surface.up]
     if surface.down is None and surface.up is None:
@@ -157,18 +157,18 @@ def _with_angle(surface: SurfaceSettings) -> SurfaceSettings:
 
 
 def _upward(hinge: Sequence[Corner] | None) -> str:
-    """Return the axis that is up: z, or y for a hinge of one point, which is in a plane mesh."""
+    """Return the vertical axis: z, or y for a hinge of one point, which is one of a plane mesh."""
     return "y" if hinge and (len(hinge) == 1 or len(hinge[0]) == 2) else "z"
 
 
 def _with_reflections(settings: JobSettings, sources: Sequence[int]) -> JobSettings:
-    """Return settings with the reflections of some surfaces after the surfaces, each in a box of its own."""
+    """Return settings with reflections of surfaces added at the end, each in a box of its own."""
     own = settings.surface
     return replace(settings, surface=(*own, *(_reflection(own[i]) for i in sources)), box_each=True)
 
 
 def _reflection(surface: SurfaceSettings) -> SurfaceSettings:
-    """Return the reflection of a surface in y = 0, with its hinge points exchanged: an angle keeps its meaning."""
+    """Return the reflection of a surface in y = 0; hinge points are exchanged, so that angles keep their meaning."""
     ends, others = surface.hinge or (), (surface.table, surface.track, surface.shift, surface.held)
     if [len(end) for end in ends] != [3, 3] or any(others):
         raise InputError(
@@ -199,7 +199,7 @@ def swept(settings: JobSettings, angles: Any, *, by_range: bool = False) -> tupl
     angles : As `angles_of` reads them. Or amounts of all surfaces (poses, surfaces), or a .csv of them with a title
         line that names the surfaces.
 
-    Raises InputError as `jobs_of`, for a title that is no surface, or a surface without a column.
+    Raises InputError as `jobs_of`; also for a column without a surface, or a surface without a column.
     """
     surfaces, rows = check_swept(settings).surface, _rows(angles, settings)
     if not rows:
@@ -217,7 +217,7 @@ def swept(settings: JobSettings, angles: Any, *, by_range: bool = False) -> tupl
 
 
 def _rows(angles: Any, settings: JobSettings) -> tuple[Amounts, ...]:
-    """Return rows of amounts, given as numbers or as a .csv, in the order of the surfaces; none for mere angles."""
+    """Return rows of amounts, from numbers or a .csv, in the order of the surfaces; nothing for single angles."""
     names = [one.patches for one in settings.surface]
     if isinstance(angles, str | Path) and Path(angles).suffix == ".csv":
         given = _columns(Path(angles), names)
@@ -263,14 +263,14 @@ def job_of(settings: JobSettings, *, by_range: bool = False) -> Job:
 
 
 def _stays_beside(surface: SurfaceSettings, settings: JobSettings) -> tuple[str, ...]:
-    """Return the patches on which nodes of a blended surface stay: fixed ones, and surfaces that move otherwise."""
+    """Return the patches on which nodes of a blended surface are held: fixed patches and other surfaces."""
     own = attrgetter("hinge", "device", "angle", "shift", "track", "slot", "gap", "overlap")
     others = (other for other in settings.surface if own(other) != own(surface))
     return (*settings.fixed, *(name for other in others for name in other.patches)) if settings.fixed else ()
 
 
 def _moving(surface: SurfaceSettings, fixed: tuple[str, ...], by_range: bool) -> Moving:
-    """Return the patches with their motion; nodes on `fixed` ones are held if no others are named."""
+    """Return the moving patches with their motion; nodes on `fixed` patches are held unless others are named."""
     motion = _motion(surface, fixed)
     amount = surface.angle if motion.unit == "deg" else surface.amount
     if amount is None and not (by_range and surface.range):
@@ -300,7 +300,7 @@ def _motion(surface: SurfaceSettings, fixed: tuple[str, ...]) -> Motion:
 
 
 def _turn(surface: SurfaceSettings, hinge: Rotation | None) -> Motion:
-    """Return the rotation about a hinge, or one whose hinge is sought in the mesh."""
+    """Return the rotation about a hinge; without one the hinge is searched in the mesh."""
     if not surface.device:
         return hinge or SoughtHinge()
     if len(surface.device) != 4 or len(surface.patches) > 1 or surface.hinge:
@@ -329,7 +329,7 @@ def _rib(surface: SurfaceSettings, base: Motion) -> Rib:
 
 
 def _track(surface: SurfaceSettings, hinge: Rotation | None) -> Motion | None:
-    """Return the track of a surface: one shift, the rows of a file, or the way to a setting of a slot; None without."""
+    """Return the track of a surface from a shift, the rows of a file, or the setting of a slot; or None."""
     given = [name for name in ("table", "track", "shift", "slot") if getattr(surface, name) is not None]
     if not surface.slot and {surface.gap, surface.overlap} != {None}:
         raise InputError("gap and overlap need slot: the patch on the other side of the slot")
@@ -352,7 +352,7 @@ def _track_about(hinge: Axis, surface: SurfaceSettings, angle: float) -> Motion:
 
 
 def _rotation(hinge: tuple[Corner, ...]) -> Rotation:
-    """Return the rotation about two points, or in a plane about one (perhaps given twice)."""
+    """Return the rotation about two points, or in a plane about one, which may be given twice."""
     single = len(hinge[0]) == 2 and hinge[1:] in ((), hinge[:1])
     if not single and len(hinge) != 2:
         raise InputError(f"hinge = {shortened(hinge)}: must be two points, or one of two numbers in a plane mesh")
@@ -367,7 +367,7 @@ def _is_along(axis: Axis | None, hinge: Axis) -> bool:
 
 
 def _nodes(value: tuple[str | int, ...] | NodeSet, name: str) -> NodeSet:
-    """Return a node set: ``edges:40``, a .txt file of node indices, a list of them, or patches."""
+    """Return a node set from ``edges:40``, a .txt file of node indices, a list of them, or patches."""
     if not isinstance(value, tuple):
         return value
     names = [item for item in value if isinstance(item, str)]
@@ -422,7 +422,7 @@ def _rule(box: str | tuple[Corner, ...] | BoxRule | Hexahedron, margin: float) -
 
 
 def _at(corners: tuple[Corner, ...]) -> BoxRule:
-    """Return the box with these corners; a quadrilateral if they have two coordinates."""
+    """Return the box with these corners: a hexahedron, or a quadrilateral if they have two coordinates."""
     try:
         return (Outline if len(corners[:1][0]) == 2 else Given).at(np.array(corners))
     except (IndexError, ValueError) as error:

@@ -1,4 +1,4 @@
-"""The settings of a deflection as keywords with types, by `python -m tests.derived` from the schema."""
+"""Settings of a deflection as typed keywords, generated from the schema by `python -m tests.derived`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How users write points, ranges, shapes, pairs and selections, as text on the command line or as values."""
+"""Spellings of points, ranges, shapes, pairs and selections: text on the command line, or values."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path

@@ -1,1 +1,1 @@
-"""Modifiers to the paper's method, one in each file."""
+"""Modifiers of the paper's method, one in each file."""

@@ -79,7 +79,7 @@ class ConstraintAtStep(ModifierAtStep):
 
     Attributes
     ----------
-    of : the bound nodes in any step.
+    of : the bound nodes, whatever the step.
     points : (L, 3) the bound nodes.
     shapes : shapes, each with the rows of the bound nodes on it.
     bound, free : images among the bound nodes, and among the free ones.

@@ -1,4 +1,4 @@
-"""The interface between the paper's method and a modifier to it.
+"""The interface between the paper's method and its modifiers.
 
 A step interpolates the displacement of the *free* nodes. *Bound* nodes slide on a shape or move like their image: their
 displacement is known only after a first fit without them. If there are any, a step has two passes: one for the bound
@@ -54,7 +54,7 @@ class NodesOnShape(NamedTuple):
 
 
 class Modifier:
-    """A modifier to the paper's method, for all steps in one box."""
+    """A modifier of the paper's method, for all steps in one box."""
 
     __slots__ = ()
 

@@ -17,7 +17,7 @@ class StayInFaces(Modifier):
     faces: tuple[tuple[str, IntArray, int], ...] = field(repr=False)
 
     def shapes(self) -> Sequence[NodesOnShape]:
-        """Return the patches; plane ones keep their nodes in the plane."""
+        """Return each patch with its nodes, which stay in its plane."""
         return [NodesOnShape(patch, nodes, "plane", of_patch=True) for patch, nodes, _ in self.faces]
 
     def at(self, points: FloatArray, free: IntArray) -> "StayingInFaces":

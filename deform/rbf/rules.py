@@ -64,7 +64,7 @@ class Rule:
         raise NotImplementedError
 
     def sweep(self, problem: Problem, options: GreedyOptions) -> Sweep:
-        """Return what extends a basis and evaluates it at all sites."""
+        """Return the object that extends a basis and evaluates it at all sites."""
         del options
         return Sweep(problem)
 

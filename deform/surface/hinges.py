@@ -32,8 +32,8 @@ COVERED, STRAIGHT = 0.5, 0.15
 def candidates(mesh: Mesh, names: Sequence[str]) -> Iterator[FloatArray]:
     """Yield hinges (2, 3) of patches where their skins go on in other patches along a straight line.
 
-    In a plane mesh it is the middle of the two points where they meet, twice. Slotted flaps, and tails on a fuselage,
-    have none.
+    In a plane mesh both points are the middle of the two nodes where the skins meet.
+    Slotted flaps, and tails on a fuselage, have none.
     """
     own = polygons_of(mesh.faces_of(names))
     edges, face = _smooth_border(mesh, own, polygons_of(mesh.faces_of([n for n in mesh.names if n not in names])))
@@ -63,7 +63,7 @@ def candidates(mesh: Mesh, names: Sequence[str]) -> Iterator[FloatArray]:
 
 
 def _smooth_border(mesh: Mesh, own: Polygons, rest: Polygons) -> tuple[IntArray, IntArray]:
-    """Return the edges (E, 2) where faces meet others smoothly, and the own face (E,) at each."""
+    """Return the edges (E, 2) across which the skin goes on smoothly, and the patch's face (E,) at each."""
     on = np.zeros(len(mesh.points), dtype=np.bool_)
     on[own.nodes] = True
     if len(rest):
@@ -77,7 +77,7 @@ def _smooth_border(mesh: Mesh, own: Polygons, rest: Polygons) -> tuple[IntArray,
 
 
 def ends_text(hinge: ArrayLike) -> str:
-    """Return the two points of a hinge as the command line takes them; of a plane mesh, where they are one, x and y."""
+    """Return a hinge as words of the command line: two points, or x and y in a plane mesh."""
     ends = np.asarray(hinge, dtype=np.float64)
     ends = ends[:1, :2] if np.array_equal(*ends) else ends
     clean = np.where(np.abs(ends) > ROUNDING * np.abs(ends).max(), ends, 0.0)
@@ -85,9 +85,9 @@ def ends_text(hinge: ArrayLike) -> str:
 
 
 def rise(direction: FloatArray, vertical: int) -> float:
-    """Return how a point aft of a hinge, along x, rises in a positive turn about its direction (3,).
+    """Return the rate at which a point aft of a hinge rises in a positive turn about the hinge's direction (3,).
 
-    Raises InputError if it hardly does: the hinge then says nothing of down and up.
+    Aft is along x. Raises InputError if the rate is nearly zero: down and up are then undefined.
     """
     rate = float(np.cross(direction, [1.0, 0.0, 0.0])[vertical])
     if abs(rate) < LEVER:

@@ -60,7 +60,7 @@ class Functions:
         raise NotImplementedError
 
     def check(self) -> None:
-        """Raise ValueError if a number is one that the functions cannot have."""
+        """Raise ValueError for an impossible number of functions or scale."""
         if not 1 <= self.count <= MOST_FUNCTIONS:
             raise ValueError(f"{self.count} functions of an amount")
 
@@ -393,7 +393,7 @@ class Table:
         return self.hinge
 
     def law(self, surface: Surface) -> "TableLaw":
-        """Interpolate the table at the nodes of a surface; nodes at its points have their very displacements.
+        """Interpolate the table at the nodes of a surface; nodes at its points take the displacements there exactly.
 
         Raises InputError for a point with two displacements, or a table without z for a mesh in space.
         """

@@ -79,7 +79,7 @@ class Placement:
 
     @property
     def near(self) -> bool:
-        """Whether the hinge is no farther from the surface than this is wide."""
+        """True if the hinge is at most as far from the surface as the surface is wide."""
         return self.distance <= self.width
 
     def check(self, surface: Surface, force: bool) -> None:
@@ -96,7 +96,7 @@ class Placement:
         return f"its line passes {self.distance:.4g} from {self.surface}, which is {self.width:.4g} wide across it"
 
     def _elsewhere(self, surface: Surface) -> Iterator[tuple[float, "Placement"]]:
-        """Yield the placement of the hinge in other units of length where it fits, by the unit's factor."""
+        """Yield the factor of each unit of length in which the hinge would fit, and the placement there."""
         for factor in UNITS:
             length = None if self.axis.length is None else factor * self.axis.length
             there = Placement.of(surface, replace(self.axis, point=factor * self.axis.point, length=length))

@@ -1,4 +1,4 @@
-"""The share of its angle that a surface reaches, which a blended motion does not reach everywhere."""
+"""The share of its angle by which a surface turns: less than 1 in the strips of a blended motion."""
 
 from dataclasses import dataclass
 
@@ -49,7 +49,7 @@ class ReachedShare:
     def of(cls, points: FloatArray, moved: FloatArray, axis: Axis, amount: float, law: MotionLaw) -> "ReachedShare":
         """Compare the displacement `moved` (K, 3) of a surface's nodes with a turn about the hinge by `amount`.
 
-        A node's share of the angle is its displacement along the turn's, over the length of the turn's.
+        A node's share is the component of its displacement along the rigid turn's, over the length of the latter.
         """
         turn, station = axis.displacement(points, amount), points @ axis.direction
         reach, square = np.linalg.norm(axis.radial(points), axis=1), np.sum(turn**2, axis=1)

@@ -31,7 +31,7 @@ LONGEST_STEP = 0.25
 
 
 class GapOverlap(NamedTuple):
-    """Gap and overlap as lengths, and the unit vector (2,) from the skin to the edge at the gap."""
+    """Gap and overlap of a slot as lengths, and the unit vector (2,) across the gap, from the skin to the edge."""
 
     gap: float
     overlap: float
@@ -124,7 +124,7 @@ class SlotSetting(Hinged):
         )
 
     def law(self, surface: Surface) -> TrackLaw:
-        """Return the straight track to the setting; InputError if no place of the element has it."""
+        """Return the straight track to the setting; InputError if no position of the element gives it."""
         if {*surface.mesh.expand([self.beside], "slot")} & {*surface.patches}:
             raise InputError(f"slot = {self.beside}: this is the surface itself; name the element beyond the slot")
         slot = self.slot(surface)

@@ -122,7 +122,7 @@ class Track(Hinged):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Swing:
-    """The least rotation, less the identity, that turns the hinge's direction to its shifted points'; its rate."""
+    """The smallest rotation, less the identity, from the hinge's direction to the shifted one, and its rate."""
 
     turn: FloatArray
     rate: FloatArray
@@ -230,7 +230,7 @@ class Places(Functions):
         return Places(self.rows, self.axis, self.smooth, self.size, tuple(map(tuple, basis.tolist())))
 
     def reads(self, low: float, high: float) -> tuple[float, ...]:
-        """Return the ends of the range, and the amounts whose values depend least on those taken before."""
+        """Return the amounts to read, sorted: the ends of the range, and those with the most independent values."""
         amounts = self._samples(low, high)
         left, taken = np.array([self.values(amount) for amount in amounts]), list[int]()
         ends = [int(np.searchsorted(amounts, end)) for end in (low, high) if end]

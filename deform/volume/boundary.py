@@ -155,11 +155,11 @@ class PrescribedMotion:
         return out
 
     def knowing(self, some: Iterable[Amounts]) -> "PrescribedMotion":
-        """Return the same with the displacements at some amounts computed in advance: a motion may need a fit."""
+        """Return the motion with the displacements at some amounts computed in advance: they may need a fit."""
         return replace(self, known={amounts: self.displacement(amounts) for amounts in some})
 
     def frozen_at(self, amounts: Amounts) -> "PrescribedMotion":
-        """Return the same with each law's choices frozen at its amount, so that displacements are smooth around it."""
+        """Return the motion whose laws keep their choices at these amounts, so that it is smooth around them."""
         laws = (law.frozen_at(amount) for law, amount in zip(self.laws, amounts, strict=True))
         return replace(self, laws=tuple(laws), known={})
 
@@ -189,7 +189,7 @@ class PrescribedMotion:
             yield surface, surface.points[row], vectors[row]
 
     def reaches(self, amounts: Amounts) -> Iterator[tuple[Surface, ReachedShare | None]]:
-        """Yield each surface with the share of its angle that it reaches; None without a hinge, and at angle 0."""
+        """Yield each surface with the share of its angle by which it turns; None without a hinge or at angle 0."""
         move = self.displacement(amounts)
         for surface, law, moving, amount in zip(self.surfaces, self.laws, self.job.surfaces, amounts, strict=True):
             vectors, axis = move[np.searchsorted(self.nodes, surface.nodes)], moving.motion.axis

@@ -97,7 +97,7 @@ class BoxDeflection:
     Attributes
     ----------
     plan : the plan of the box.
-    amounts : of the moving surfaces.
+    amounts : amounts of the moving surfaces.
     steps : its steps; several if one step inverted cells.
     exact : (N, 3) deflected coordinates; outside the box they are those of the mesh.
     seconds : time it took.
@@ -365,7 +365,7 @@ def fell_poor(before: Least, after: Least) -> bool:
 
 
 def _worst_share(deflection: BoxDeflection) -> float:
-    """Return the least share of their quality that the worst cells of a type kept, of types that became poor; else 1.
+    """Return the least ratio of worst qualities, now over before, of the types that became poor; 1 if none did.
 
     Types whose worst cell was poor before do not count.
     """

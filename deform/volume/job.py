@@ -250,7 +250,7 @@ def _without_inner(mesh: Mesh, jobs: Sequence[Job]) -> Mesh:
 
 
 def unnamed(found: Collection[str], mesh: Mesh, jobs: Sequence[Job]) -> list[str]:
-    """Return those of the patches `found` between cells that no job names, in the order of the mesh's patches.
+    """Return the patches between cells (`found`) that no job names, in the mesh's order.
 
     Raises InputError for one with a role that has nodes of a moving surface.
     """

@@ -115,7 +115,7 @@ class PlaceTable:
         return out
 
     def nearly(self, points: FloatArray) -> int:
-        """Return how many of the points (N, 3), which are no places, are rounded copies of one."""
+        """Count the points (N, 3), none of them a place, that are rounded copies of a place."""
         some = points[self._among(points)]
         if not len(some) or len(self.places) < 2:
             return 0
@@ -181,5 +181,5 @@ def hashes(places: FloatArray) -> NDArray[np.uint64]:
 
 
 def _repeats(points: FloatArray) -> BoolArray:
-    """Return which points (N - 1,) from the second on are at the place of the one before."""
+    """Return a mask (N - 1,): whether each point from the second on repeats the one before."""
     return np.asarray((np.diff(points, axis=0) == 0.0).all(axis=1))

@@ -346,7 +346,7 @@ class Plan:
         return self.boxes[0].precision
 
     def keeping(self, precision: Precision, runner: Runner | None = None) -> "Plan":
-        """Return the plan for a file of some precision, and perhaps another runner."""
+        """Return the plan for a file of another precision, and for another runner if one is given."""
         runner = runner or self.runner
         return replace(self, boxes=tuple(replace(box, precision=precision, runner=runner) for box in self.boxes))
 

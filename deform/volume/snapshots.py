@@ -202,7 +202,7 @@ def _alone(box: BoxPlan, row: int, amount: float) -> Amounts:
 
 
 def _deflect(box: BoxPlan, pose: Amounts, progress: Progress, known: BoxDeflection | None) -> BoxDeflection:
-    """Deflect a box in double precision, unless the deflection is known, with the same repair or none."""
+    """Deflect a box in double precision; take the known deflection if its repair is the same, or it has none."""
     if not known or known.amounts != pose or not known.plan.precision.is_double:
         return deflect_box(box, pose, progress)
     alike = not known.repaired or known.plan.job.repair_slides == box.job.repair_slides

@@ -312,7 +312,7 @@ def boundary_in_file(pieces: Pieces, nodes: IntArray) -> IntArray:
 
 
 def _inner(task: CellScan, border: Mesh, between: BoolArray) -> set[str]:
-    """Return the patches whose faces were all seen in two cells; `between` (F,) says so of the task's faces."""
+    """Return the patches whose faces all lie between two cells; `between` (F,) is a mask over the task's faces."""
     known, keys = task.faces[between], node_keys(len(border.points))
     some = [patch for patch in border.patches if len(patch) and not len(patch.loose)] if len(known) else []
     return {patch.name for patch in some if np.isin(patch_keys(patch, keys), known).all()}
@@ -445,7 +445,7 @@ def _refuse_loose(mesh: MeshOnDisk, task: CellScan, missing: Keys) -> None:
 def _block(shape: str, scanned: Sequence[CellsFound], nodes: IntArray) -> tuple[Volume, IntArray]:
     """Return the affected cells of a block in the numbering of the submesh, and their rows in the whole mesh.
 
-    Touched polyhedra come with their neighbours, and these with neighbours that lack some faces.
+    Affected polyhedra come with their neighbours, and these with neighbours that lack some faces.
     """
     some = [piece.cells for piece in scanned if isinstance(piece.cells, SomePolyhedra)]
     if some:

@@ -1,1 +1,1 @@
-"""Mesh files of the formats that CFD people have: SU2, CGNS, Gmsh, TAU, VTK, OpenFOAM and what meshio adds."""
+"""Readers and writers of mesh files: SU2, CGNS, Gmsh, TAU, VTK, OpenFOAM and what meshio adds."""

@@ -1,4 +1,4 @@
-"""Meshes of other libraries: their conversion to ours, and the return of moved points."""
+"""Conversion of other libraries' meshes to `Mesh`, and of moved points back."""
 
 from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import replace
@@ -23,7 +23,7 @@ VTK_SHAPES = {kind: shape for shape, kind in TYPES.items()}
 
 
 class Accepted(NamedTuple):
-    """A mesh as ours, and the function that returns the caller's kind of mesh for new points (N, 3)."""
+    """A mesh as a `Mesh`, and a function that returns the caller's type of mesh for new points (N, 3)."""
 
     mesh: Mesh
     with_points: Callable[[FloatArray], Any]
@@ -52,7 +52,7 @@ def accept(mesh: Any) -> Accepted:
 
 
 def _check(mesh: Mesh) -> Mesh:
-    """Return the mesh with the corners of its patches' faces in order; InputError for a mesh without a patch."""
+    """Return the mesh with crossed faces of its patches put right; InputError for a mesh without a patch."""
     if not mesh.patches:
         raise InputError(f"{mesh.name} has no named patch, so no surface to move")
     patches, notes = corners_in_order(mesh.patches, mesh.points)
@@ -81,7 +81,7 @@ def _of_meshio(mesh: Any) -> Accepted:
 
 
 def _kinds(shapes: Set[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the shapes of cells and of faces; without volume cells the mesh is plane."""
+    """Return the shapes that count as cells and as faces; without volume cells the mesh is plane."""
     return (VOLUMES, PLANE) if shapes & {*VOLUMES} else (PLANE, ("line",))
 
 

@@ -1,6 +1,6 @@
 """CGNS meshes (.cgns) in HDF5, of unstructured zones and of blocks (structured zones).
 
-CGNS files in HDF5 read in pieces: one unstructured zone of cells of one shape a section, stored as they are.
+They are read in pieces if they have one unstructured zone, whose sections have one shape each and are not packed.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def in_pieces(path: Path, file: Any) -> MeshOnDisk | None:
 
 
 def _points(path: Path, base: Base, zone: str, count: int) -> tuple[PointRange, ...]:
-    """Return where the coordinates of a zone are; an empty result if some are packed, or if two axes share an array."""
+    """Return where the coordinates of a zone stand; empty if some are packed, or if two axes share an array."""
     axes = coordinate_data(base, zone)
     places = [axis.id.get_offset() for axis in axes]
     if not all(places) or len(set(places)) < len(axes):
@@ -79,7 +79,7 @@ def _points(path: Path, base: Base, zone: str, count: int) -> tuple[PointRange, 
 
 
 def _cells(path: Path, found: Sequence[ElementSection]) -> tuple[CellTable, ...]:
-    """Return where the cells of all sections are; an empty result if some are packed, mixed or polyhedra."""
+    """Return where the cells of all sections stand; empty if some are packed, mixed or polyhedra."""
     if any(_is_mixed(section) for section in found):
         return ()
     cells = []
@@ -101,7 +101,7 @@ def _is_mixed(section: ElementSection) -> bool:
 
 
 def _table(path: Path, section: ElementSection) -> FileTable | None:
-    """Return the nodes of a section; None if they are packed."""
+    """Return the table of a section's nodes; None if they are packed."""
     stored, size = data(child(section.node, "ElementConnectivity")), SIZES[section.kind]
     if stored.dtype.kind not in "iu" or stored.size != size * len(section):
         raise MeshFileError(
@@ -168,12 +168,12 @@ class Cgns(Format):
 
 
 class _Kept(io.FileIO):
-    """A file that accepts every write of HDF5 and keeps the first error: HDF5 crashes on errors while it closes."""
+    """A file that reports its first write error at the end, because HDF5 crashes on errors while it closes."""
 
     error: OSError | None = None
 
     def write(self, data: Buffer, /) -> int:
-        """Write all of the data, or keep the error that prevents it."""
+        """Write all of the data; an error is stored."""
         left = memoryview(data).cast("B")
         size = len(left)
         with self._keeping():
@@ -182,7 +182,7 @@ class _Kept(io.FileIO):
         return size
 
     def truncate(self, size: int | None = None, /) -> int:
-        """Set the size of the file, or keep the error that prevents it."""
+        """Set the size of the file; an error is stored."""
         with self._keeping():
             super().truncate(size)
         return self.tell() if size is None else size

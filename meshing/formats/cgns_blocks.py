@@ -1,8 +1,8 @@
 """Blocks of a CGNS file: structured zones, their cells and the faces that conditions and interfaces name.
 
-A block has size[d] points along axis d, the first axis fastest. Its faces lie in planes of its grid: all those that
-have one number along an axis. A block with one point along one of three axes is plane; that axis is none of its `wide`
-ones. SIDS, sections 6.3 (Zone_t), 8.2 (GridConnectivity1to1_t) and 9.3 (BC_t).
+A block has size[d] points along axis d; points are stored with the first axis fastest. Its faces lie in planes of the
+grid, on which one index is constant. A block with one point along one of three axes is plane; the other axes are
+`wide`. SIDS, sections 6.3 (Zone_t), 8.2 (GridConnectivity1to1_t) and 9.3 (BC_t).
 """
 
 from collections.abc import Iterator, Sequence
@@ -38,7 +38,7 @@ Sides = dict[tuple[int, int], BoolArray]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlockFace:
-    """Faces `rows` (R,) of the plane of points with the number `at` along `axis`; the first other axis is fastest."""
+    """Faces `rows` (R,) of the plane whose index along `axis` is `at`; of the other axes the first is fastest."""
 
     axis: int
     at: int
@@ -46,7 +46,7 @@ class BlockFace:
 
 
 def size_of(zone: Any, dimensions: int) -> Size:
-    """Return the points of a block along each axis; MeshFileError if it has no cells, or its sizes are damaged."""
+    """Return the number of points along each axis; MeshFileError if the block has no cells or its sizes are damaged."""
     sizes = integers(zone).tolist()
     if len(sizes) != 3 * dimensions or min(sizes[:dimensions]) < 0:
         raise MeshFileError(f"its size {sizes} does not fit {dimensions} axes; the file is damaged")
@@ -62,7 +62,7 @@ def no_cells(size: Size) -> MeshFileError:
 
 
 def wide(size: Size) -> list[int]:
-    """Return the axes along which a block has several points."""
+    """Return the axes along which a block has two points or more."""
     return [axis for axis, n in enumerate(size) if n != 1]
 
 
@@ -156,7 +156,7 @@ def donors_of(
 
 
 def faces_at(begin: Indices, end: Indices, where: str, size: Size) -> IntArray:
-    """Return the points (K,) of the faces (``FaceCenter``, ``CellCenter``, ...) from `begin` to `end`; some repeat."""
+    """Return the points (K,), some repeated, of the faces (``FaceCenter``, ...) from `begin` to `end`."""
     planes = _plane_of_range(begin, end, where, size)
     return np.concatenate([np.empty(0, dtype=np.intp), *(faces(size, plane, False).nodes.ravel() for plane in planes)])
 
@@ -220,7 +220,7 @@ def _plane_of_range(
 
 
 def _face_axis(low: IntArray, high: IntArray, where: str, size: Size) -> tuple[int, int] | None:
-    """Axis and number of the plane of a range of faces or boundary cells; None for a range of points."""
+    """Return axis and index of the plane of a range of faces or boundary cells; None for a range of points."""
     if where == "Vertex":
         return None
     axes = [axis for axis in wide(size) if LOCATIONS.get(where, axis) == axis]
@@ -229,7 +229,7 @@ def _face_axis(low: IntArray, high: IntArray, where: str, size: Size) -> tuple[i
 
 
 def _across(axis: int, low: IntArray, high: IntArray, where: str, size: Size) -> tuple[bool, int, int] | None:
-    """Return whether a range is only a part of its plane, the plane's axis and its number; None without a plane."""
+    """Return whether a range covers only a part of its plane, with the plane's axis and index; None without a plane."""
     last = size[axis] - (2 if where == "CellCenter" else 1)
     others = _others(size, axis)
     outer = low[axis] in (0, last) or where in LOCATIONS
@@ -278,7 +278,7 @@ def _count(begin: int, end: int) -> IntArray:
 
 
 def _faces_along(size: Size, axis: int) -> Size:
-    """Return the number of faces along the other axes in a plane."""
+    """Return the number of faces in a plane along each of its two axes."""
     return tuple(size[d] - 1 for d in _others(size, axis))
 
 
@@ -287,12 +287,12 @@ def _others(size: Size, axis: int) -> list[int]:
 
 
 def strides(size: Size) -> IntArray:
-    """Return the difference in number between neighbouring points along each axis."""
+    """Return by how much the numbers of neighbouring points along each axis differ."""
     return np.concatenate([[1], np.cumprod(size[:-1])]).astype(np.intp)
 
 
 def _steps(size: Size, axes: Sequence[int]) -> IntArray:
-    """Return the numbers of the corners of a cell, or of a face along these axes, from that of its first corner."""
+    """Return the offsets of the corners of a cell, or of a face along these axes, from its first corner."""
     corners = CORNERS[len(axes)] if len(axes) > 1 else ((0,), (1,))
     return np.array(corners, dtype=np.intp) @ strides(size)[list(axes)]
 

@@ -27,14 +27,14 @@ SHOWN = 20
 
 
 class NoFacesError(MeshFileError):
-    """A boundary condition has no faces; its patch is complete without it."""
+    """A boundary condition has no faces, so its patch lacks nothing without it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """What could not be read of a zone, and why.
+    """Something of a zone that could not be read, and why.
 
-    `patch` is the one that lacks faces because of it, which may be a family's; empty if none does.
+    `patch` is the patch that lacks faces because of it, perhaps a family's; empty if none does.
     """
 
     patch: str
@@ -46,7 +46,7 @@ class Fault:
 class BoundaryCondition:
     """A boundary condition: the numbers (K,) of its faces, or of its points where it is given by points.
 
-    `of_family` says whether its patch bears the name of a family.
+    `of_family` is True if its patch has the name of a family.
     """
 
     name: str
@@ -59,7 +59,7 @@ class BoundaryCondition:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NumberedFaces:
-    """Faces and their numbers (M,) in the file; the section where they are by themselves; whether they are outside."""
+    """Faces, their numbers (M,) in the file, their section if it has no cells, and whether they are on the outside."""
 
     section: str | None
     faces: Cells | Polygons
@@ -117,7 +117,7 @@ def _by_patch(
 
 
 def _conditions(base: Any, zone: Any, faults: list[Fault], sizes: tuple[int, int, int]) -> list[BoundaryCondition]:
-    """Return the conditions of a zone with faces; `sizes`: the last element's number, the points, the dimension."""
+    """Return the conditions of a zone with faces; `sizes` are last element's number, number of points and dimension."""
     found: list[BoundaryCondition] = []
     for name, node, patch, of_family in named_conditions(base, zone, faults, always=False):
         with as_faults(faults, name, patch, of_family):
@@ -148,7 +148,7 @@ def as_faults(faults: list[Fault], name: str, patch: str, of_family: bool = Fals
 
 
 def place_of(node: Any) -> str:
-    """Return the one of `PLACES` that lists a boundary condition's points or faces; MeshFileError without one."""
+    """Return the name, from `PLACES`, of the node with a condition's points or faces; MeshFileError without one."""
     for place in PLACES:
         if has(node, place):
             return place
@@ -156,14 +156,14 @@ def place_of(node: Any) -> str:
 
 
 def check_range(begin: Sequence[int], end: Sequence[int], most: Sequence[int]) -> None:
-    """Refuse an empty range outside 1 to `most` (`NoFacesError`): it ends right before it begins."""
+    """Raise NoFacesError for an empty range, which ends right before it begins, outside 1 to `most`."""
     for a, b, n in zip(begin, end, most, strict=True):
         if a - b == 1 and not 1 <= b < a <= n:
             raise NoFacesError(f"its range {_list_of(begin)} to {_list_of(end)} holds nothing")
 
 
 def without(patches: Sequence[Patch], absent: Container[str]) -> tuple[Patch, ...]:
-    """Return the patches, joined by name; patches that lack faces get another name."""
+    """Return the patches joined by name; patches that lack faces are renamed."""
     faces: dict[str, list[Any]] = {}
     named = [replace(one, name=PART.format(one.name)) if one.name in absent else one for one in patches]
     for patch in named:
@@ -173,7 +173,7 @@ def without(patches: Sequence[Patch], absent: Container[str]) -> tuple[Patch, ..
 
 
 def notes_of(faults: Mapping[str, Sequence[Fault]]) -> tuple[str, ...]:
-    """Return a sentence for each patch that is absent, and for all else that could not be read, by zones' names."""
+    """Return a sentence for each absent patch and for all else that could not be read; zones are named."""
     absent: dict[str, list[str]] = {}
     notes = []
     for zone, own in faults.items():
@@ -199,7 +199,7 @@ def location(node: Any) -> str:
 def patch_name(base: Any, name: str, node: Any, always: bool = False) -> tuple[str, bool]:
     """Return the patch that a boundary condition belongs to, and whether that is its family.
 
-    It is if the condition is specified by its family, or if it names one at all where that should `always` do.
+    The family counts if the condition is specified by it; with `always` it is enough that the condition names it.
     """
     if not has(node, "FamilyName") or not (always or text(node) == "FamilySpecified"):
         return name, False

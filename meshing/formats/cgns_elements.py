@@ -1,4 +1,4 @@
-"""Element sections of a CGNS zone: one shape each, mixed, or polyhedra by their faces."""
+"""Element sections of a CGNS zone: of one shape, mixed, or of polyhedra given by their faces."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -40,7 +40,7 @@ class ElementSection:
 
 
 def sections(zone: Any) -> list[ElementSection]:
-    """Return the sections of a zone by their elements' numbers; MeshFileError for damaged ones and other elements."""
+    """Return the sections of a zone in the order of their elements' numbers; MeshFileError if damaged or not linear."""
     found = []
     for name, node in children(zone, "Elements_t"):
         head, bounds = integers(node).tolist(), integers(child(node, "ElementRange")).tolist()
@@ -61,7 +61,7 @@ def sections(zone: Any) -> list[ElementSection]:
 
 
 def blocks(section: ElementSection, points: int, dimension: int) -> Iterator[tuple[Cells, IntArray]]:
-    """Yield the elements of a section by shape, as shapes first appear, and the numbers (M,) of faces (of cells: none).
+    """Yield the elements of a section shape by shape, with the numbers (M,) of faces; cells have no numbers.
 
     Elements of fewer dimensions than the faces of cells of that `dimension` are left out. MeshFileError if the section
     is damaged, names points beyond the `points` of the zone, or holds cells of more dimensions.
@@ -98,8 +98,8 @@ def connectivity(section: ElementSection) -> IntArray:
 def starts(section: ElementSection, stored: IntArray, sizes: dict[int, int] | None) -> IntArray:
     """Return where each element begins in the stored connectivity, and where the last one ends: (M + 1,).
 
-    Files of CGNS before 3.4 hold no offsets: there each element is headed by its kind, of `sizes` nodes, or by its own
-    size where `sizes` is None. MeshFileError if offsets do not fit the connectivity.
+    CGNS before 3.4 stores no offsets: there each element begins with its kind, of `sizes` nodes, or with its own size
+    if `sizes` is None. MeshFileError if offsets do not fit the connectivity.
     """
     if has(section.node, "ElementStartOffset"):
         offsets = integers(child(section.node, "ElementStartOffset"))
@@ -140,7 +140,7 @@ def _mixed_elements(section: ElementSection, points: int) -> Iterator[tuple[Cell
 def _block(
     section: ElementSection, kind: int, nodes: IntArray, rows: IntArray | slice, points: int
 ) -> tuple[Cells, IntArray]:
-    """Elements with their nodes counted from 0 in VTK's order; `nodes` is overwritten."""
+    """Return elements with nodes counted from 0 in VTK's order; `nodes` is overwritten."""
     if bad := np.count_nonzero(((nodes < 1) | (nodes > points)).any(axis=1)):
         raise MeshFileError(
             f"section {section.name}: {bad} {SHAPES[kind]} elements name points that are not among the {points}"
@@ -187,7 +187,7 @@ def _faces(surfaces: Sequence[ElementSection], points: int) -> Polygons:
 
 
 def _split(section: ElementSection) -> tuple[IntArray, IntArray]:
-    """Connectivity without the sizes that old files put before each element, and offsets (M + 1,)."""
+    """Return the connectivity without the sizes that old files store before each element, and offsets (M + 1,)."""
     stored = connectivity(section)
     offsets = starts(section, stored, None)
     if has(section.node, "ElementStartOffset"):
@@ -210,7 +210,7 @@ def _sides_by_cell(cells: Sequence[ElementSection], numbers: IntArray) -> Sides:
 
 
 def _sides_of(row: IntArray, cell: IntArray, inward: BoolArray, faces: int) -> Sides:
-    """Owner and neighbour of each face from (face, cell) pairs; the owner is the cell that the normal leaves."""
+    """Return the owner and neighbour of each face from (face, cell) pairs; the normal points out of the owner."""
     order = np.lexsort((inward, row))
     row, cell, inward = row[order], cell[order], inward[order]
     count = np.bincount(row, minlength=faces)
@@ -225,7 +225,7 @@ def _sides_of(row: IntArray, cell: IntArray, inward: BoolArray, faces: int) -> S
 
 
 def _sides_by_face(surfaces: Sequence[ElementSection]) -> Sides:
-    """Read the two cells of each face, from the first of which its normal points to the second."""
+    """Read the two cells of each face; its normal points from the first to the second."""
     stored = [integers(child(section.node, "ParentElements")) for section in surfaces]
     fit = all(len(own) == 2 * len(section) for section, own in zip(surfaces, stored, strict=True))
     parents = np.concatenate([own.reshape(2, -1) for own in stored], axis=1) if fit else np.empty((2, 0), dtype=np.intp)

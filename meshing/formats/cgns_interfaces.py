@@ -1,9 +1,8 @@
-"""Interfaces of a CGNS file: which points of a zone lie on which of another, or of itself. SIDS, section 8.
+"""Interfaces of a CGNS file (SIDS, section 8): points of a zone that lie on points of another zone or of itself.
 
-Periodic interfaces of a CGNS file: the motion to the other zone, and the points that are images. SIDS, section 8.5.
-
-Files have the motion in single precision, and some writers count angles in degrees, or backward, without saying so. So
-it only serves to find images that the file does not list, by whichever reading of it all points have one.
+Periodic interfaces (section 8.5) have a motion, and pairs of points that are images by it. Files store the motion in
+single precision; some have angles in degrees, or backward, without saying so. So the motion only serves to find images
+that the file does not list: of the possible readings, the one by which all points have an image.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -38,7 +37,7 @@ LABELS = ("GridConnectivity1to1_t", "GridConnectivity_t")
 def motions(node: Any) -> tuple[RigidMotion, ...] | None:
     """Return the possible motions to the other zone; None if the interface is not periodic.
 
-    MeshFileError if its vectors are none.
+    MeshFileError if it lacks three numbers for a vector.
     """
     for _, own in children(node, PROPERTY):
         for _, periodic in children(own, PERIODIC):
@@ -49,7 +48,7 @@ def motions(node: Any) -> tuple[RigidMotion, ...] | None:
 def images(
     own: FloatArray, other: FloatArray, nodes: IntArray, found: tuple[RigidMotion, ...], tree: Callable[[], cKDTree]
 ) -> IntArray | None:
-    """Return rows (K, 2): nodes of a zone with points (N, 3), and their images in another one (M, 3), by its `tree`.
+    """Return pairs (K, 2): nodes of a zone with points (N, 3), and their images (M, 3) in another zone with a `tree`.
 
     None if no motion leads every node to an image.
     """
@@ -62,7 +61,7 @@ def images(
 
 
 def write_pairs(zone: Any, name: str, mesh: Mesh, kind: Integer, axes: int) -> None:
-    """Write the periodic pairs of a zone with so many coordinates, each from either side."""
+    """Write the periodic pairs of a zone, each from both sides; vectors have one number per coordinate."""
     pairs = pairs_to_write(mesh)
     group = create(zone, "ZoneGridConnectivity", "ZoneGridConnectivity_t") if pairs else None
     for i, pair in enumerate(pairs, 1):
@@ -80,7 +79,7 @@ def write_pairs(zone: Any, name: str, mesh: Mesh, kind: Integer, axes: int) -> N
 
 
 def _vector(periodic: Any, name: str) -> FloatArray:
-    """Return a vector (3,), zero if it is not there; those of a plane mesh have two numbers."""
+    """Return a vector (3,), zero if it is absent; vectors of a plane mesh have two numbers."""
     if not has(periodic, name):
         return np.zeros(3)
     stored = reals(child(periodic, name))
@@ -99,7 +98,7 @@ def _readings(centre: FloatArray, angle: FloatArray, shift: FloatArray) -> Itera
 
 
 def _vectors(pair: Periodic) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return centre and angles (in radians) of the rotation, and the translation after it, which is along its axis."""
+    """Return centre and angles (radians) of the rotation, and the translation that follows it."""
     angles = Rotation.from_matrix(pair.rotation).as_euler("xyz")
     part = np.eye(3) - pair.rotation
     centre = np.asarray(np.linalg.lstsq(part, pair.shift, rcond=1e-9)[0])
@@ -112,13 +111,13 @@ class Interface:
 
     Parameters
     ----------
-    name, donor : its own, and the other zone's.
-    nodes : (K,) its points, in the zone's own numbers.
+    name, donor : names of the interface and of the other zone.
+    nodes : (K,) points of the interface, as numbers within the zone.
     partners : (K,) the points of the other zone that they lie on, or that are their images; None if the file does not
         pair them.
     matching : whether the file says that every point lies on one of the other zone; else the two may only touch along a
         surface.
-    motions : of a periodic one, what may lead to the other zone; None if it is not periodic.
+    motions : possible motions to the other zone; None if the interface is not periodic.
     """
 
     name: str
@@ -137,13 +136,13 @@ class Interface:
 def interfaces(
     zone: Any, name: str, sizes: Mapping[str, Size], faces: Sequence[NumberedFaces]
 ) -> tuple[list[Interface], list[Fault]]:
-    """Return the interfaces of a zone that touch another one, and those that could not be read.
+    """Return the interfaces where a zone touches another, and those that could not be read.
 
-    Overlapping ones are none.
+    Overlapping interfaces are left out.
 
     Parameters
     ----------
-    sizes : Points of each zone by name: along each axis of a block, all of them of an unstructured zone.
+    sizes : By zone, the number of points along each axis of a block, or of all points of an unstructured zone.
     faces : Faces of an unstructured zone by their numbers.
 
     Raises InputError if they name too many points for the file.
@@ -166,10 +165,10 @@ def interfaces(
 
 
 def pairs(own: FloatArray, other: FloatArray, interface: Interface, tree: Callable[[], cKDTree]) -> IntArray | None:
-    """Return rows (K, 2): points of a zone (N, 3), and those of the other zone (M, 3) that they lie on.
+    """Return pairs (K, 2): points of a zone (N, 3), and the points of the other zone (M, 3) on which they lie.
 
-    Where the file does not pair them, or not with those they lie on, that is the nearest one, by the other zone's
-    `tree`. None if any lies elsewhere: the interface is periodic, or the zones only touch.
+    Where the file lists no pair, or a wrong one, the nearest point counts, from the other zone's `tree`. None if a
+    point lies on no other: the interface is periodic, or the zones only touch.
     """
     here = own[interface.nodes]
     distance = np.linalg.norm(here, axis=1)
@@ -184,9 +183,9 @@ def pairs(own: FloatArray, other: FloatArray, interface: Interface, tree: Callab
 def periodic_pairs(
     own: FloatArray, other: FloatArray, interface: Interface, tree: Callable[[], cKDTree]
 ) -> IntArray | None:
-    """Return rows (K, 2): points of a zone (N, 3), and those of the other zone (M, 3) that are their images.
+    """Return pairs (K, 2): points of a zone (N, 3), and their images in the other zone (M, 3).
 
-    None if some have no image, neither in the file's list nor by its motion.
+    None if a point has no image, neither in the file's list nor by its motion.
     """
     nodes, partners = interface.nodes, interface.partners
     if partners is not None and len(partners) == len(nodes):
@@ -197,7 +196,7 @@ def periodic_pairs(
 def meeting(points: FloatArray, faces: IntArray) -> IntArray:
     """Return pairs (K, 2) of points of faces (F, k) that coincide to the bit, where two faces meet.
 
-    Places of three or more faces, and faces with fewer than k places, are left out.
+    Faces with fewer than k distinct places, and places that three or more faces share, are left out.
     """
     nodes, own = np.unique(faces, return_inverse=True)
     _, place = np.unique(points[nodes] + 0.0, axis=0, return_inverse=True)  # -0.0 is 0.0

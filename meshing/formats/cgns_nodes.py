@@ -23,7 +23,7 @@ AXES = ("CoordinateX", "CoordinateY", "CoordinateZ")
 
 
 def children(node: Any, label: str) -> Iterator[tuple[str, Any]]:
-    """Yield name and group of each child with that label, in the order of making; MeshFileError for links of HDF5."""
+    """Yield name and group of each child with that label, in order of creation; MeshFileError for links of HDF5."""
     for name in _names(node):
         child = _own(node, name)
         if isinstance(child, h5py.Group) and label_of(child) == label:
@@ -44,15 +44,14 @@ def has(node: Any, name: str) -> bool:
 
 
 def label_of(node: Any) -> str:
-    """What a node is, by the SIDS: ``Zone_t``, ``BC_t``."""
+    """Return the label of a node by the SIDS, such as ``Zone_t`` or ``BC_t``."""
     return _attribute(node, "label")
 
 
 def data(node: Any) -> Any:
     """Return the dataset of a node.
 
-    MeshFileError if the node has none, or they are elsewhere: by a link, in an external file, in other datasets; or if
-    they would take more memory than data of this file should.
+    MeshFileError if it is absent, a link, stored in another file or dataset, or much larger than the file.
     """
     name = node.name.strip("/")
     found = _own(node, DATA)
@@ -65,7 +64,7 @@ def data(node: Any) -> Any:
 
 
 def check_taken(node: Any, size: int, what: str) -> None:
-    """Refuse (InputError) `size` bytes of memory if they are too many for the node's file."""
+    """Raise InputError if data of `size` bytes are too large for a file as long as the node's."""
     check_unpacked(size, node.file.id.get_filesize(), what)
 
 
@@ -114,7 +113,7 @@ def create_sized(parent: Any, name: str, size: int, kind: type[np.generic]) -> A
 
 
 def node_names(names: Iterable[str], taken: Container[str]) -> list[str]:
-    """Names that nodes can have (32 bytes, no slash or null), distinct from one another and from those taken."""
+    """Return valid names of nodes (32 bytes, no slash or null), distinct from one another and from the names taken."""
     found: list[str] = []
     for name in names:
         plain = name.replace("/", "_").replace("\0", "_").strip(" .")

@@ -45,9 +45,9 @@ class Base:
     ----------
     node : its node.
     zones : its zones by name, in the file's order.
-    sizes : by name, the points along each axis of a block, or all points of an unstructured zone.
-    dimension : that of the cells: 2 for blocks with one point along one of three axes, too.
-    axes : names of the coordinates in the order of the mesh's; in a plane mesh those of its plane come first.
+    sizes : by zone, the number of points along each axis of a block, or of all points of an unstructured zone.
+    dimension : dimension of the cells; 2 also for blocks with one point along one of three axes.
+    axes : names of the coordinates in the mesh's order; in a plane mesh the two in its plane come first.
     """
 
     node: Any = field(repr=False)
@@ -123,7 +123,7 @@ def _only_base(file: Any) -> tuple[Any, tuple[int, int]]:
 
 
 def coordinates_beside(file: Any, base: Base) -> tuple[str, ...]:
-    """Return warnings of coordinates that stay as they are: of other bases, and of other times in the zones."""
+    """Return warnings about coordinates that do not move: those of other bases, and of other times in the zones."""
     own = base.node.name.strip("/")
     zones = {f"base {name}": children(one, "Zone_t") for name, one in children(file, "CGNSBase_t") if name != own}
     others = [name for name, those in zones.items() if any(any(children(zone, GRID)) for _, zone in those)]

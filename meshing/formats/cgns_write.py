@@ -37,7 +37,7 @@ ELEMENTS = {shape: kind for kind, shape in SHAPES.items()}
 
 
 def write_base(file: Any, mesh: Mesh, report: Callable[[float], None]) -> tuple[str, ...]:
-    """Write a mesh to an empty file, and return a sentence for each thing that the file holds otherwise.
+    """Write a mesh to an empty file; return a sentence for each thing that differs in the file.
 
     MeshFileError if a zone has polyhedra beside other cells.
     """
@@ -86,7 +86,7 @@ def _write_family(base: Any, name: str, plane: bool) -> None:
 
 
 def write_root(file: Any) -> None:
-    """Write what an empty file in HDF5 needs to be one of CGNS."""
+    """Write the nodes that make an empty HDF5 file a CGNS file."""
     describe(file, "HDF5 MotherNode", "Root Node of HDF5 File", "MT")
     library = "HDF5 Version " + ".".join(map(str, h5py.h5.get_libversion()))
     for name, letters, length in ((" format", "IEEE_LITTLE_32", 15), (" hdf5version", library, 33)):
@@ -137,9 +137,9 @@ def _write_condition(conditions: Any, family: str, numbers: IntArray, where: str
 def write_shapes(zone: Any, mesh: Mesh, names: Mapping[str, str], kind: Integer) -> dict[str, IntArray]:
     """Write cells and boundary faces, and return the numbers of each patch's faces.
 
-    There is a section for each block of cells, then one for each patch by the patch's name (`names` gives it as nodes
-    can have it), because some readers know the boundary by its sections alone; faces of a second shape follow in a
-    section of their own, because others cannot read mixed sections.
+    Each block of cells has a section, then each patch has one of its name (`names`: as a valid name of a node), because
+    some readers know the boundary by its sections alone. Faces of a second shape get another section, because other
+    readers know no mixed sections.
     """
     first = 1
     for block in mesh.cells:
@@ -159,7 +159,7 @@ def write_shapes(zone: Any, mesh: Mesh, names: Mapping[str, str], kind: Integer)
 def write_polyhedra(zone: Any, mesh: Mesh, cells: Polyhedra, kind: Integer) -> dict[str, IntArray]:
     """Write all faces and the cells by their faces; return the numbers of each patch's faces.
 
-    MeshFileError if a patch has faces that are of no cell.
+    MeshFileError if a face of a patch belongs to no cell.
     """
     faces = len(cells.faces)
     _write_polygons(zone, "faces", NGON, 1, Polygons(cells.faces.nodes + 1, cells.faces.offsets), kind)

@@ -1,8 +1,7 @@
-"""Zones that fit together point by point, as one mesh with one point at each place.
+"""Zones that fit together point by point, joined to one mesh with one point at each place.
 
-Hexahedra and quads some of whose corners are one point, as the cells and faces that they are.
-
-Structured grids have them at singular lines and points: round an axis, at a wing tip, at a sharp edge.
+Structured grids have collapsed hexahedra and quads at singular lines and points: around an axis, at a wing tip, at a
+sharp edge. These become the wedges, pyramids, tetrahedra and triangles that they are.
 """
 
 from collections import Counter
@@ -38,7 +37,7 @@ FORMS = (
 
 
 def _turns() -> IntArray:
-    """The 24 orders of a hexahedron's corners that turning it brings about."""
+    """Return the 24 orders of a hexahedron's corners by rotations."""
     found = []
     for axes, signs in product(permutations(range(3)), product((1, -1), repeat=3)):
         turn = np.zeros((3, 3), dtype=np.intp)
@@ -53,9 +52,9 @@ TURNS = _turns()
 
 
 def true_shapes(block: Cells) -> Iterator[Cells]:
-    """Yield hexahedra or quads as blocks of their true shapes; those with distinct corners come first.
+    """Yield hexahedra or quads as blocks of their true shapes; cells with distinct corners come first.
 
-    Hexahedra of seven distinct corners stay; quads of two or one are left out.
+    Hexahedra with seven distinct corners stay as they are; quads with two or one are left out.
     """
     if block.shape not in ("hexahedron", "quad"):
         yield block
@@ -70,7 +69,7 @@ def true_shapes(block: Cells) -> Iterator[Cells]:
 
 
 def simple(blocks: Iterable[Block]) -> Iterator[Block | Cells]:
-    """Yield blocks of cells or faces, those with repeated corners as the shapes that they are."""
+    """Yield blocks of cells or faces; those with repeated corners get their true shapes."""
     for block in blocks:
         yield from true_shapes(block) if isinstance(block, Cells) else (block,)
 
@@ -107,7 +106,7 @@ class ZoneMesh:
     name : the zone's.
     mesh : its points, counted from 0, cells and patches.
     families : names of patches that mean the same in all zones.
-    block : whether it is a structured one, whose cells and faces may be collapsed.
+    block : whether the zone is structured, so that cells and faces may be collapsed.
     """
 
     name: str
@@ -122,9 +121,9 @@ class Fitted:
 
     Parameters
     ----------
-    mesh : all of them; zones that touch are one zone, which knows them as its blocks.
-    index : (F,) the point of the mesh that each point of the file is, zone after zone.
-    first : (N,) the first point of the file at each point of the mesh.
+    mesh : the joined mesh; zones that touch are one zone, with the zones of the file as its blocks.
+    index : (F,) point of the mesh for each point of the file, zone after zone.
+    first : (N,) first point of the file at each point of the mesh.
     """
 
     mesh: Mesh
@@ -133,15 +132,15 @@ class Fitted:
 
 
 def fit_zones(parts: Sequence[ZoneMesh], touching: Iterable[tuple[int, int]], same: Sequence[IntArray]) -> Fitted:
-    """Put zones together, those that touch beside one another in the order of the first of them.
+    """Join zones to one mesh; zones that touch stand together, at the place of their first.
 
-    Cells and faces of blocks become what they are where some of their corners are one point. A patch keeps its name
-    where no other zone has one of that name, and where it is a family of all touching zones that have it. Otherwise it
-    is ``"zone/patch"``. Faces that lie between two cells are taken from patches.
+    Collapsed cells and faces of blocks get their true shapes. A patch keeps its name if no other zone has a patch of
+    that name, or if it is a family in all touching zones that have it. Otherwise it is ``"zone/patch"``. Faces that lie
+    between two cells are taken from patches.
 
     Parameters
     ----------
-    touching : Pairs of zones, by their place in `parts`.
+    touching : Pairs of zones, as rows of `parts`.
     same : Rows (K, 2) of points that are one, counted through all zones.
     """
     if len(parts) == 1 and not parts[0].block and not same:
@@ -171,7 +170,7 @@ def fit_zones(parts: Sequence[ZoneMesh], touching: Iterable[tuple[int, int]], sa
 
 
 def _groups(count: int, touching: Iterable[tuple[int, int]]) -> list[list[int]]:
-    """Zones that touch, directly or by way of others, in the order of the first of each."""
+    """Return groups of zones that touch, directly or through others, in the order of their first zones."""
     pairs = np.array(list(touching), dtype=np.intp).reshape(-1, 2)
     label = _components(count, pairs)
     return [np.flatnonzero(label == one).tolist() for one in dict.fromkeys(label.tolist())]
@@ -200,7 +199,7 @@ def _components(count: int, pairs: IntArray) -> IntArray:
 
 
 def _common(groups: Sequence[Sequence[int]], parts: Sequence[ZoneMesh]) -> set[str]:
-    """Names of patches that occur in zones that do not touch."""
+    """Return the names of patches that occur in zones that do not touch."""
     names = [{patch.name for i in group for patch in parts[i].mesh.patches} for group in groups]
     count = Counter(name for own in names for name in own)
     return {name for name, groups_with in count.items() if groups_with > 1}
@@ -242,13 +241,13 @@ def _patches(parts: Sequence[ZoneMesh], numbers: Sequence[IntArray], common: Set
 
 
 def _without_collapsed(patch: Patch, index: IntArray) -> Iterator[Faces]:
-    """Yield the faces with their new points; a face whose points became one is of a simpler shape."""
+    """Yield the faces with their new points; a face with repeated points gets a simpler shape."""
     for faces in (renumber(faces, index) for faces in patch.faces):
         yield from true_shapes(faces) if isinstance(faces, Cells) else (faces,)
 
 
 def _separate_names(parts: Sequence[ZoneMesh]) -> set[str]:
-    """Return the names of patches of several zones that stay apart: they are not a family in all of them."""
+    """Return the names that several zones use for patches but that are not a family in all of them."""
     having = Counter(name for part in parts for name in part.mesh.names)
     families = Counter(name for part in parts for name in part.families.intersection(part.mesh.names))
     return {name for name, count in having.items() if count > max(1, families[name])}

@@ -1,4 +1,4 @@
-"""Where the coordinates of a mesh stand in its file, and copies of the file with others: all else stays."""
+"""Where the coordinates of a mesh stand in its file, and copies of the file with other coordinates; all else stays."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from .table_pieces import TablePieces
 
 
 class Coordinates(Protocol):
-    """Coordinates (N, 3) in a file, with a type of number; of several types the one with the fewest bits."""
+    """Coordinates (N, 3) in a file, and their type of number; of several types the one with the fewest bits."""
 
     @property
     def count(self) -> int:
@@ -59,14 +59,14 @@ class ByteColumns:
 
 @dataclass(frozen=True, slots=True)
 class Words:
-    """Coordinates that stand as words in a text; each that changed is written with as many digits as it needs.
+    """Coordinates that stand as words in a text; changed ones are written with as many digits as they need.
 
     Attributes
     ----------
     path : the file.
     count : number of nodes.
-    read : yields where each piece of the text of an open file begins, the piece, and the coordinates in it, node after
-        node; it reports the fraction read.
+    read : function that reads an open file piece by piece, and reports the fraction read. It yields the place where a
+        piece begins, its text, and the coordinates in it, node after node.
     dimension : number of coordinates of each node.
     """
 

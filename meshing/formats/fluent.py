@@ -47,10 +47,10 @@ KIND = "a mesh of this name"
 class Fluent(Format):
     """Polyhedra by their faces, in a plane triangles and quadrilaterals; patches are zones of faces, by name.
 
-    Both layouts are read: that of meshing, which has a section of each array for each zone, and that of the solver, one
-    for all. Zones of the interior are no patches; periodic zones are pairs with their shadows. Zones of cells, settings
-    and results are no part of the mesh; a rewritten file keeps them. Coordinates in single precision stay in single
-    precision. Faces of no cell, such as those of a geometry, are left out.
+    Both layouts are read: that of meshing, where each zone has its section of each array, and that of the solver, with
+    one section for all zones. Zones of the interior are no patches; periodic zones are pairs with their shadows. Zones
+    of cells, settings and results are no part of the mesh; a rewritten file keeps them. Coordinates in single precision
+    stay in single precision. Faces of no cell, such as those of a geometry, are left out.
     """
 
     name = "fluent"
@@ -80,7 +80,7 @@ class Fluent(Format):
 
 @dataclass(frozen=True, slots=True)
 class FluentSection:
-    """A part of an array: the numbers first to last, from 1, in a dataset or a group of datasets."""
+    """A part of an array: entries first to last, counted from 1, in a dataset or a group of datasets."""
 
     first: int
     last: int
@@ -93,7 +93,7 @@ class FluentSection:
 def coordinates(mesh: Any) -> list[FluentSection]:
     """Return the datasets (K, 3), or (K, 2), of the nodes' coordinates, in the order of the nodes.
 
-    MeshFileError if one is missing, or no such dataset.
+    MeshFileError if one is missing or has another shape.
     """
     sections = _sections(mesh, "nodes/coords", _count(mesh, "nodeCount"))
     for section in sections:
@@ -134,7 +134,7 @@ def read_mesh(mesh: Any, report: Callable[[float], None]) -> Mesh:
 
 
 def _group(file: Any) -> Any:
-    """The group of the mesh; MeshFileError for meshes that cannot be read."""
+    """Return the group of the mesh; MeshFileError for meshes that cannot be read."""
     mesh = member(file, MESH)
     if (dimension := number(mesh, "dimension")) not in (2, 3):
         raise MeshFileError(f"the mesh has {dimension} dimensions, expected 2 or 3; the file is damaged")
@@ -158,7 +158,7 @@ def _path(mesh: Any, section: FluentSection) -> str:
 
 
 def _sections(mesh: Any, path: str, count: int, gaps: bool = False) -> list[FluentSection]:
-    """Sections of an array, rising; MeshFileError if they overlap or do not hold the numbers 1 to `count`."""
+    """Return the sections of an array in order; MeshFileError unless they cover the entries 1 to `count` once."""
     sections, after = _by_number(member(mesh, path)), 1
     for section in sections:
         if section.first < after or (section.first > after and not gaps):
@@ -193,7 +193,7 @@ def _faces(mesh: Any) -> Polygons:
 
 
 def _cells(mesh: Any, name: str, faces: int) -> IntArray:
-    """The cell (F,) on one side of each face, counted from 1; 0 without a cell."""
+    """Return the cell (F,) on one side of each face, counted from 1; 0 without a cell."""
     cells = np.zeros(faces, dtype=np.intp)
     for section in _sections(mesh, f"faces/{name}", faces, gaps=True):
         values = integers(mesh, _path(mesh, section))
@@ -204,10 +204,10 @@ def _cells(mesh: Any, name: str, faces: int) -> IntArray:
 
 
 def _cells_within(points: FloatArray, faces: Polygons, c0: IntArray, c1: IntArray) -> tuple[Polyhedra, IntArray]:
-    """Cells, and the number in the file (from 0) of each of their faces; faces of no cell are left out.
+    """Return the cells, and the index in the file of each of their faces; faces of no cell are left out.
 
-    Normals point out of owners; lines have them on their left. In the file a face's normal points into c0, which a line
-    has on its left. As the manual says c1, and some programs follow it, the volume decides.
+    Normals point out of owners; a line has its owner on its left. In most files a face's normal points into the cell
+    c0; the manual says c1, and some programs follow it. The sign of the volume decides.
     """
     inner, outer = np.flatnonzero((c0 > 0) & (c1 > 0)), np.flatnonzero((c0 > 0) != (c1 > 0))
     rows = np.concatenate([inner, outer])
@@ -226,7 +226,7 @@ def _cells_within(points: FloatArray, faces: Polygons, c0: IntArray, c1: IntArra
 
 
 def _volume(points: FloatArray, boundary: Polygons, plane: bool) -> float:
-    """Volume, or area, within all boundary faces; positive if the cells are on their inner sides."""
+    """Return the volume, or area, within all boundary faces; positive if the cells are on their inner sides."""
     with np.errstate(all="ignore"):  # `Mesh` refuses coordinates that are not finite
         middle = points - points.mean(axis=0)
         if plane:
@@ -237,9 +237,9 @@ def _volume(points: FloatArray, boundary: Polygons, plane: bool) -> float:
 
 
 def plane_cells(points: FloatArray, cells: Polyhedra) -> tuple[Cells, ...]:
-    """Return plane cells that are given by their lines as triangles and quadrilaterals, in their order.
+    """Return plane cells, given by their lines, as triangles and quadrilaterals in the same order.
 
-    MeshFileError for cells of more than four sides, and such as are not closed.
+    MeshFileError for cells with more than four sides, and for open ones.
     """
     lines, cell = faces_by_cell(cells)
     sides = np.bincount(cell, minlength=len(cells))
@@ -261,7 +261,7 @@ def plane_cells(points: FloatArray, cells: Polyhedra) -> tuple[Cells, ...]:
 
 @dataclass(frozen=True, slots=True)
 class _FluentZone:
-    """A zone of faces first to last, from 1; `shadow` is the number of the zone of its images, or 0."""
+    """A zone of faces first to last, counted from 1; `shadow` is the number of the zone with their images, or 0."""
 
     name: str
     first: int
@@ -272,7 +272,7 @@ class _FluentZone:
 
 
 def _zones(mesh: Any, faces: int) -> list[_FluentZone]:
-    """Zones of boundary faces that are not empty."""
+    """Return the zones of boundary faces that are not empty."""
     zones = []
     for name, (begin, end, kind, zone, shadow) in _topology(member(mesh, "faces/zoneTopology")):
         if kind == INTERIOR or end < begin:
@@ -297,7 +297,7 @@ def _topology(topology: Any) -> "zip[tuple[str, list[int]]]":
 
 
 def _with_pairs(mesh: Mesh, zones: Sequence[_FluentZone]) -> Mesh:
-    """Return the mesh with its periodic zones as pairs with their shadows; the file has no motion, so it is sought."""
+    """Return the mesh with pairs of periodic zones and shadows; their motion is searched, as files have none."""
     patches = {patch.name: patch for patch in mesh.patches}
     periodic, shadows = ([zone for zone in zones if zone.kind == kind and zone.name in patches] for kind in TWINS)
     pairs, notes = [], []
@@ -315,7 +315,7 @@ def _with_pairs(mesh: Mesh, zones: Sequence[_FluentZone]) -> Mesh:
 def _pair(
     points: FloatArray, zone: _FluentZone, shadows: Sequence[_FluentZone], patches: Mapping[str, Patch]
 ) -> tuple[Periodic, _FluentZone]:
-    """Return a periodic zone's pair with its shadow, or else the first that is an image; InputError if none is."""
+    """Return a periodic zone's pair with its shadow, or with the first zone that fits; InputError if none fits."""
     named = [other for other in shadows if zone.number == other.shadow or other.number == zone.shadow]
     reason = InputError("there is no zone of its images")
     for other in named or shadows:

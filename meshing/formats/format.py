@@ -26,17 +26,17 @@ from .table_pieces import ROWS, TablePieces
 class Format:
     """Reads, rewrites and writes the files of one format.
 
-    A format says where the numbers of a file are (`layout`), and how a mesh is written (`write`). The rest follows, and
-    may be said otherwise where a file is no tables of numbers.
+    A format defines where the numbers of a file are (`layout`), and how a mesh is written (`write`). The rest follows;
+    formats without tables of numbers override it.
 
     Attributes
     ----------
-    name : what users call it, such as ``"su2"``; this and the next two stand in `REGISTERED`, too.
+    name : its name, such as ``"su2"``; `REGISTERED` repeats this and the next two.
     suffixes : the suffixes of its files, such as ``(".su2",)``.
-    written : whether a mesh from elsewhere can be written; files of the others are only rewritten.
+    written : whether a mesh from elsewhere can be written; else files can only be rewritten.
     folder : whether a mesh is a folder.
     zoned : whether a file can hold zones that do not fit together.
-    for_workers : the files of which other processes can read parts, in words; empty: none.
+    for_workers : describes the files of which other processes can read parts; empty if there are none.
     """
 
     name: ClassVar[str] = ""
@@ -47,13 +47,13 @@ class Format:
     for_workers: ClassVar[str] = ""
 
     def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshOnDisk | None:
-        """Return a mesh of which the boundary is read, and where its points and cells are.
+        """Return a mesh whose boundary is read, and the places of its points and cells in the file.
 
         Parameters
         ----------
         path : The file.
-        scratch : An empty folder: the mesh may be larger than memory, and numbers that stand in the file as text go to
-            tables in this folder. None: they may be in memory.
+        scratch : An empty folder for tables of the numbers that stand in the file as text, because the mesh may be
+            larger than memory. None: these tables may be in memory.
         progress : Called with what is being done.
 
         Returns None where the file must be read as a whole. MeshFileError if it is damaged.
@@ -61,14 +61,14 @@ class Format:
         return None
 
     def coordinates(self, path: Path) -> Coordinates:
-        """Return where the coordinates are; reads less than `layout` where possible."""
+        """Return where the coordinates are in the file; reads less than `layout` where possible."""
         mesh = self.layout(path)
         assert mesh is not None
         assert isinstance(mesh.pieces, TablePieces)
         return ByteColumns(mesh.pieces)
 
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
-        """Return the mesh in a file: all that its layout tells, put into arrays.
+        """Return the mesh in a file, with all of its layout's tables read into arrays.
 
         Raises MeshFileError if the file is missing, truncated, damaged, or not of this format.
         """
@@ -93,14 +93,14 @@ class Format:
     def points_of_copy(self, path: Path, source: Path) -> FloatArray | None:
         """Return the points (N, 3) of a copy of a file of text that was read in pieces.
 
-        None for other formats. MeshFileError if more than the points differs.
+        None for other formats. MeshFileError if something besides the points differs.
         """
         return None
 
     def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
-        """Return the type of the coordinates in a file `out`: of a copy of `source`, or of a mesh from elsewhere.
+        """Return the type of the coordinates in a new file `out`: a copy of `source`, or a mesh from elsewhere.
 
-        Of several types it is the one with the fewest bits. Numbers in text have all digits that they need.
+        Of several types the one with the fewest bits counts. Numbers in text have all digits that they need.
         """
         if source is None:
             return DOUBLE
@@ -134,11 +134,11 @@ class Format:
         return (path,)
 
     def size(self, path: Path) -> int:
-        """Return the bytes of a mesh."""
+        """Return the size of a mesh's files in bytes."""
         return path.stat().st_size
 
     def holds(self, path: Path) -> bool:
-        """Whether a file of any name is of this format, as far as that can be told by what is in it."""
+        """Return whether a file of any name has the content of this format; False if its content does not show it."""
         return False
 
     def place(self, path: Path) -> Path:
@@ -146,7 +146,7 @@ class Format:
         return path
 
     def ending(self, path: Path) -> str:
-        """Return the suffix of a file, with the word before it that belongs to it."""
+        """Return the suffix of a file, with a word before it that belongs to the suffix."""
         return path.suffix
 
     def name_files(self, path: Path) -> tuple[Path, ...]:
@@ -154,17 +154,17 @@ class Format:
         return ()
 
     def check_named(self, mesh: Mesh, out: Path) -> None:
-        """Raise MeshFileError if such a file stands beside `out` with other names than this mesh has."""
+        """Raise MeshFileError if a file of names beside `out` has other names than this mesh."""
 
     def named_otherwise(self, source: Path, out: Path) -> bool:
-        """Whether such a file beside `out` differs from that of the mesh `source`."""
+        """Return whether a file of names beside `out` differs from that beside `source`."""
         return False
 
 
 def whole(mesh: MeshOnDisk, report: Callable[[float], None]) -> Mesh:
     """Return a mesh with all its points and cells in memory.
 
-    Raises MeshFileError for cells of points that are not there, for a face of no cell and for no cells at all.
+    Raises MeshFileError for indices of missing points, for a face of no cell, and for a mesh without cells.
     """
     pieces = mesh.pieces
     assert isinstance(pieces, TablePieces)
@@ -189,7 +189,7 @@ def whole(mesh: MeshOnDisk, report: Callable[[float], None]) -> Mesh:
 
 
 def fitting_names(names: Sequence[str], unfit: str, reserved: Container[str] = ()) -> dict[str, str]:
-    """Name of each patch in a file: its own where nothing in it matches `unfit`, else one that is not taken."""
+    """Return the name of each patch in a file: its own if nothing in it matches `unfit`, else a new one."""
     fitted: dict[str, str] = {}
     for name in names:
         fitting = re.sub(unfit, "_", name) or "_"

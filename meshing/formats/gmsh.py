@@ -1,7 +1,4 @@
-"""Gmsh meshes (.msh), versions 2.2 and 4.1, text and binary.
-
-Elements of Gmsh's files, versions 2.2 and 4.1.
-"""
+"""Gmsh meshes (.msh), versions 2.2 and 4.1, text and binary: elements, physical groups, periodic pairs."""
 
 import re
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
@@ -49,7 +46,7 @@ PHYSICAL = re.compile(rb'^[ \t]*(\d+)\s+(\d+)\s+"(.*)"\s*$', re.MULTILINE)
 class ElementBlock:
     """Elements of one type (a key of `CORNERS`): numbers (M, k) of nodes, physical group (M,) or 0, and entity (M,).
 
-    Group and entity are one number (1,) where they are the same for all.
+    If all elements have one group or one entity, that array is (1,).
     """
 
     kind: int
@@ -63,7 +60,7 @@ class ElementBlock:
 
 
 def elements(file: GmshFile, boundary: int = 2) -> Iterator[ElementBlock]:
-    """Yield the elements in the file's order; boundary elements of an entity in several groups once for each group.
+    """Yield the elements in the file's order; boundary elements in several groups occur once for each group.
 
     Parameters
     ----------
@@ -81,7 +78,7 @@ def elements(file: GmshFile, boundary: int = 2) -> Iterator[ElementBlock]:
 
 
 def corner_count(kind: int, count: int) -> int:
-    """Return the number of nodes of a type of element; MeshFileError, for `count` elements, if it is not linear."""
+    """Return the number of nodes of a type of element; MeshFileError for one that is not linear."""
     if kind not in CORNERS:
         raise MeshFileError(
             f"{count} elements of type {kind} are not linear or not known; write a linear mesh: gmsh -order 1"
@@ -103,7 +100,7 @@ def _elements41(file: GmshFile, cursor: Cursor, boundary: int) -> Iterator[Eleme
 
 
 def _groups(file: GmshFile) -> dict[tuple[int, int], list[int]]:
-    """Return the physical groups of each entity, by its dimension and number, of a file of version 4.1."""
+    """Return the physical groups of each entity in a file of version 4.1, by its dimension and number."""
     groups: dict[tuple[int, int], list[int]] = {}
     if "Entities" not in file.sections:
         return groups
@@ -119,7 +116,7 @@ def _groups(file: GmshFile) -> dict[tuple[int, int], list[int]]:
 
 
 def _lines22(words: NumberLines) -> Iterator[ElementBlock]:
-    """Lines of number, type, number of tags, tags and nodes."""
+    """Yield elements from lines of number, type, number of tags, tags and nodes."""
     values = np.asarray(words.values, dtype=np.float64)
     count, first = int(values[0]) if len(values) else -1, words.first[1:]
     if len(first) - 1 != count:
@@ -143,7 +140,7 @@ def _lines22(words: NumberLines) -> Iterator[ElementBlock]:
 
 
 def _records22(cursor: ByteCursor) -> Iterator[ElementBlock]:
-    """Blocks of a header (type, count, number of tags) and records of number, tags and nodes."""
+    """Yield elements from blocks: a header (type, count, number of tags), then records of number, tags and nodes."""
     left = cursor.line()
     while left > 0:
         kind, count, tags = cursor.ints(3).tolist()
@@ -157,7 +154,7 @@ def _records22(cursor: ByteCursor) -> Iterator[ElementBlock]:
 
 
 def _alike(cursor: ByteCursor, width: int) -> IntArray:
-    """Read the records (M, width) that repeat the header just read, as Gmsh writes many."""
+    """Return the records (M, width) that follow with the header just read: Gmsh writes one header for each element."""
     cursor.at -= 12
     row = 3 + width
     table = cursor.peek((cursor.end - cursor.at) // (4 * row) * row).reshape(-1, row)
@@ -169,10 +166,10 @@ def _alike(cursor: ByteCursor, width: int) -> IntArray:
 
 
 class Gmsh(Format):
-    """Patches are the physical groups of dimension 2, by name; groups without a name are called ``surface_<tag>``.
+    """Gmsh meshes; patches are the physical groups of dimension 2, by name, or ``surface_<tag>`` without one.
 
     Faces in no group are called ``entity_<tag>`` by their surface of the geometry. Points, lines, groups of volumes,
-    data and the geometry are no part of the mesh; a rewritten file keeps them, as it keeps the boxes around entities.
+    data and the geometry are no part of the mesh; a rewritten file keeps them unchanged.
     A file without volume cells whose points have one z is a plane mesh: its patches are the groups of dimension 1, and
     ``curve_<tag>`` those without a name.
     Cells are one block of each shape, in the file's order within the shape. Elements with nodes on their edges are
@@ -200,7 +197,7 @@ class Gmsh(Format):
         return DOUBLE
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
-        """See `Format.write`; polyhedra that are no usual cells, or faces of five corners, are a MeshFileError."""
+        """See `Format.write`; MeshFileError for polyhedra of other shapes, and for faces of five corners."""
         progress(f"writing {out.name}", 0.0)
         with fresh(out) as beside, about(out):
             return write_mesh(mesh, beside)
@@ -221,7 +218,7 @@ def _points(path: Path, stored: Nodes) -> TablePieces:
 
 
 def _layout(file: GmshFile, path: Path, in_file: bool) -> MeshOnDisk | None:
-    """Return the layout of a file; None if some of it would be in memory, and all must be `in_file`."""
+    """Return the layout of a file; None if some tables would be in memory although all must be `in_file`."""
     if "PartitionedEntities" in file.sections:
         raise MeshFileError("is partitioned; `gmsh FILE -save -format msh22 -o NEW.msh` saves it in one part")
     if in_file and not (file.order and file.version == 41):
@@ -244,7 +241,7 @@ def _is_plane(points: TablePieces) -> bool:
 def _mesh_of(
     file: GmshFile, stored: Nodes, points: TablePieces, given: Iterable[ElementBlock], dimension: int
 ) -> MeshOnDisk:
-    """Return the mesh of these elements; cells are the elements of `dimension`."""
+    """Return the mesh of the elements; those of `dimension` are its cells."""
     solids, faces = KINDS[dimension]
     blocks = _by_kind(given, solids | faces)
     cells = tuple(_cells(solids[kind], parts, stored) for kind, parts in blocks.items() if kind in solids)
@@ -279,9 +276,9 @@ def _nodes(parts: Iterable[ElementBlock], stored: Nodes) -> IntArray:
 def pairs_listed(
     file: GmshFile, dimension: int, index: Callable[[IntArray, str], IntArray]
 ) -> tuple[list[Listed], tuple[str, ...]]:
-    """Return the periodic pairs of a file, of boundaries of a dimension, or a sentence on why they cannot be read.
+    """Return the periodic pairs of boundaries of a dimension, or a sentence on why they cannot be read.
 
-    `index` returns the index of each node, from its number, and takes what names the nodes.
+    `index` returns the index of each node from its number; its second argument names the nodes in errors.
     """
     try:
         return [(name, index(rows, f"pairs of {name}")) for name, rows in periodic(file, dimension)], ()
@@ -348,7 +345,7 @@ def _new_names(mesh: Mesh, names: Sequence[str]) -> list[str]:
 
 
 def _with_tags(mesh: Mesh) -> list[tuple[Cells, int]]:
-    """Return the faces of each patch, then the cells, each block with the number of its physical group."""
+    """Return the faces of each patch, then the cells; each block has the number of its physical group."""
     faces = [(block, tag) for tag, patch in enumerate(mesh.patches, 1) for block in simple_faces(patch)]
     cells = [(block, len(mesh.patches) + 1) for block in standard_cells(mesh)]
     return [(block, tag) for block, tag in (*faces, *cells) if len(block)]
@@ -360,7 +357,7 @@ def _in_gmsh_order(block: Cells) -> IntArray:
 
 
 def _link(mesh: Mesh, pair: Periodic) -> tuple[int, tuple[int, int], FloatArray, IntArray]:
-    """Return a pair as meshio has it: dimension, second and first entity, the motion to the second, and the nodes."""
+    """Return a pair in meshio's form: dimension, second and first entity, the motion to the second, and the nodes."""
     motion = np.eye(4)
     motion[:3, :3], motion[:3, 3] = pair.rotation, pair.shift
     first, second = (1 + mesh.names.index(name) for name in pair.patches)

@@ -35,7 +35,7 @@ Link = tuple[list[int], IntArray]
 
 
 class TextCursor:
-    """Numbers of a section in text, one after another; `placed` are the coordinates with their places in the text."""
+    """Reader of the numbers of a section in text; `placed` are the coordinates with their places in the text."""
 
     def __init__(self, content: bytes, offset: int, name: str) -> None:
         self.words: NumberLines = numbers(content, np.float64)
@@ -73,7 +73,7 @@ class TextCursor:
 
 
 class ByteCursor:
-    """Numbers of a section in binary, one after another: bytes `at` to `end` - 1 of the file at `path`."""
+    """Reader of the numbers of a section in binary: bytes `at` to `end` - 1 of the file at `path`."""
 
     def __init__(self, file: "GmshFile", name: str) -> None:
         self.data, self.path, self.order, self.name = file.data, file.path, file.order, name
@@ -133,7 +133,7 @@ def _ended(name: str) -> MeshFileError:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GmshFile:
-    """The bytes of a file and where its sections are.
+    """The bytes of a file, and the places of its sections.
 
     Parameters
     ----------
@@ -217,7 +217,7 @@ def _sections(data: bytes | mmap) -> dict[str, tuple[int, int]]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Nodes:
-    """The numbers of nodes and their points, part by part; of text, where the points are.
+    """The numbers of nodes and their points, part by part; for text also the places of the points.
 
     `known` (N,) are the numbers of all nodes in the file's order; None if they count from 1.
     """
@@ -258,7 +258,7 @@ def nodes(file: GmshFile) -> Nodes:
 
 
 def _in_order(tags: Sequence[FileTable | MemoryTable]) -> bool:
-    """Whether nodes are numbered from 1 on, as they stand in the file."""
+    """Return whether nodes are numbered 1, 2, ... in the file's order."""
     first = 1
     for table in tags:
         for start in range(0, table.rows, ROWS):

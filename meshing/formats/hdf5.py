@@ -1,4 +1,4 @@
-"""Files in HDF5: errors of their damage, whether they store what they claim, and coordinates in their datasets."""
+"""Files in HDF5: errors of damage, checks of what is stored, and coordinates in datasets."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Span = tuple[int, int, int]
 
 @contextmanager
 def damage() -> Iterator[None]:
-    """Say in one sentence what h5py finds wrong: MeshFileError; errors of a full disk pass."""
+    """Turn h5py's errors into a MeshFileError of one sentence; errors of a full disk pass."""
     try:
         yield
     except MeshFileError:
@@ -46,7 +46,7 @@ def damage() -> Iterator[None]:
 
 
 def check_stored(stored: Any, name: str) -> None:
-    """Refuse (MeshFileError) a dataset that would take too much memory, or that the file holds only in part."""
+    """Raise MeshFileError for a dataset that would take too much memory or is not stored completely."""
     length = stored.file.id.get_filesize()
     largest = max(stored.size * max(stored.dtype.itemsize, 8), prod(stored.chunks or ()) * stored.dtype.itemsize)
     check_unpacked(largest, length, f"the data of {name}")
@@ -75,7 +75,7 @@ def open_hdf5(path: Path, kind: str) -> Iterator[Any]:
 
 
 def member(group: Any, path: str) -> Any:
-    """Return what a group holds by a path of names; MeshFileError if it is not there, or elsewhere, by a link."""
+    """Return the group or dataset at a path in a group; MeshFileError if it is absent or a link."""
     node = group
     for name in path.split("/"):
         link = node.get(name, getlink=True) if isinstance(node, h5py.Group) else None
@@ -88,10 +88,10 @@ def member(group: Any, path: str) -> Any:
 
 
 def dataset(group: Any, path: str, kinds: str, what: str) -> Any:
-    """Return the dataset at a path, whose numbers must be of a NumPy kind; `what` is the kind in words.
+    """Return the dataset at a path; its numbers must be of a NumPy kind, which `what` names in errors.
 
-    MeshFileError if it is another, holds data in other files or datasets, or would take more memory than data of this
-    file should.
+    MeshFileError if the kind is another, if data stand in other files or datasets, or if the dataset is much larger
+    than the file.
     """
     stored, name = member(group, path), _named(group, path)
     if not isinstance(stored, h5py.Dataset) or stored.shape is None or stored.dtype.kind not in kinds:
@@ -111,7 +111,7 @@ def integers(group: Any, path: str) -> IntArray:
 
 
 def number(node: Any, name: str) -> int:
-    """Return an attribute that is a whole number; else MeshFileError."""
+    """Return the value of an attribute; MeshFileError unless it is a whole number."""
     values = np.asarray(node.attrs.get(name, ())).reshape(-1)
     if len(values) != 1 or values.dtype.kind not in "iu":
         raise MeshFileError(f"{node.name.strip('/')} has no number {name}; the file is truncated or damaged")
@@ -119,7 +119,7 @@ def number(node: Any, name: str) -> int:
 
 
 def spans(stored: Any) -> list[Span]:
-    """Return where the numbers of a dataset are in its file; an empty result if HDF5 has packed them."""
+    """Return where the numbers of a dataset stand in its file; empty if HDF5 has packed them."""
     packed = stored.id.get_create_plist().get_nfilters() > 0
     if stored.file.userblock_size or (stored.chunks and (packed or stored.chunks[1:] != stored.shape[1:])):
         return []

@@ -1,9 +1,7 @@
-"""Find, read and replace numbers in text and bytes.
+"""Numbers in text and bytes: they are found, read and replaced.
 
-Plain numbers on lines of text, read by compiled code without the interpreter lock.
-
-Plain numbers are whole or decimal and stand between blanks. `numbers` reads or refuses all else: comments, ``nan``,
-damage.
+Plain numbers are whole or decimal and stand between blanks. Compiled code reads them without the interpreter lock.
+`numbers` reads or refuses all else: comments, ``nan``, damage.
 """
 
 import re
@@ -64,7 +62,7 @@ class NumberLines:
         return len(self.first) - 1
 
     def columns(self, of: Any, start: int, stop: int, rows: Any = slice(None)) -> Any:
-        """Return numbers start to stop - 1 of each line, (L, stop - start), from `of` (T,); lines must have them."""
+        """Return entries start to stop - 1 of each line (L, stop - start) of `of` (T,), values of all numbers."""
         sizes = np.diff(self.first)
         if len(sizes) and (sizes == sizes[0]).all():
             return of.reshape(-1, sizes[0])[rows, start:stop]
@@ -73,14 +71,14 @@ class NumberLines:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placed:
-    """Numbers of a file, and the bytes begin to end - 1 that hold each: three arrays of one shape."""
+    """Numbers of a file; number i stands in bytes begin[i] to end[i] - 1. The three arrays have one shape."""
 
     values: FloatArray = field(repr=False)
     begin: IntArray = field(repr=False)
     end: IntArray = field(repr=False)
 
     def with_values(self, data: bytes, values: FloatArray, kind: np.dtype[np.generic] | None) -> bytes:
-        """Return the file with other values in its binary numbers of type `kind`, in its text if that is None."""
+        """Return `data` with its numbers replaced by `values`: in binary of type `kind`, or in text if that is None."""
         changed = self.values != values
         rising = np.argsort(self.begin[changed])
         begin, end, new = (each[changed][rising] for each in (self.begin, self.end, values))
@@ -121,7 +119,7 @@ def _not_number(text: bytes, kind: type[np.float64 | np.int64]) -> str:
 
 
 def with_numbers(data: bytes, begin: IntArray, end: IntArray, values: FloatArray) -> bytes:
-    """Return text with numbers `values` (K,) in the bytes begin[i] to end[i] - 1, rising; with the digits they need."""
+    """Return a text with numbers `values` (K,), in all digits that they need, in the bytes begin[i] to end[i] - 1."""
     if not len(values):
         return data
     first, last = begin.tolist(), end.tolist()
@@ -132,7 +130,7 @@ def with_numbers(data: bytes, begin: IntArray, end: IntArray, values: FloatArray
 
 
 def chunks(file: BinaryIO, begin: int, end: int) -> Iterator[tuple[int, bytes]]:
-    """Read bytes begin to end - 1 as pieces of whole lines, each with the offset of its first byte."""
+    """Yield bytes begin to end - 1 as pieces of whole lines, each with the offset of its first byte."""
     carried, at = [b""], begin
     while at < end:
         file.seek(at)  # another pass may have read in between
@@ -180,7 +178,7 @@ def copy_bytes(file: BinaryIO, begin: int, end: int, out: BinaryIO) -> None:
 
 
 def table(prefix: str, rows: FloatArray | IntArray, number: int | None) -> Iterator[str]:
-    """Lines of a prefix, the rows' values (floats so that they read back exactly), and the row's number if wanted."""
+    """Return lines of a prefix, a row's values in all digits, and the row's number if wanted."""
     words = [prefix] * bool(prefix) + ["%r"] * rows.shape[1] + ["%d"] * (number is not None)
     line = " ".join(words) + "\n"
     width = line.count("%")
@@ -195,7 +193,7 @@ def table(prefix: str, rows: FloatArray | IntArray, number: int | None) -> Itera
 
 
 def ahead(work: Callable[[bytes], Result], texts: Iterable[bytes]) -> Iterator[Result]:
-    """Process texts on all cores, and yield the results in order."""
+    """Apply a function to texts on all cores, and yield the results in order."""
     threads = available_threads()
     with ThreadPoolExecutor(threads) as pool:
         waiting: deque[Future[Result]] = deque()
@@ -208,13 +206,13 @@ def ahead(work: Callable[[bytes], Result], texts: Iterable[bytes]) -> Iterator[R
 
 
 def many_numbers(text: bytes, kind: type[np.float64 | np.int64]) -> NumberLines:
-    """Return what `numbers` returns for whole lines, much faster where they are plain."""
+    """Return the same as `numbers` for whole lines; plain ones are read much faster."""
     found = plain_numbers(text, kind)
     return numbers(text, kind) if found is None else found
 
 
 def plain_numbers(text: bytes, kind: type[np.float64 | np.int64]) -> NumberLines | None:
-    """Return what `numbers` returns for lines of plain numbers; None for others, and for negative whole ones."""
+    """Return the same as `numbers` for lines of plain numbers; None for other lines and negative whole numbers."""
     letters = np.frombuffer(text if text.endswith(b"\n") else text + b"\n", dtype=np.uint8)
     begin, end = np.empty((2, len(letters) // 2), dtype=np.intp)
     first = np.zeros(text.count(b"\n") + 2, dtype=np.intp)
@@ -309,7 +307,7 @@ def _decimal(text: Bytes, begin: int, end: int) -> float:  # pragma: no cover - 
 
 @compiled_exactly
 def _power(text: Bytes, begin: int, end: int) -> int:  # pragma: no cover - machine code
-    """Return the power of ten such as ``e-12``; a number above `MOST_POWER` if it is something else."""
+    """Return the power of ten in a text such as ``e-12``; above `MOST_POWER` for other text."""
     if text[begin] not in (ord("e"), ord("E")) or begin + 1 == end:
         return MOST_POWER + 1
     sign = -1 if text[begin + 1] == ord("-") else 1
@@ -320,7 +318,7 @@ def _power(text: Bytes, begin: int, end: int) -> int:  # pragma: no cover - mach
 
 @compiled_exactly
 def _scaled(digits: np.uint64, power: int) -> float:  # pragma: no cover - machine code
-    """Return digits 10^power rounded once; NaN where that is not sure.
+    """Return the product digits 10^power, correctly rounded; NaN if the rounding is not certain.
 
     Both factors are sums of two numbers, the product of their first ones is split without loss (Dekker 1971), and the
     sum rounds the same with the error added and taken away.

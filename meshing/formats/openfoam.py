@@ -72,10 +72,10 @@ def header(kind: str, name: str, folder: str = MESH.as_posix(), form: str = "asc
 
 
 def write_mesh(mesh: Mesh, folder: Path, types: Mapping[str, str] | None = None) -> tuple[str, ...]:
-    """Write points, faces, owner, neighbour (binary), boundary (text); return what is lost; errors: `polyhedral_cells`.
+    """Write points, faces, owner, neighbour (binary) and boundary (text); return a sentence for each loss.
 
-    The sides of a case one cell thick keep their types; other patches get theirs from `types` by name, else from
-    `kind_of`.
+    The sides of a case one cell thick keep their types. Other patches have the type in `types`, by name, or else
+    `kind_of`. Errors as of `polyhedral_cells`.
     """
     whole = polyhedral_cells(mesh)
     cells = whole.cells
@@ -140,12 +140,12 @@ def boundary_text(patches: Sequence[FoamPatch]) -> str:
 
 
 def count_sides(points: FloatArray, nodes: IntArray) -> int:
-    """Count the sides of the bounding box of points (N, 3) that nodes (K,) lie on, of a plane mesh at most four."""
+    """Count the sides of the bounding box of points (N, 3) on which nodes (K,) lie; a plane mesh has four."""
     return int(touches_sides(points, nodes).sum()) if len(nodes) else 0
 
 
 def touches_sides(points: FloatArray, nodes: IntArray) -> BoolArray:
-    """Return whether some nodes reach the low and the high side (2, 3), for each axis with an extent."""
+    """Return whether nodes reach the low and the high side (2, 3) of each axis with an extent."""
     low, high, own = points.min(axis=0), points.max(axis=0), points[nodes]
     near = FLAT * (high - low).max()
     reached = np.array([own.min(axis=0) <= low + near, own.max(axis=0) >= high - near])
@@ -153,10 +153,10 @@ def touches_sides(points: FloatArray, nodes: IntArray) -> BoolArray:
 
 
 def kind_of(name: str, planar: bool, outside: bool = True) -> str:
-    """Return the type of a patch by its name: a wall if the name says nothing.
+    """Return the type of a patch by its name; a name without a known word is a wall.
 
-    A plane of symmetry that is curved is a ``symmetry``: OpenFOAM takes ``symmetryPlane`` for planes alone. What is
-    called an inlet, and does not reach the outside of the mesh, is a wall: the closed inlet of an aircraft.
+    A curved plane of symmetry is a ``symmetry``: OpenFOAM allows ``symmetryPlane`` on planes alone. A patch called
+    inlet that does not reach the outside of the mesh is a wall, such as the closed inlet of an aircraft.
     """
     low = name.lower()
     if any(low.startswith(word) for word in SYMMETRY):
@@ -165,12 +165,12 @@ def kind_of(name: str, planar: bool, outside: bool = True) -> str:
 
 
 def control(**changed: object) -> str:
-    """Return a ``controlDict``: `CONTROL` with changed and further entries; those that are None are left out."""
+    """Return a ``controlDict``: `CONTROL` with changes and additions; entries that are None are left out."""
     return "".join(f"{name:<15} {value};\n" for name, value in {**CONTROL, **changed}.items() if value is not None)
 
 
 def write_files(case: Path, files: Mapping[str, str]) -> None:
-    """Write text files of a case, given by their paths in it, each with its header."""
+    """Write text files of a case, given by their paths in it; each gets its header."""
     for name, content in files.items():
         path = case / name
         path.parent.mkdir(exist_ok=True)

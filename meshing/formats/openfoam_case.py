@@ -1,10 +1,10 @@
 """The folders of an OpenFOAM case: where its mesh is, copies, and the parts of a decomposed one.
 
-The types of OpenFOAM's patches bind nodes: in cyclic pairs, and on both sides of a case one cell thick.
+Types of patches bind nodes: in cyclic pairs, and on both sides of a case one cell thick.
 
-Nodes are matched by where they are. The transformation of a pair is what brings all nodes of one side to those of the
-other: a translation or rotation of faces in their order; else one about the axis that the case names; else a
-translation.
+Nodes are matched by their places. A pair's motion brings all nodes of one side to those of the other. The first that
+does so counts: a translation or rotation of the faces in their order, the rotation about the axis that the case names,
+a translation.
 """
 
 import gzip
@@ -82,11 +82,11 @@ BESIDE = "the parts of the case are neither read nor copied; `sdm apply` moves t
 
 
 def pairs_of(foam: Sequence[FoamPatch], patches: Sequence[Patch], places: Places) -> tuple[Periodic, ...]:
-    """Return the pairs among the patches of a case.
+    """Return the pairs of nodes among the patches of a case.
 
     Parameters
     ----------
-    foam : The patches as the case describes them.
+    foam : The patches in the case's dictionaries.
     patches : Their faces, by name.
     places : Coordinates (K, 3) of nodes (K,).
     """
@@ -106,8 +106,8 @@ def pairs_of(foam: Sequence[FoamPatch], patches: Sequence[Patch], places: Places
 def constraint_of(patch: FoamPatch) -> Constraint:
     """Return how a patch constrains its nodes.
 
-    Where a cyclic one does not say how it is transformed, OpenFOAM looks at the normals of its faces, one by one: so
-    plane sides of a rotation have to stay plane.
+    If a cyclic patch names no transformation, OpenFOAM derives it from the normals of single faces. So plane sides of a
+    rotation have to stay plane.
     """
     guessed = patch.type in MATCHED and patch.entries.get("transform", "unknown") == "unknown"
     return "symmetry" if guessed else CONSTRAINTS.get(patch.type, "")
@@ -118,7 +118,7 @@ def _names(foam: Sequence[FoamPatch], one: str, other: str) -> bool:
 
 
 def _pair(patch: FoamPatch, names: tuple[str, str], one: Polygons, other: Polygons, places: Places) -> Periodic:
-    """Return a pair, with the first motion that brings all nodes of one side to those of the other; else without."""
+    """Return a pair with the first motion that brings one side's nodes to the other's; without nodes if none does."""
     nodes = union(one.nodes), union(other.nodes)
     points = places(nodes[0]), places(nodes[1])
     if len(nodes[0]) == len(nodes[1]) and len(nodes[0]) and np.isfinite(points).all():
@@ -147,7 +147,7 @@ def _motions(
 
 
 def _in_order(one: Polygons, other: Polygons, places: Places) -> Iterator[RigidMotion]:
-    """Yield the motions that bring each face to the one at its place: a translation, else the best rotation."""
+    """Yield motions that bring each face to the face of the same number: a translation, or else the best rotation."""
     centres, near = [_centres(side, places) for side in (one, other)], NEAR * np.ptp(places(other.nodes), axis=0).max()
     found = [translation_between(*centres)]
     if np.array_equal(one.offsets, other.offsets):
@@ -171,13 +171,13 @@ def _vector(text: str) -> FloatArray | None:
 
 
 def _shift(points: FloatArray, others: FloatArray) -> FloatArray:
-    """Return the usual translation (3,) from points (K, 3) to others, one by one, along axes where that is so."""
+    """Return the median translation (3,) from points (K, 3) to their partners; tiny components are set to zero."""
     shift = np.median(others - points, axis=0)
     return np.asarray(np.where(np.abs(shift) <= EXACT * np.abs(others).max(), 0.0, shift))
 
 
 def _rigid(points: FloatArray, others: FloatArray) -> RigidMotion:
-    """Return the rotation and shift that bring points (K, 3) nearest to others, one by one."""
+    """Return the rotation and shift that bring points (K, 3) nearest to their partners."""
     start, end = points.mean(axis=0), others.mean(axis=0)
     rotation = nearest_rotation(points - start, others - end)
     return rotation, end - rotation @ start
@@ -189,9 +189,9 @@ def _centres(faces: Polygons, places: Places) -> FloatArray:
 
 
 def _match(one: Polygons, other: Polygons, motion: RigidMotion, places: Places) -> IntArray | None:
-    """Return rows (K, 2): nodes of faces, and their images among the nodes of other faces; None if they do not match.
+    """Return pairs (K, 2) of nodes of faces and images among the nodes of other faces; None if they do not match.
 
-    Faces that differ, as those of a sliding interface, may still have nodes at the same places.
+    Different faces, as on a sliding interface, may still have nodes at the same places.
     """
     nodes, rotation, shift = (union(one.nodes), union(other.nodes)), *motion
     there = places(nodes[1])
@@ -237,7 +237,7 @@ def _flat_sides(faces: Polygons, places: Places) -> Sides | None:
 
 
 def _wedge_sides(one: Polygons, other: Polygons, places: Places) -> Sides | None:
-    """Return what `_flat_sides` does, for the two sides of a wedge, which meet on its axis."""
+    """Return the nodes of both sides of a wedge, which meet on its axis, and the motion; None without a wedge."""
     points = places(union(one.nodes)), places(union(other.nodes))
     if len(points[0]) != len(points[1]) or len(points[0]) < 3 or not np.isfinite(points).all():
         return None
@@ -273,9 +273,9 @@ def copy_case(source: Path, out: Path, progress: Progress) -> Iterator[Path]:
 def patches_of(
     patches: Sequence[FoamPatch], count: int, inner: int, rows: Callable[[int, int], Polygons]
 ) -> tuple[Patch, ...]:
-    """Return the patches with their faces; inner faces come first. MeshFileError for faces that are not there.
+    """Return the patches with their faces; MeshFileError if faces are missing.
 
-    `rows` gives faces, from one on and up to another.
+    `rows` returns faces start to stop - 1; faces between cells come first.
     """
     named = []
     for patch in patches:
@@ -294,10 +294,11 @@ def patches_of(
 
 @contextmanager
 def move_parts(case: Path, out: Path) -> Iterator[Callable[[Path, FloatArray], tuple[Path, Path]]]:
-    """Give a function that writes a part of a decomposed case with other points (N, 3) into a copy `out` of the case.
+    """Yield a function that writes a part of a decomposed case with other points (N, 3) to a copy `out` of the case.
 
-    It returns where the part is, and where it will be. The copy has all files of the case but other parts and the mesh
-    of the whole. All files of a part but its points are links to those of the case. Errors as of `fresh_folder`.
+    The function returns the part's folder, now and once the block has ended. The copy has all files of the case except
+    other parts and the mesh of the whole. All files of a part but its points are links to those of the case. Errors as
+    of `fresh_folder`.
     """
     with fresh_folder(out, case) as beside:
         _copy(case, beside, (*STALE, MESH.name), case / MESH)
@@ -316,7 +317,7 @@ def _copy(
 ) -> None:
     """Copy a case without the folders that match `without`; links stay links with the same targets.
 
-    Only the folders on the way to the folder `mesh`, and its points, are copies in any case: new points go there.
+    The folders that lead to `mesh`, and its points, are always copies: new points are written there.
     """
     ignored, followed = shutil.ignore_patterns(*without), {mesh, *mesh.parents}
     with about(case):
@@ -365,7 +366,7 @@ def is_part(path: Path) -> bool:
 
 
 def are_all_parts(parts: Sequence[Path]) -> bool:
-    """Whether the neighbours of each of these parts of a decomposed case are among them, so that none is elsewhere."""
+    """Return whether these parts of a decomposed case are all parts: the neighbours of each are among them."""
     given, named = {part.name for part in parts}, set[str]()
     for part in parts:
         try:
@@ -382,7 +383,7 @@ def case_folder(path: Path) -> Path:
 
 
 def meshes_beside(case: Path) -> tuple[str, ...]:
-    """Notes on other meshes of a case: of parts, of regions, and of times, which a solver reads first."""
+    """Return notes on other meshes of a case: of parts, of regions, and of times, which a solver prefers."""
     others = sorted({points.parent.parent for points in case.glob("*/polyMesh/points*")} - {case / MESH.parent})
     times = [one.name for one in others if one.name.replace(".", "", 1).replace("e-", "", 1).isdecimal()]
     regions = sorted({points.parents[1].name for points in case.glob("constant/*/polyMesh/points*")})

@@ -1,4 +1,4 @@
-"""OpenFOAM's own files: the header; lists of labels, vectors and faces, in text or binary; the patches."""
+"""Files of OpenFOAM: header, patches, and lists of labels, vectors and faces in text or binary."""
 
 import gzip
 import re
@@ -38,7 +38,7 @@ READING, CORNERS, WIDEST = 4, 16, 64
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoamFile:
-    """The bytes of a file, unpacked, and what its header says.
+    """The unpacked bytes of a file, and the entries of its header.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class FoamFile:
         return self.entries.get("format", "ascii") == "binary"
 
     def kind(self, what: str) -> np.dtype[np.generic]:
-        """Type of a binary ``label`` or ``scalar`` of this file; 32 and 64 bits unless its `arch` says otherwise."""
+        """Type of a binary ``label`` or ``scalar``; 32 and 64 bits unless the file's `arch` says otherwise."""
         arch = self.entries.get("arch", "")
         found = re.search(rf"{what}=(\d+)", arch)
         bits = int(found[1]) if found else {"label": 32, "scalar": 64}[what]
@@ -87,7 +87,7 @@ def open_foam(folder: Path, name: str) -> FoamFile:
 
 
 def read_header(data: bytes, name: str, stored: int) -> FoamFile:
-    """Return what a file of `stored` bytes holds; MeshFileError if it has no header."""
+    """Return a file of `stored` bytes with its header read; MeshFileError if it has none."""
     header = HEADER.search(data)
     if not header:
         raise MeshFileError(f"{name}: has no FoamFile header; it is truncated, or not a file of OpenFOAM")
@@ -97,7 +97,7 @@ def read_header(data: bytes, name: str, stored: int) -> FoamFile:
 
 
 def _unpack(packed: bytes) -> bytes:
-    """Unpack text; each of its bytes takes several in memory once it is read."""
+    """Unpack text; MeshFileError if it would need too much memory: a byte of text takes several once it is read."""
     with gzip.GzipFile(fileobj=BytesIO(packed)) as file:
         data = file.read(unpack_limit(len(packed)) // READING + 1)
     check_unpacked(READING * len(data), len(packed), "what is packed in it")
@@ -155,9 +155,9 @@ def faces(file: FoamFile) -> Polygons:
 
 
 def _count(file: FoamFile, text: bytes, columns: int) -> tuple[int, bool, int]:
-    """Length of the list at the beginning of a text, whether it is uniform, and where its content begins.
+    """Return the length of the list at the beginning of a text, whether it is uniform, and where its content begins.
 
-    A list of rows of `columns` numbers must have room in the file, and not more text than its numbers may take.
+    MeshFileError if rows of `columns` numbers do not fit the length of the text.
     """
     found = COUNT.match(text)
     if not found:
@@ -170,7 +170,7 @@ def _count(file: FoamFile, text: bytes, columns: int) -> tuple[int, bool, int]:
 
 
 class BinaryList(NamedTuple):
-    """A binary list: type of its numbers, number of rows, first byte, and whether one row stands for all."""
+    """A binary list: type of numbers, number of rows, first byte, and whether one row stands for all."""
 
     kind: np.dtype[np.generic]
     rows: int
@@ -181,7 +181,7 @@ class BinaryList(NamedTuple):
 def locate_list(file: FoamFile, at: int, what: str, columns: int) -> BinaryList:
     """Find the rows of the binary list that follows a byte; MeshFileError if the file is shorter.
 
-    Labels of a file without `arch` have the size with which the list ends where the file goes on.
+    A file without `arch` may have labels of either size; the size with which the list ends properly counts.
     """
     kind = file.kind(what)
     found = BINARY_COUNT.match(file.data, at)
@@ -206,7 +206,7 @@ def _ends(file: FoamFile, at: int) -> bool:
 
 
 def _binary(file: FoamFile, at: int, what: str, columns: int) -> tuple[FloatArray | IntArray, int]:
-    """Rows (K, columns) of a binary list, and the byte where they begin."""
+    """Return the rows (K, columns) of a binary list, and the byte where they begin."""
     kind, count, begin, uniform = locate_list(file, at, what, columns)
     size = (1 if uniform else count) * columns * kind.itemsize
     rows = np.frombuffer(file.data[begin : begin + size], kind).reshape(-1, columns)
@@ -224,7 +224,7 @@ def _check(found: int, expected: int) -> None:
 
 @dataclass(frozen=True, slots=True)
 class FoamPatch:
-    """A patch: faces start to start + count - 1; and all that its dictionary says."""
+    """A patch: faces start to start + count - 1, and its dictionary."""
 
     name: str
     type: str
@@ -236,7 +236,7 @@ class FoamPatch:
 def parse(text: bytes) -> list[FoamPatch]:
     """Read the patches of a `boundary` file without its header and comments.
 
-    MeshFileError if an entry is missing, or the number of patches is not the announced one.
+    MeshFileError if an entry is missing, or if the file has more or fewer patches than it announces.
     """
     words = iter(WORD.findall(text))
     patches = []
@@ -259,7 +259,7 @@ def parse(text: bytes) -> list[FoamPatch]:
 
 
 def _entries(words: Iterator[bytes]) -> dict[str, str]:
-    """Entries of one level up to its closing brace; inner dictionaries are skipped."""
+    """Return the entries of a dictionary up to its closing brace; inner dictionaries are skipped."""
     found: dict[str, str] = {}
     key: list[bytes] = []
     depth = 1

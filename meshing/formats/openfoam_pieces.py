@@ -1,4 +1,4 @@
-"""Binary OpenFOAM cases read in pieces: ranges of the lists are searched for the faces of some cells."""
+"""Binary OpenFOAM cases read in pieces: the faces of some cells are searched in ranges of the lists."""
 
 import mmap
 import os
@@ -37,7 +37,7 @@ BATCH = SPAN << 5
 
 
 class Lists(NamedTuple):
-    """The lists of a case: points, where each face begins in `nodes` and the last ends, owners and neighbours."""
+    """The lists of a case: points, begin and end of each face in `nodes`, owners and neighbours."""
 
     points: FileTable
     offsets: FileTable
@@ -51,10 +51,10 @@ class Lists(NamedTuple):
         return Polygons(self.nodes.read(int(offsets[0]), int(offsets[-1]))[:, 0], offsets - offsets[0])
 
     def cells(self, spans: IntArray) -> int:
-        """Return the number of cells; MeshFileError for owners and neighbours that a whole read would refuse.
+        """Return the number of cells; MeshFileError for wrong owners and neighbours.
 
         Memory: a byte for each cell, and eight for each cell between the least and the largest of a batch of faces.
-        `spans` has the least and the largest of all (R, 2).
+        `spans` holds the least and the largest cell of each (R, 2).
         """
         faces, inner = self.offsets.rows - 1, self.neighbour.rows
         if self.owner.rows != faces:
@@ -72,7 +72,7 @@ class Lists(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoamPieces(TablePieces):
-    """See `Pieces`: of the faces only the least and the largest cell of each `SPAN` are in memory.
+    """See `Pieces`: only the least and the largest cell of each `SPAN` of faces are in memory.
 
     Attributes
     ----------
@@ -156,7 +156,7 @@ def in_pieces(path: Path) -> MeshOnDisk | None:
 
 
 def _lists(folder: Path) -> Lists | None:
-    """Return where the numbers of a case are; None if some are text, packed, or one number for all.
+    """Return the lists of a case; None if some are text, packed, or one value for all.
 
     MeshFileError if a file is shorter than it says.
     """
@@ -172,7 +172,7 @@ def _lists(folder: Path) -> Lists | None:
 
 
 def _tables(path: Path, what: str, width: int = 1, lists: int = 1) -> list[FileTable] | None:
-    """Return where the lists of a file are, each of rows of labels or scalars; None as `_lists`."""
+    """Return the tables of a file, of rows of labels or scalars; None as `_lists`."""
     if not path.is_file():
         return None
     found: list[FileTable] = []
@@ -200,7 +200,7 @@ def _memory_map(path: Path) -> Iterator[FoamFile]:
 
 
 def check_offsets(offsets: FileTable, nodes: FileTable) -> None:
-    """Refuse faces that do not follow one another, with a ValueError."""
+    """Raise ValueError if the faces do not follow one another."""
     last = offsets.rows - 1
     for start in range(0, max(last, 1), BATCH):
         part = offsets.read(start, min(start + BATCH, last) + 1)[:, 0]

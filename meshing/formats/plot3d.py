@@ -1,7 +1,7 @@
-"""PLOT3D grids, blocks of hexahedra or quadrilaterals, in text and binary (NASA TM 101067); and their maps (.nmf).
+"""PLOT3D grids (NASA TM 101067) of hexahedra or quadrilaterals, in text and binary, and their maps (.nmf).
 
-A grid has the number of blocks if there are several, their sizes, then for each block all x, y, z and perhaps IBLANK.
-A map says which faces are boundaries, and which meet (The Neutral Map File, W. T. Jones, NASA Langley).
+A grid has the number of blocks if there are several, then their sizes, then all x, y, z and perhaps IBLANK of each.
+A map lists the faces that are boundaries, and those that meet (The Neutral Map File, W. T. Jones, NASA Langley).
 """
 
 import re
@@ -46,10 +46,10 @@ ENTRY = re.compile(r"""\s*('[^']*'|"[^"]*"|[^\s\d]\S*)((?:\s+[+-]?\d{1,9}){6,12}
 
 
 class Plot3d(Format):
-    """Blocks of hexahedra, or of quadrilaterals in a plane, left- or right-handed; those that meet are one zone.
+    """Blocks of hexahedra, or of quadrilaterals in a plane, of either hand; blocks that meet are one zone.
 
-    Faces with all corners at the same places are one, unless the map says that they are boundaries; so are those that
-    it pairs, ``ONE_TO_ONE``, if they are near. ``PATCHED`` faces are on no patch. The map names patches; all others are
+    Two faces with all corners at the same places are joined, unless the map calls them boundaries; so are near faces
+    that it pairs as ``ONE_TO_ONE``. ``PATCHED`` faces are on no patch. The map names patches; others are
     ``block1/imin`` and so on. A rewritten file keeps IBLANK.
     """
 
@@ -61,7 +61,7 @@ class Plot3d(Format):
         return self._read(path, path, progress)
 
     def read_copy(self, path: Path, source: Path) -> Mesh:
-        """See `Format.read_copy`; the map is that of the source."""
+        """See `Format.read_copy`; the map beside the source counts."""
         return self._read(path, source)
 
     def _read(self, path: Path, mapped: Path, progress: Progress = silent) -> Mesh:
@@ -78,7 +78,7 @@ class Plot3d(Format):
             return fewest_bits([real] if real else [])
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
-        """See `Format.rewrite`; points of several blocks that are one get the same numbers."""
+        """See `Format.rewrite`; joined points of several blocks get the same coordinates."""
         report = partial(progress, f"writing {out.name}")
         with about(source), source.open("rb") as file:
             stored = Plot3dFile.open(file, report)
@@ -102,7 +102,7 @@ class Plot3d(Format):
 
 
 class Layout(NamedTuple):
-    """How a file is stored: points of each block, if counted, with IBLANK, type (None: text), in Fortran records."""
+    """Layout of a file: sizes of blocks, whether it has their number, IBLANK and records, and type (None: text)."""
 
     sizes: tuple[Size, ...]
     counted: bool
@@ -112,20 +112,20 @@ class Layout(NamedTuple):
 
     @property
     def lengths(self) -> list[int]:
-        """Length of each record, in bytes; for text the number of its numbers."""
+        """Length of each record in bytes; in text the count of its numbers."""
         whole, real = (MARKER, self.real.itemsize) if self.real else (1, 1)
         head = [whole] * self.counted + [whole * len(self.sizes[0]) * len(self.sizes)]
         return head + [prod(size) * (len(size) * real + whole * self.blanked) for size in self.sizes]
 
     @property
     def begins(self) -> list[int]:
-        """Where the coordinates of each block begin, and where the file ends: in bytes, or in numbers for text."""
+        """Begin of the coordinates of each block, and end of the file: in bytes, or in numbers for text."""
         around = 2 * MARKER * self.records
         ends = list(accumulate((length + around for length in self.lengths), initial=0))
         return [*(begin + around // 2 for begin in ends[1 + self.counted : -1]), ends[-1]]
 
     def columns(self) -> Iterator[tuple[int, int, slice]]:
-        """Yield for each block and axis where its coordinates begin, the axis, and the block's points among all."""
+        """Yield for each block and axis the begin of its coordinates, the axis, and the slice of the block's points."""
         start, size = 0, self.real.itemsize if self.real else 1
         for begin, own in zip(self.begins, self.sizes, strict=False):
             count = prod(own)
@@ -163,7 +163,7 @@ class Plot3dFile:
 
     @property
     def sizes(self) -> tuple[Size, ...]:
-        """Points of each block along each axis; along two if the grid has one layer of points."""
+        """Number of points of each block along each axis; two axes if the grid has one layer of points."""
         flat = all(size[2:] == (1,) for size in self.layout.sizes)
         return tuple(size[:2] for size in self.layout.sizes) if flat else self.layout.sizes
 
@@ -216,7 +216,7 @@ def _fitting(
 def _sizes(
     whole: Callable[[int, int], IntArray], step: int, mark: int, how: tuple[bool, int], size: int
 ) -> tuple[Size, ...]:
-    """Return the sizes of the blocks in one way of storing them; none if the numbers cannot be sizes."""
+    """Return the sizes of the blocks for one way of storing them; nothing if the numbers cannot be sizes."""
     (counted, axes), at, blocks = how, mark, 1
     if counted:
         blocks, at = int(whole(at, 1).max(initial=-1)), at + step + 2 * mark
@@ -231,14 +231,14 @@ def _sizes(
 
 
 def _whole(file: BinaryIO, order: str, at: int, count: int) -> IntArray:
-    """Return whole numbers from a byte on; fewer at the end of the file."""
+    """Return whole numbers that begin at a byte; fewer at the end of the file."""
     file.seek(at)
     data = file.read(count * MARKER)
     return np.frombuffer(data[: len(data) // MARKER * MARKER], f"{order}i4").astype(np.intp)
 
 
 def _whole_of_text(values: FloatArray, at: int, count: int) -> IntArray:
-    """Return whole numbers; -1 for others."""
+    """Return the numbers of a text as whole numbers; -1 for others."""
     some = values[at : at + count]
     return np.where((np.abs(some) < EXACT) & (some == np.rint(some)), some, -1.0).astype(np.intp)
 
@@ -251,7 +251,7 @@ def _has_markers(whole: Callable[[int, int], IntArray], layout: Layout) -> bool:
 
 
 class IndexRange(NamedTuple):
-    """Points `first` to `last` (counted from 0, always on three axes) of a face of a block, across one of the axes."""
+    """A face of a block: points `first` to `last`, counted from 0 on three axes, one of which is constant."""
 
     block: int
     first: tuple[int, ...]
@@ -259,7 +259,7 @@ class IndexRange(NamedTuple):
     axis: int
 
     def plane(self, size: Size) -> BlockFace:
-        """Return its faces."""
+        """Return the faces of the range, given the block's size."""
         others = [axis for axis in range(len(size)) if axis != self.axis]
         low = [min(self.first[axis], self.last[axis]) for axis in others]
         high = [max(self.first[axis], self.last[axis]) - 1 for axis in others]
@@ -268,7 +268,7 @@ class IndexRange(NamedTuple):
 
 
 class MapEntry(NamedTuple):
-    """A line of a map: its type, such as ``one_to_one``, the name of its patch, and one face or two that meet."""
+    """A line of a map: its type, such as ``one_to_one``, the name of a patch, and one face or two that meet."""
 
     kind: str
     name: str
@@ -284,14 +284,14 @@ def map_of(path: Path, sizes: Sequence[Size]) -> tuple[MapEntry, ...]:
 
 
 def maps(path: Path) -> Iterator[Path]:
-    """Yield the files beside a grid that may be its map, those of the longest names first."""
+    """Yield the files beside a grid that may be its map, the longest name first."""
     parts = re.split(r"(?=[^0-9A-Za-z])", path.name)
     stems = ("".join(parts[:i]) for i in range(len(parts), 0, -1))
     yield from (one for one in (path.with_name(f"{stem}.nmf") for stem in stems if stem) if one.is_file())
 
 
 def entries(text: str, sizes: Sequence[Size]) -> Iterator[MapEntry]:
-    """Yield what the lines of a map say; MeshFileError for wrong ones, and for blocks of other sizes."""
+    """Yield the entries of a map; MeshFileError for wrong lines and for blocks of other sizes."""
     lines = [(i, own, line) for i, line in enumerate(text.splitlines(), 1) if (own := COMMENT.sub("", line).strip())]
     head = list(takewhile(lambda line: all(map(NUMBER.fullmatch, line[1].split())), lines[: 1 + len(sizes)]))
     _check_head(" ".join(line[1] for line in head).split(), sizes)
@@ -340,7 +340,7 @@ def _range(values: Sequence[int], sizes: Sequence[Size]) -> IndexRange:
 
 
 def join_blocks(points: FloatArray, sizes: Sequence[Size], said: Sequence[MapEntry]) -> Fitted:
-    """Return the mesh of blocks with these points (F, 3), one after another; ValueError if some are not finite."""
+    """Return the mesh of blocks whose points (F, 3) follow one another; ValueError if some are not finite."""
     starts = np.cumsum([0, *map(prod, sizes)])
     parts, free, same = [], [], []
     for i, size in enumerate(sizes):
@@ -394,7 +394,7 @@ def _boundaries(number: int, size: Size, said: Sequence[MapEntry]) -> Iterator[t
 def _meeting_points(
     points: FloatArray, ends: Sequence[IndexRange], sizes: Sequence[Size], starts: IntArray
 ) -> IntArray | None:
-    """Return rows (K, 2) of equal points of two faces; None if they lie apart: the interface is periodic."""
+    """Return pairs (K, 2) of equal points of two faces; None if the faces lie apart, as on a periodic interface."""
     n = len(sizes[0])
     here, there = (points_in(e.first[:n], e.last[:n], sizes[e.block]) + starts[e.block] for e in ends)
     gap, nearest = cKDTree(points[there]).query(points[here])

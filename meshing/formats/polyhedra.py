@@ -1,4 +1,4 @@
-"""Cells by their faces: standard cells as polyhedra in OpenFOAM's order, and polyhedra as standard cells."""
+"""Conversion of standard cells to polyhedra in OpenFOAM's order, and of polyhedra to standard cells."""
 
 from dataclasses import dataclass, field
 from itertools import chain
@@ -26,7 +26,7 @@ class Bounded:
 
     Parameters
     ----------
-    cells : First the faces between two cells, by lower cell, then by higher; then the boundary, patch by patch.
+    cells : Polyhedra; faces between two cells come first, by lower and then higher cell, then those of each patch.
     patches : Name, first face and number of faces of each patch.
     lost : A sentence for each thing that could not be kept.
     """
@@ -39,8 +39,8 @@ class Bounded:
 def polyhedral_cells(mesh: Mesh) -> Bounded:
     """Return the cells of a mesh as polyhedra, in the same order.
 
-    MeshFileError if a face is of three cells or more, if a patch's faces are of no cell, or for standard cells beside
-    polyhedra.
+    MeshFileError if three cells or more share a face, if a patch's face belongs to no cell, or for standard cells
+    beside polyhedra.
     """
     keys = node_keys(len(mesh.points))
     faces, owner, neighbour = _face_pairs(mesh, keys)
@@ -62,7 +62,7 @@ def polyhedral_cells(mesh: Mesh) -> Bounded:
 
 
 def _face_pairs(mesh: Mesh, keys: Keys) -> tuple[Polygons, IntArray, IntArray]:
-    """Every face once, its owner (the lower cell, whose outward normal it has) and its neighbour or -1."""
+    """Return each face once, its owner (the lower cell; the normal points out of it), and its neighbour or -1."""
     if len(mesh.cells) == 1 and isinstance(cells := mesh.cells[0], Polyhedra):
         neighbour = np.full(len(cells.faces), -1, dtype=np.intp)
         neighbour[: len(cells.neighbour)] = cells.neighbour
@@ -73,7 +73,7 @@ def _face_pairs(mesh: Mesh, keys: Keys) -> tuple[Polygons, IntArray, IntArray]:
 
 
 def _match(faces: Polygons, cell: IntArray, keys: Keys) -> tuple[Polygons, IntArray, IntArray]:
-    """Return what `_face_pairs` does, from the faces of all cells and their cells (K,); equal keys are one face."""
+    """Return the same as `_face_pairs` from the faces of all cells and their cells (K,); equal keys are one face."""
     key = face_keys(faces, keys)
     order = np.lexsort((cell, key))
     same = key[order][1:] == key[order][:-1]
@@ -88,7 +88,7 @@ def _match(faces: Polygons, cell: IntArray, keys: Keys) -> tuple[Polygons, IntAr
 
 
 def polyhedra(faces: Polygons, cell: IntArray, points: int) -> Polyhedra:
-    """Return cells from all their outward faces and the cell (K,) of each; MeshFileError for a face of three cells."""
+    """Return cells from all their outward faces and the cell (K,) of each; MeshFileError if three share a face."""
     once, owner, neighbour = _match(faces, cell, node_keys(points))
     order = np.argsort(neighbour < 0, kind="stable")
     return Polyhedra(take_faces(once, order), owner[order], neighbour[neighbour >= 0])
@@ -110,7 +110,7 @@ def _faces_of_cells(mesh: Mesh) -> tuple[Polygons, IntArray]:
 
 
 def _patch_of(mesh: Mesh, key: Keys, keys: Keys) -> tuple[IntArray, list[str]]:
-    """Index (B,) of the patch of each boundary face; one past the last for faces on no patch."""
+    """Return the index (B,) of the patch of each boundary face; the number of patches for faces on none."""
     found = np.full(len(key), len(mesh.patches), dtype=np.intp)
     order = np.argsort(key)
     lost = []
@@ -128,27 +128,27 @@ def _patch_of(mesh: Mesh, key: Keys, keys: Keys) -> tuple[IntArray, list[str]]:
 
 
 def check_cells(cells: Polyhedra, least: int = FEWEST) -> None:
-    """Refuse cells with fewer than `least` faces, which damaged labels leave behind, with a MeshFileError."""
+    """Raise MeshFileError for cells with fewer than `least` faces, which damaged labels leave behind."""
     sides = np.concatenate([cells.owner, cells.neighbour])
     check_labels(int(sides.min(initial=0)), int(sides.max(initial=-1)), len(cells.owner), len(cells.neighbour))
     check_sides(int(np.count_nonzero(np.bincount(sides) < least)), len(cells), least)
 
 
 def check_labels(low: int, high: int, owners: int, neighbours: int) -> None:
-    """Refuse (MeshFileError) a least and a largest cell that contradict the numbers of owners and neighbours."""
+    """Raise MeshFileError if the least or the largest cell is impossible for these numbers of owners and neighbours."""
     if low < 0 or not 0 <= high < owners + neighbours:
         raise MeshFileError(f"owner and neighbour name cells that {owners} faces cannot bound")
 
 
 def check_sides(few: int, cells: int, least: int = FEWEST) -> None:
-    """Refuse (MeshFileError) a mesh with some cells of fewer faces than `least`."""
+    """Raise MeshFileError if a cell has fewer faces than `least`."""
     if few:
         number = {3: "three", 4: "four"}[least]
         raise MeshFileError(f"{few} of {cells} cells have fewer than {number} faces; the file is damaged")
 
 
 def faces_by_cell(block: Polyhedra) -> tuple[Polygons, IntArray]:
-    """Faces of each cell in turn, normals outwards, and their cells; faces inside are there twice."""
+    """Return the faces of each cell, with normals outwards, and their cells; inner faces occur twice."""
     cell = np.concatenate([block.owner, block.neighbour])
     row = np.concatenate([np.arange(len(block.owner)), np.arange(len(block.neighbour))])
     order = np.argsort(cell, kind="stable")
@@ -156,9 +156,9 @@ def faces_by_cell(block: Polyhedra) -> tuple[Polygons, IntArray]:
 
 
 def standard_cells(mesh: Mesh) -> tuple[Cells, ...]:
-    """Return the cells of a mesh, with a block of each shape in place of each block of polyhedra.
+    """Return the cells of a mesh with each block of polyhedra replaced by a block of each shape.
 
-    The order within a shape is that of the polyhedra. MeshFileError if some polyhedra are of no such shape.
+    The order within a shape is that of the polyhedra. MeshFileError if a polyhedron is no standard cell.
     """
     blocks = (_shapes(block) if isinstance(block, Polyhedra) else [block] for block in mesh.cells)
     return tuple(chain.from_iterable(blocks))

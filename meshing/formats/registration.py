@@ -1,4 +1,4 @@
-"""Which formats there are. Each is loaded when it is first asked for, so a command on one file loads one format."""
+"""The table of formats. A format is loaded when it is first needed, so a command on one file loads one format."""
 
 from typing import Any, NamedTuple, TypeVar
 
@@ -35,7 +35,7 @@ REGISTERED = {
 
 
 def registered(kind: Kind) -> Kind:
-    """Make a class from elsewhere known as a format, by its `name`, `suffixes` and `written`."""
+    """Register a format's class from elsewhere by its `name`, `suffixes` and `written`."""
     REGISTERED[kind.name] = Registration(kind.__module__, kind.__name__, kind.suffixes, kind.written)
     return kind
 

@@ -1,4 +1,4 @@
-"""The known formats by name and suffix, and advice for files of others."""
+"""Formats by name and suffix, and advice for files of unknown formats."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -32,7 +32,7 @@ ADVICE = {
 
 
 class Formats(Mapping[str, Format]):
-    """Formats by their names, each loaded when it is first asked for."""
+    """Formats by name; each is loaded when it is first needed."""
 
     def __getitem__(self, name: str) -> Format:
         return _loaded(REGISTERED[name])
@@ -68,9 +68,9 @@ def read(path: str | Path, progress: Progress = silent) -> Mesh:
 
 @contextmanager
 def in_pieces(path: Path, progress: Progress = silent) -> Iterator[MeshOnDisk | None]:
-    """Give a mesh with only its boundary in memory; None if its file must be read as a whole.
+    """Yield a mesh with only its boundary in memory; None if its file must be read as a whole.
 
-    Numbers that stand in the file as text are put into the system's folder for temporary files until the end.
+    Numbers that stand in the file as text are kept in a temporary folder until the context ends.
 
     MeshFileError as for `read`.
     """
@@ -81,20 +81,20 @@ def in_pieces(path: Path, progress: Progress = silent) -> Iterator[MeshOnDisk | 
 
 
 def files_of(path: Path) -> list[Path]:
-    """Return every file that is read for a mesh; of a case those in the folders of its mesh and of its parts'."""
+    """Return every file that is read for a mesh; for a case those in the folders of its mesh and its parts' meshes."""
     return list(format_of(path).files(path))
 
 
 def size_of(path: Path) -> int:
-    """Return the bytes of a mesh file, or of the mesh in an OpenFOAM case."""
+    """Return the size in bytes of a mesh file, or of the mesh in an OpenFOAM case."""
     return format_of(path).size(path)
 
 
 def format_of(path: str | Path) -> Format:
     """Return the format of a file by its suffix; a folder, or a new name without suffix, is an OpenFOAM case.
 
-    What follows a point and begins with a digit is no suffix: ``alpha-12.5`` is a case. A file whose suffix no format
-    has (``wing.grid.def.1``) may hold a grid of TAU.
+    A digit after the point makes no suffix: ``alpha-12.5`` is a case. A file with an unknown suffix, such as
+    ``wing.grid.def.1``, may be a grid of TAU; its content decides.
 
     Raises MeshFileError if no format has that suffix.
     """
@@ -112,7 +112,7 @@ def format_of(path: str | Path) -> Format:
 
 
 def known_format(path: Path) -> Format | None:
-    """Return the format as `format_of` does; None if there is none."""
+    """Return the format of a file as `format_of`; None if no format has its suffix."""
     if path.is_dir() or not (path.is_file() or path.suffix[1:2].isalpha()):
         return FORMATS["openfoam"]
     for name, entry in REGISTERED.items():
@@ -122,6 +122,6 @@ def known_format(path: Path) -> Format | None:
 
 
 def ending(path: Path) -> str:
-    """Return the suffix of a mesh file, with the word before it that belongs to it: ``.b8.ugrid``, ``.msh.h5``."""
+    """Return the suffix of a mesh file, of two words for some formats: ``.b8.ugrid``, ``.msh.h5``."""
     form = known_format(path)
     return form.ending(path) if form else path.suffix

@@ -52,7 +52,7 @@ class Change:
     values: FloatArray = field(repr=False)
 
     def check(self) -> None:
-        """Raise a ValueError if the table cannot hold the values."""
+        """Raise ValueError if the table's type cannot hold the values."""
         check_large(self.values, np.dtype(self.table.kind))
 
     def within(self, begin: int, end: int) -> "Change":
@@ -67,7 +67,7 @@ class Change:
         return table.begin + first * table.step, table.begin + last * table.step + size
 
     def put(self, data: bytearray, start: int) -> None:
-        """Write the values into the bytes of the file from `start` on; equal ones keep their bytes."""
+        """Write the values into bytes of the file, the first of which is `start`; equal values keep their bytes."""
         table, first = self.table, int(self.rows[0])
         shape = int(self.rows[-1]) - first + 1, table.width
         strides = table.step, np.dtype(table.kind).itemsize
@@ -78,7 +78,7 @@ class Change:
 
 
 def check_large(values: FloatArray, kind: np.dtype[Any]) -> None:
-    """Raise a ValueError if coordinates are too large for a type of number."""
+    """Raise ValueError if coordinates are too large for a type of number."""
     if np.abs(values).max(initial=0.0) <= np.finfo(kind).max:  # false if one is no number
         return
     bad = np.count_nonzero(~(np.abs(values) <= np.finfo(kind).max))
@@ -89,7 +89,7 @@ Item = tuple[int, int, tuple[Change, ...]]
 
 
 def item_of(changes: tuple[Change, ...], begin: int, end: int) -> Item:
-    """Return bytes `begin` to `end` - 1 of a file with the changes that concern them."""
+    """Return the byte range `begin` to `end` - 1 of a file with the changes within it."""
     parts = (change.within(begin, end) for change in changes)
     return begin, end, tuple(part for part in parts if len(part.rows))
 
@@ -99,7 +99,7 @@ def copy_range(files: tuple[Path, Path], item: Item) -> None:
 
     Parameters
     ----------
-    files : What is copied, and the copy, which has its length already.
+    files : The file and its copy, which has its final length already.
     item : See `item_of`.
     """
     (source, out), (begin, end, changes) = files, item
@@ -116,7 +116,7 @@ def copy_range(files: tuple[Path, Path], item: Item) -> None:
 
 
 def _open_existing(out: Path) -> BinaryIO:
-    """Open an existing file to write into it; MeshFileError if it is not seen here: another machine made it."""
+    """Open an existing file for writing; MeshFileError if it is absent because another machine made it."""
     try:
         return out.open("r+b", 0)
     except FileNotFoundError:
@@ -126,7 +126,7 @@ def _open_existing(out: Path) -> BinaryIO:
 
 
 def _copy(old: BinaryIO, new: BinaryIO, begin: int, end: int) -> None:
-    """Copy bytes within the system, which may share them, or else through memory."""
+    """Copy bytes in the kernel, which may share them on disk, or else through memory."""
     try:
         while begin < end:
             if not (count := os.copy_file_range(old.fileno(), new.fileno(), end - begin, begin, begin)):

@@ -1,4 +1,4 @@
-"""Cells and faces by shape: the order of their nodes, their faces, faces of any number of corners."""
+"""Cells and faces by shape: order of nodes, faces of cells, faces with any number of corners."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -22,7 +22,7 @@ FullMesh = TypeVar("FullMesh", np.intp, np.uint64)
 
 
 def polygons(nodes: IntArray, sizes: IntArray) -> Polygons:
-    """Return the faces with `sizes` (F,) corners each, whose nodes follow one another in `nodes` (K,)."""
+    """Return faces with `sizes` (F,) corners each; their nodes follow one another in `nodes` (K,)."""
     return Polygons(nodes, np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp))
 
 
@@ -56,11 +56,11 @@ def _gather(faces: Polygons, rows: IntArray, backward: BoolArray) -> Polygons:
 
 
 def orient(points: FloatArray, cells: Cells) -> Cells:
-    """Return volume cells of one shape in VTK's order, whichever of the two orders the file used for the block.
+    """Return volume cells of one shape in VTK's order, whether the file has them right- or left-handed.
 
-    Formats that say "VTK's order" are written with wedges (and sometimes all cells) of either hand, and solvers turn
-    them as they read. A block is turned as a whole, where most of its cells are left-handed: single inverted cells
-    stay inverted. Plane cells are turned one by one to run counter-clockwise, as solvers do.
+    Programs that write "VTK's order" differ in the handedness of wedges, some in that of all cells, and solvers correct
+    it while they read. A block is reversed as a whole if most of its cells are left-handed, so single inverted cells
+    stay inverted. Plane cells are reversed one by one to run counter-clockwise, as in solvers.
     """
     if cells.shape in PLANE:
         corners = points[cells.nodes][:, :, :2]
@@ -76,7 +76,7 @@ def orient(points: FloatArray, cells: Cells) -> Cells:
 
 
 def left_handed(corners: FloatArray) -> bool:
-    """Whether the edges from the first of four corners (M, 4, 3) are left-handed in most cells."""
+    """Return whether most cells with four corners (M, 4, 3) are left-handed."""
     with np.errstate(all="ignore"):  # `Mesh` refuses coordinates that are not finite
         a, b, c = (corners[:, i] - corners[:, 0] for i in (1, 2, 3))
         hands = np.einsum("ij,ij->i", np.cross(a, b), c)
@@ -89,7 +89,7 @@ def mirror_nodes(shape: str, nodes: IntArray) -> IntArray:
 
 
 def places(wanted: NDArray[FullMesh], known: NDArray[FullMesh]) -> tuple[IntArray, BoolArray]:
-    """Index of each number in `known` (N,), and whether it is there; otherwise the index is arbitrary."""
+    """Return the index of each number in `known` (N,), and whether it is there; if not, the index is arbitrary."""
     if not len(known):
         return np.zeros(wanted.shape, dtype=np.intp), np.zeros(wanted.shape, dtype=np.bool_)
     order = np.argsort(known, kind="stable")
@@ -116,8 +116,7 @@ def all_of(marked: BoolArray, faces: Cells | Polygons) -> BoolArray:
 def loose_faces(mesh: Mesh) -> dict[str, int]:
     """Count, by patch, the faces that are of no cell (patches without such faces are left out).
 
-    Only cells with as many nodes as a face on the boundary are looked at, some at a time: the memory is that of the
-    boundary.
+    Only cells with a face's number of nodes on the boundary are examined, in parts: the memory is that of the boundary.
     """
     keys = node_keys(len(mesh.points))
     mine = {patch.name: patch_keys(patch, keys) for patch in mesh.patches}
@@ -136,13 +135,13 @@ def loose_faces(mesh: Mesh) -> dict[str, int]:
 
 
 def refuse_plane(mesh: Mesh, format_name: str) -> None:
-    """Refuse a plane mesh, with a MeshFileError, for a format that holds none."""
+    """Raise MeshFileError for a plane mesh in a format that cannot hold it."""
     if mesh.plane:
         raise MeshFileError(f"{format_name} holds no two-dimensional meshes; su2, cgns, gmsh and vtu do")
 
 
 def check_faces(mesh: Mesh) -> None:
-    """Refuse boundary faces of no cell: a MeshFileError that names the patches and how many of their faces are such."""
+    """Raise MeshFileError if boundary faces belong to no cell; it names the patches and counts these faces."""
     if not sum(len(block) for block in mesh.cells):
         raise MeshFileError("there are no volume cells")
     if loose := loose_faces(mesh):

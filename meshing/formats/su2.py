@@ -62,7 +62,7 @@ class KeywordBlock:
 
     @property
     def count(self) -> int:
-        """The first number of the value, as in ``NPOIN= 14 14``; MeshFileError if there is none."""
+        """First number of the value, as in ``NPOIN= 14 14``; MeshFileError without one."""
         first = self.value.split()[:1]
         if not first or not first[0].isdecimal():
             raise MeshFileError(f"{self.keyword}= {self.value} is not a count")
@@ -94,7 +94,7 @@ def _keywords(text: bytes) -> Iterator[tuple[str, str, int, int]]:
 
 @dataclass(frozen=True, slots=True)
 class Su2File:
-    """An open file, where its sections lie, its dimension; `report` is called with the fraction read so far."""
+    """An open file with its sections and its dimension; `report` is called with the fraction read so far."""
 
     file: BinaryIO
     sections: tuple[KeywordBlock, ...]
@@ -116,9 +116,9 @@ class Su2File:
         return cls(file, found, dimensions[0], report)
 
     def coordinates(self, sections: Sequence[KeywordBlock]) -> Iterator[tuple[int, bytes, Placed]]:
-        """Yield where a piece of the text of sections begins, the piece, and the coordinates (R, d) on its lines.
+        """Yield the begin of each piece of the text of sections, the piece, and the coordinates (R, d) on its lines.
 
-        MeshFileError if a line has another number of coordinates; after a section if it has other than its `count`.
+        MeshFileError if a line has another number of coordinates, or a section another number of points.
         """
         for section in sections:
             yield from self._tables(section, np.float64, partial(_coordinates, dimension=self.dimension))
@@ -126,8 +126,8 @@ class Su2File:
     def elements(self, section: KeywordBlock, shapes: Mapping[int, str], points: int) -> Iterator[tuple[str, IntArray]]:
         """Yield shapes and nodes (R, k) of elements, some at a time; the order within a shape is the file's.
 
-        MeshFileError if a type is not among the `shapes`, or a node is not below `points`; at the end if there are
-        other than `section.count` elements.
+        MeshFileError if a type is not among the `shapes`, if a node is not below `points`, or, at the end, if the
+        section has more or fewer elements than it says.
         """
         for _, _, blocks in self._tables(section, np.int64, partial(_blocks, shapes=shapes, points=points)):
             yield from blocks
@@ -135,7 +135,7 @@ class Su2File:
     def _tables(
         self, section: KeywordBlock, kind: type[np.float64 | np.int64], rows_of: Callable[[NumberLines], Rows]
     ) -> Iterator[tuple[int, bytes, Rows]]:
-        """Yield where a piece of the text of a section begins, the piece, and the rows of the numbers on its lines."""
+        """Yield the begin of each piece of the text of a section, the piece, and the numbers on its lines."""
         texts = (text for _, text in chunks(self.file, section.begin, section.end))
 
         def work(text: bytes, read: Read = numbers) -> tuple[bytes, int, Rows]:
@@ -161,7 +161,7 @@ class Su2File:
 
 
 def _coordinates(lines: NumberLines, dimension: int) -> Placed:
-    """Coordinates (R, d) on lines; the rest of a line is ignored, as in SU2."""
+    """Return coordinates (R, d) from lines; the rest of a line is ignored, as in SU2."""
     if (np.diff(lines.first) < dimension).any():
         raise MeshFileError(
             f"lines of points have fewer than {dimension} coordinates; the file is truncated or damaged"
@@ -170,7 +170,7 @@ def _coordinates(lines: NumberLines, dimension: int) -> Placed:
 
 
 def _blocks(lines: NumberLines, shapes: Mapping[int, str], points: int) -> Blocks:
-    """One block of each shape, in the order in which shapes first appear."""
+    """Return one block of each shape, in the order in which shapes first appear."""
     kinds = np.asarray(lines.values[lines.first[:-1]], dtype=np.int64)
     found = []
     for kind in dict.fromkeys([*kinds[:1].tolist(), *kinds[1:][np.diff(kinds) != 0].tolist()]):
@@ -183,7 +183,7 @@ def _blocks(lines: NumberLines, shapes: Mapping[int, str], points: int) -> Block
 
 
 def notes_of(found: Sequence[KeywordBlock]) -> tuple[str, ...]:
-    """Return sentences on points beyond periodic markers, as SU2 made them before version 7, and on free-form boxes."""
+    """Return notes on points behind periodic markers, which SU2 before version 7 added, and on free-form boxes."""
     moved = [own for own in found if own.keyword == "NPERIODIC" and own.value.split()[:1] not in ([], ["0"], ["1"])]
     boxes = [own.value for own in found if own.keyword == "FFD_TAG"]
     return (*([HALO] if moved else []), *(Warned(BOXES.format(short_list(boxes))) for _ in boxes[:1]))
@@ -209,7 +209,7 @@ def zones_of(found: Sequence[KeywordBlock]) -> dict[str, list[KeywordBlock]]:
 
 
 def zone_of(source: Su2File, own: Sequence[KeywordBlock], scratch: Path | None) -> TablePieces:
-    """Return the points and cells of a zone in tables: of an empty folder, or in memory if it is None."""
+    """Return the points and cells of a zone as tables in an empty folder, or in memory if that is None."""
     points = points_of(source, [only(own, "NPOIN")])
     place = gather_tables([("points", points)], lambda _: len(points), scratch)["points"]
     kind = np.int32 if scratch and len(points) <= np.iinfo(np.int32).max else np.intp
@@ -219,7 +219,7 @@ def zone_of(source: Su2File, own: Sequence[KeywordBlock], scratch: Path | None) 
 
 
 def only(own: Sequence[KeywordBlock], keyword: str) -> KeywordBlock:
-    """Return the section of that keyword; MeshFileError if there are none or several."""
+    """Return the section with a keyword; MeshFileError if there is none or several."""
     found = [section for section in own if section.keyword == keyword]
     if len(found) != 1:
         raise MeshFileError(f"{len(found)} lines {keyword}= where there must be one; the file is truncated or damaged")
@@ -267,7 +267,7 @@ def elements_of(
     scratch: Path | None = None,
     kind: type[np.signedinteger[Any]] = np.intp,
 ) -> dict[str, FileTable | MemoryTable]:
-    """Return a table of each shape, in the order in which shapes first appear; within a shape it is the file's."""
+    """Return a table of each shape, in order of first appearance; cells of a shape keep the file's order."""
 
     def most(shape: str) -> int:
         return min(section.count, (section.end - section.begin) // (2 * CORNERS[shape] + 2) + 1)
@@ -277,7 +277,7 @@ def elements_of(
 
 
 def _nodes(lines: NumberLines, rows: IntArray, shape: str, points: int) -> IntArray:
-    """Nodes (R, k) on lines of one shape: its type, k nodes, and what SU2 ignores, such as the element's number."""
+    """Return nodes (R, k) from lines of one shape: type, k nodes, and a rest that SU2 ignores."""
     corners = CORNERS[shape]
     if (np.diff(lines.first)[rows] <= corners).any():
         raise MeshFileError(f"lines of {shape} elements have fewer than {corners} nodes")
@@ -337,7 +337,7 @@ class Su2(Format):
             return points_of(texts[0], _points(texts[0]))
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
-        """See `Format.write`; polyhedra that are no usual cells, or faces of five corners, are a MeshFileError."""
+        """See `Format.write`; MeshFileError for polyhedra of other shapes, and for faces of five corners."""
         from .polyhedra import standard_cells
         from .zones import unwritten
 
@@ -353,7 +353,7 @@ class Su2(Format):
 
 
 class Su2Pieces(TablePieces):
-    """See `Pieces`: numbers are in tables beside the text; writing needs the text alone."""
+    """See `Pieces`: the numbers are in tables; a copy is written from the text alone."""
 
     __slots__ = ()
 
@@ -429,7 +429,7 @@ def write_mesh(mesh: Mesh, out: BinaryIO, report: Callable[[float], None]) -> di
 
 
 def _zone(mesh: Mesh, names: dict[str, str]) -> Iterator[tuple[str, float]]:
-    """Text of one zone, and the fraction of it that is written."""
+    """Yield the text of one zone, and the fraction that is written."""
     dimension = 2 if mesh.plane else 3
     yield f"NDIME= {dimension}\nNELEM= {sum(len(block) for block in mesh.cells)}\n", 0.0
     number = 0

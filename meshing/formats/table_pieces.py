@@ -1,4 +1,4 @@
-"""Meshes with all numbers in tables: read in pieces, and rewritten in place."""
+"""Meshes with all numbers in tables of a file, read in pieces and rewritten by ranges."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
@@ -25,7 +25,7 @@ ROWS = 1 << 15
 
 @dataclass(frozen=True, slots=True)
 class PointRange:
-    """Points start to stop - 1: coordinates `first` to `end` - 1 of each are a row of a table."""
+    """Points start to stop - 1; each row of the table has coordinates `first` to `end` - 1 of a point."""
 
     start: int
     stop: int
@@ -35,13 +35,13 @@ class PointRange:
 
     @property
     def axes(self) -> slice:
-        """Which coordinates they are."""
+        """Coordinates in a row, as a slice."""
         return slice(self.first, self.end)
 
 
 @dataclass(frozen=True, slots=True)
 class CellTable:
-    """Cells of one shape: the table of their nodes, the number of the first point, and the order of VTK's nodes."""
+    """Cells of one shape: table of nodes, number of the first point, and columns in VTK's order."""
 
     shape: str
     table: FileTable | Joined | MemoryTable
@@ -59,7 +59,7 @@ class CellTable:
         return np.asarray(nodes.astype(own, copy=False) - self.first)
 
     def everything(self, points: int, report: Callable[[int], None] = lambda _: None) -> IntArray:
-        """Return nodes (M, k) of all cells; MeshFileError if one is not among so many points."""
+        """Return the nodes (M, k) of all cells; MeshFileError if one is not below the number of points."""
         loaded = self._in_memory()
         nodes = np.empty((self.table.rows, self.table.width), dtype=np.intp) if loaded is None else loaded
         for start in range(0, len(nodes), ROWS):
@@ -72,13 +72,13 @@ class CellTable:
         return nodes
 
     def _in_memory(self) -> IntArray | None:
-        """Return the nodes (M, k) of all cells if they are in memory in the final order; else None."""
+        """Return the nodes (M, k) of all cells if they are in memory in VTK's order; else None."""
         if not isinstance(self.table, MemoryTable) or self.first or self.order or self.table.values.dtype != np.intp:
             return None
         return self.table.values
 
     def missing(self, points: int) -> MeshFileError:
-        """Return the error of cells with missing points; all cells are read to count them."""
+        """Return the error for cells with missing points; all cells are read to count them."""
         bad = 0
         for start in range(0, self.table.rows, SAMPLE):
             nodes = self.nodes(start, min(start + SAMPLE, self.table.rows))
@@ -109,7 +109,7 @@ class TablePieces:
         return found
 
     def coordinates_into(self, found: FloatArray, start: int) -> None:
-        """Fill in the coordinates (K, 3) of the points from `start` on."""
+        """Fill in the coordinates (K, 3) of points, the first of which is `start`."""
         check_unchanged(self.files, elsewhere=True)
         stop = start + len(found)
         for own in self.ranges:
@@ -133,9 +133,9 @@ class TablePieces:
         return Cells(self.cells[block].shape, self.cells[block].nodes(start, stop))
 
     def orient(self) -> Self:
-        """Return the pieces with each block in VTK's order, whichever order the file used (`shapes.orient`).
+        """Return the pieces with each block in VTK's order (`shapes.orient`).
 
-        Plane cells stay as they are: they are turned one by one.
+        Plane cells stay as they are: they would be reversed one by one.
         """
         return replace(self, cells=tuple(self._orient(own) for own in self.cells))
 
@@ -162,7 +162,7 @@ class TablePieces:
         rewritten(source, changes, out, progress, runner)
 
     def changes(self, nodes: IntArray, points: FloatArray) -> Iterator[Change]:
-        """Yield the new content of each table for sorted nodes (K,) at `points` (K, 3)."""
+        """Yield the changes of each table for sorted nodes (K,) at `points` (K, 3)."""
         for own in self.ranges:
             assert isinstance(own.table, FileTable)
             first, end = np.searchsorted(nodes, (own.start, own.stop))

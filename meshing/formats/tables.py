@@ -27,10 +27,10 @@ class FileTable:
     Attributes
     ----------
     path : the file.
-    begin : byte at which the first row begins.
+    begin : first byte of the first row.
     kind : type of the numbers, such as ``"<f8"``.
-    rows, width : how many rows there are, and numbers in each.
-    stride : bytes from one row to the next; 0: a row is as long as its numbers.
+    rows, width : number of rows, and of numbers in each.
+    stride : bytes between the begins of two rows; 0 if a row has nothing but its numbers.
     """
 
     path: Path
@@ -56,7 +56,7 @@ class FileTable:
         return packed.view(self.kind).reshape(count, self.width)
 
     def integers(self) -> IntArray:
-        """Return all rows (rows, width), of whole numbers."""
+        """Return all rows (rows, width) as whole numbers."""
         return self.read(0, self.rows).astype(np.intp)
 
     def some(self, rows: IntArray) -> Array:
@@ -71,7 +71,7 @@ class FileTable:
         return np.frombuffer(data, self.kind).reshape(len(rows), self.width)
 
     def within(self, begin: int, end: int) -> tuple[int, int]:
-        """Return the first row, and the one after the last, of those that have bytes from `begin` to `end` - 1."""
+        """Return the range of rows that have bytes among `begin` to `end` - 1."""
         size = self.width * np.dtype(self.kind).itemsize
         low = (begin - self.begin - size) // self.step + 1
         return max(low, 0), min(-(-(end - self.begin) // self.step), self.rows)
@@ -79,7 +79,7 @@ class FileTable:
 
 @dataclass(frozen=True, slots=True)
 class Joined:
-    """Tables of as many numbers in each row, one after another."""
+    """Tables of equal width, one after another."""
 
     tables: tuple["FileTable | MemoryTable", ...]
 
@@ -151,12 +151,12 @@ class MemoryTable:
 def gather_tables(
     parts: Iterable[tuple[str, Array]], most: Callable[[str], int], scratch: Path | None
 ) -> dict[str, FileTable | MemoryTable]:
-    """Put the rows of several tables, which come in parts, into memory, or into files of a folder.
+    """Collect the rows of several tables, which come in parts, in memory or in files of a folder.
 
     Parameters
     ----------
-    parts : Name of a table, and some rows (K, width) of it.
-    most : Upper bound of the rows, by name; memory is taken as it is filled.
+    parts : Pairs of a table's name and some rows (K, width) of it.
+    most : Upper bound of the number of rows, by name; memory is used only for rows that come.
     scratch : An empty folder; None: memory.
     """
     rows: dict[str, int] = {}

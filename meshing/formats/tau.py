@@ -41,14 +41,14 @@ NUMBER = re.compile(r"-?[0-9]{1,9}")
 
 
 class Grid(NamedTuple):
-    """An open grid: its arrays by name (None: of unlimited length), lengths of dimensions, and attributes."""
+    """An open grid: arrays by name (None if of unlimited length), lengths of dimensions, and attributes."""
 
     arrays: Any
     lengths: Mapping[str, int | None]
     attributes: Mapping[str, Any]
 
     def array(self, name: str, kinds: str, *width: int) -> tuple[Any, list[Span]]:
-        """Return an array (N, *width), not read yet, and where its numbers are; no places if HDF5 has packed them."""
+        """Return an array (N, *width), not read yet, and the places of its numbers; none if HDF5 has packed them."""
         in_hdf5 = isinstance(self.arrays, h5py.File)
         array = dataset(self.arrays, name, kinds, KINDS[kinds]) if in_hdf5 else self.arrays[name]
         if array is None:
@@ -59,7 +59,7 @@ class Grid(NamedTuple):
         return array, spans(array) if in_hdf5 else [(array.offset, 0, array.size)]
 
     def table(self, path: Path, name: str, kinds: str, *width: int) -> FileTable | MemoryTable:
-        """Return where the rows of an array are; they are in memory if HDF5 has them in several places, or packed."""
+        """Return an array as a table; it is in memory if HDF5 has it in several places, or packed."""
         array, places = self.array(name, kinds, *width)
         if len(places) != 1:
             return MemoryTable(array[()].reshape(len(array), -1))
@@ -104,12 +104,12 @@ def _classic(path: Path) -> Grid:
 
 
 class Tau(Format):
-    """Cells of the four linear shapes, each one block; patches are the markers of triangles and quadrilaterals.
+    """Cells of the four linear shapes, a block of each; patches are the markers of triangles and quadrilaterals.
 
-    Patches are named by a boundary mapping beside the grid (``wing.bmap``, or the parameters ``wing.para``, for
-    ``wing.grid`` and ``wing-deflected.grid``), else by the attribute ``marker_N`` of the grid, else by the marker's
-    number. Markers of one name are one patch. Coordinates in single precision stay in single precision. A new file has
-    offsets of 64 bits (CDF-2).
+    A patch has the name in a boundary mapping beside the grid, else in the grid's attribute ``marker_N``, else the
+    marker's number. The mapping of ``wing.grid`` and ``wing-deflected.grid`` is ``wing.bmap``, or the parameters
+    ``wing.para``. Markers of one name are one patch. Coordinates in single precision stay in single precision. A new
+    file has offsets of 64 bits (CDF-2).
     """
 
     name = "tau"
@@ -141,7 +141,7 @@ class Tau(Format):
             return Datasets.of(path, [Dataset(name, kind, 0, found.points, i, i + 1) for name, kind, i in axes])
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
-        """See `Format.write`; polyhedra that are no usual cells, or faces of five corners, are a MeshFileError."""
+        """See `Format.write`; MeshFileError for polyhedra of other shapes, and for faces of five corners."""
         refuse_plane(mesh, "TAU")
         progress(f"writing {out.name}", 0.0)
         with fresh(out) as beside, about(out), beside.open("wb") as file:
@@ -176,7 +176,7 @@ def _check_count(grid: Grid, dimension: str, blocks: Sequence[CellTable]) -> Non
 
 
 def _patches(grid: Grid, path: Path, points: int) -> tuple[Patch, ...]:
-    """Return the patches; the file has markers of triangles, then of quadrilaterals, and those of one name are one."""
+    """Return the patches by the markers of triangles and then quadrilaterals; markers of one name are one patch."""
     tables = [own for own in _elements(grid, path, FACES) if own.table.rows]
     _check_count(grid, "no_of_surfaceelements", tables)
     if not tables:
@@ -204,7 +204,7 @@ def _markers(grid: Grid, count: int) -> IntArray:
 
 
 def _marker_names(grid: Grid, path: Path, markers: Sequence[int]) -> dict[int, str]:
-    """Return the name of each marker, by the mapping with names whose file name fits the grid's best."""
+    """Return the name of each marker from the mapping whose file name fits the grid's best."""
     mappings_of = (mapped_names(beside.read_bytes().decode("utf-8", "replace")) for beside in mappings(path))
     mapped = next((each for each in mappings_of if each.keys() & set(markers)), {})
     names = {marker: mapped.get(marker) or _text(grid, f"marker_{marker}") for marker in markers}
@@ -219,7 +219,7 @@ def _text(grid: Grid, attribute: str) -> str:
 
 
 def mappings(path: Path) -> Iterator[Path]:
-    """Yield the files beside a grid that may have its boundary mapping, those of the longest names first."""
+    """Yield the files beside a grid that may have its boundary mapping, the longest name first."""
     parts = re.split(r"(?=[^0-9A-Za-z])", path.name)
     stems = ["".join(parts[:i]) for i in range(len(parts), 0, -1)]
     for beside in (path.with_name(stem + suffix) for stem in stems if stem for suffix in (".bmap", ".para")):
@@ -230,8 +230,8 @@ def mappings(path: Path) -> Iterator[Path]:
 def mapped_names(text: str) -> dict[int, str]:
     """Return the names of the markers in a boundary mapping.
 
-    It has blocks of lines ``keyword: value`` (``Markers: 3, 4``, ``Name: wing``) that end with ``block end``; a comment
-    begins with ``#``.
+    The file has blocks of lines ``keyword: value`` (``Markers: 3, 4``, ``Name: wing``) that end with ``block end``; a
+    comment begins with ``#``.
     """
     names: dict[int, str] = {}
     for block in text.split("block end"):
@@ -269,7 +269,7 @@ def _write(mesh: Mesh, file: Any) -> tuple[str, ...]:
 
 
 def _store_shapes(grid: Any, shapes: Mapping[str, str], blocks: Sequence[tuple[Cells, int]]) -> list[IntArray]:
-    """Write blocks with their markers shape by shape; return the marker of each element."""
+    """Write blocks and their markers shape by shape; return the marker of each element."""
     markers = []
     for what, shape in shapes.items():
         if own := [(block.nodes, marker) for block, marker in blocks if block.shape == shape]:

@@ -45,7 +45,7 @@ all others are viscous walls."""
 
 @dataclass(frozen=True, slots=True)
 class UgridPieces(TablePieces):
-    """See `Pieces`; a copy comes with the names of its surfaces, which are beside the file as it was `given`."""
+    """See `Pieces`; a copy gets the file of surface names that stands beside the file `given` by the user."""
 
     given: Path
 
@@ -60,11 +60,10 @@ class UgridPieces(TablePieces):
 class Ugrid(Format):
     """Points, one block of cells of each shape, and boundary faces with surface ids.
 
-    The word before the suffix says how numbers are stored (`ENCODINGS`); without one the file is text. Patches are
-    named after their ids as FUN3D's ``.mapbc`` beside the file says, ``wing.mapbc`` for ``wing.b8.ugrid``, and by the
-    ids themselves where it says nothing; ids of one name are one patch. Every mesh that is written comes with such a
-    file, a copy of the source's if there is one; none that is there is changed. What may follow the cells is no part
-    of the mesh; a rewritten file keeps it.
+    The word before the suffix tells the encoding (`ENCODINGS`); without one the file is text. FUN3D's ``.mapbc`` beside
+    the file, such as ``wing.mapbc`` for ``wing.b8.ugrid``, names the ids; an id without a name is the patch's name. Ids
+    of one name are one patch. Every written mesh gets such a file, a copy of the source's if there is one; an existing
+    one is never changed. Data after the cells are no part of the mesh; a rewritten file keeps them.
     """
 
     name = "ugrid"
@@ -102,10 +101,9 @@ class Ugrid(Format):
         return ending(out).replace("4", "8")
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
-        """See `Format.rewrite`; a file of another encoding has the same content but for what follows the cells.
+        """See `Format.rewrite`; a file of another encoding has the same content without data after the cells.
 
-        Of coordinates in text, each that changed is written with as many digits as it needs; single precision stays
-        single.
+        In text, changed coordinates are written with as many digits as they need. Single precision stays single.
         """
         if encoding_of(out) == encoding_of(source):
             with about(source):
@@ -141,10 +139,10 @@ class Ugrid(Format):
         return stands_otherwise(source, out)
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
-        """See `Format.write`; polyhedra that are no usual cells, or faces of five corners, are a MeshFileError.
+        """See `Format.write`; MeshFileError for polyhedra of other shapes, and for faces of five corners.
 
-        Names of patches are written to a ``.mapbc``, unless all are numbers. If it is there and names the surfaces
-        otherwise, that is a MeshFileError.
+        Names of patches are written to a ``.mapbc``, unless all are numbers. MeshFileError if it exists with other
+        names.
         """
         refuse_plane(mesh, "UGRID")
         progress(f"writing {out.name}", 0.0)
@@ -164,12 +162,12 @@ class Ugrid(Format):
 
 
 def mapbc(path: Path) -> Path:
-    """Return the file with the names of a mesh's surfaces."""
+    """Return the path of the file with a mesh's surface names."""
     return path.with_name(path.name.removesuffix(ending(path)) + ".mapbc")
 
 
 def stands_otherwise(source: Path, out: Path) -> bool:
-    """Whether the ``.mapbc`` beside `out` differs from that of a UGRID mesh `source`."""
+    """Return whether the ``.mapbc`` beside `out` differs from that beside a UGRID mesh `source`."""
     named, table = mapbc(source), mapbc(out)
     if source.suffix.lower() != SUFFIX or not named.is_file() or not table.exists():
         return False
@@ -179,9 +177,9 @@ def stands_otherwise(source: Path, out: Path) -> bool:
 
 @contextmanager
 def names_copied(source: Path, out: Path) -> Iterator[None]:
-    """Copy the names of surfaces, stored beside the source, to the mesh `out` that the block writes.
+    """Copy the source's file of surface names to the mesh `out`, which the block writes.
 
-    MeshFileError if a ``.mapbc`` that is there says otherwise.
+    MeshFileError if an existing ``.mapbc`` has other names.
     """
     if stands_otherwise(source, out):
         raise _other_names(mapbc(out))
@@ -198,7 +196,7 @@ def _other_names(table: Path) -> MeshFileError:
 def surface_names(path: Path) -> dict[int, str]:
     """Return the names of surface ids in the ``.mapbc`` beside a mesh; none if there is no such file.
 
-    Its lines are the number of surfaces, then id, kind of boundary condition and name of each (FUN3D manual, boundary
+    The first line has the number of surfaces; each further one id, boundary condition and name (FUN3D manual, boundary
     conditions). MeshFileError if it is damaged.
     """
     beside = mapbc(path)
@@ -214,7 +212,7 @@ def surface_names(path: Path) -> dict[int, str]:
 
 
 def _rows(text: str) -> list[list[str]]:
-    """Return the words of each of the lines that a ``.mapbc`` announces."""
+    """Return the words of each line, as many lines as a ``.mapbc`` announces."""
     if "\0" in text:
         raise MeshFileError("is a binary file; names of surfaces are text")
     lines = [line.split() for line in text.splitlines() if line.strip()]
@@ -233,7 +231,7 @@ def _tables(path: Path, report: Callable[[float], None]) -> dict[str, FileTable 
 
 
 def _pieces(path: Path, tables: Mapping[str, FileTable | MemoryTable]) -> UgridPieces:
-    """Return the points, without cells."""
+    """Return the points as pieces without cells."""
     count = tables[POINTS].rows
     return UgridPieces(str(path.resolve()), count, (PointRange(0, count, tables[POINTS]),), (), path.absolute())
 
@@ -256,14 +254,14 @@ def patches(faces: Sequence[Cells], labels: IntArray, names: Mapping[int, str]) 
 
 
 def _by_label(faces: Cells, labels: IntArray, count: int) -> list[Cells]:
-    """Faces of each label (0 to count - 1), in their order."""
+    """Return the faces of each label (0 to count - 1), in their order."""
     order = np.argsort(labels, kind="stable")
     ends = np.searchsorted(labels, np.arange(1, count), sorter=order)
     return [Cells(faces.shape, faces.nodes[rows]) for rows in np.split(order, ends)[:count]]
 
 
 def _ids(mesh: Mesh) -> dict[str, int]:
-    """Surface id of each patch: its name where all names are numbers, else counted from 1."""
+    """Return the surface id of each patch: its name if all names are numbers, else 1, 2, ..."""
     if all(NUMBER.fullmatch(name) for name in mesh.names):
         return {name: int(name) for name in mesh.names}
     return {name: number for number, name in enumerate(mesh.names, 1)}
@@ -295,5 +293,5 @@ def _arrays(mesh: Mesh, ids: Mapping[str, int]) -> dict[str, Any]:
 
 
 def _one(parts: Sequence[IntArray], width: int) -> IntArray:
-    """Nodes (M, width) of all blocks; a single one is not copied."""
+    """Return the nodes (M, width) of all blocks; a single block is not copied."""
     return parts[0] if len(parts) == 1 else np.concatenate([np.empty((0, width), np.intp), *parts])

@@ -1,4 +1,4 @@
-"""UGRID files: how their numbers are stored, and the arrays in them.
+"""UGRID files: encodings and arrays.
 
 Source: UG_IO SimSys UGRID 3D Grid File Type and UG_IO File Names (encodings), Mississippi State University.
 """
@@ -43,13 +43,13 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True, slots=True)
 class Encoding:
-    """How numbers are stored in binary.
+    """An encoding of numbers in binary.
 
     Parameters
     ----------
     real : Type of coordinates.
     whole : Type of all other numbers.
-    records : Whether the counts, and all that follows them, are one Fortran record each.
+    records : Whether the counts are one Fortran record, and all arrays another.
     """
 
     real: np.dtype[Any]
@@ -58,7 +58,7 @@ class Encoding:
 
     @property
     def begin(self) -> int:
-        """Byte at which the coordinates begin."""
+        """First byte of the coordinates."""
         return len(COUNTED) * self.whole.itemsize + 3 * MARKER.itemsize * self.records
 
     def kind(self, name: str) -> np.dtype[Any]:
@@ -66,15 +66,15 @@ class Encoding:
         return self.real if name == POINTS else self.whole
 
     def body(self, shapes: Mapping[str, tuple[int, int]]) -> int:
-        """Return the bytes that all arrays take."""
+        """Return the length of all arrays in bytes."""
         return sum(rows * width * self.kind(name).itemsize for name, (rows, width) in shapes.items())
 
     def size(self, shapes: Mapping[str, tuple[int, int]]) -> int:
-        """Return the bytes of a file with these arrays and nothing else."""
+        """Return the length, in bytes, of a file with nothing but these arrays."""
         return self.begin + self.body(shapes) + MARKER.itemsize * self.records
 
     def marker(self, length: int) -> bytes:
-        """Return what stands before and after a record of `length` bytes; MeshFileError if it is too long."""
+        """Return the marker before and after a record of `length` bytes; MeshFileError if it is too long."""
         if length > LONGEST:
             raise MeshFileError(
                 f"its record of {length / 1e9:.1f} GB is too long for Fortran; store it as C does, .b8{SUFFIX}"
@@ -94,13 +94,13 @@ or 4 bytes, other numbers of 8 (l) or of 4."""
 
 
 def encoding_of(path: Path) -> str:
-    """Return the key in `ENCODINGS` that a file's name says; empty for text."""
+    """Return the key in `ENCODINGS` that a file's name contains; empty for text."""
     word = Path(path.stem).suffix[1:].lower()
     return word if word in ENCODINGS else ""
 
 
 def ending(path: Path) -> str:
-    """Return the suffix of a file, for UGRID with the encoding before it, as in ``.b8.ugrid``."""
+    """Return the suffix of a file, with the encoding if it has one, as in ``.b8.ugrid``."""
     inner = path.suffix.lower() == SUFFIX and encoding_of(path)
     return Path(path.stem).suffix + path.suffix if inner else path.suffix
 
@@ -116,7 +116,7 @@ class UgridFile:
 
     @classmethod
     def open(cls, file: BinaryIO, encoding: str, report: Callable[[float], None]) -> UgridFile:
-        """Compare what a file counts with its length.
+        """Open a file whose counts fit its length.
 
         MeshFileError if it is too short, damaged, or of another encoding.
         """
@@ -137,7 +137,7 @@ class UgridFile:
         return ugrid
 
     def check_records(self) -> None:
-        """Refuse Fortran records whose lengths are not those that the counts tell, with a MeshFileError."""
+        """Raise MeshFileError if the lengths of Fortran records contradict the counts."""
         if not self.encoding or not ENCODINGS[self.encoding].records:
             return
         encoding = ENCODINGS[self.encoding]
@@ -151,9 +151,9 @@ class UgridFile:
             at += 2 * MARKER.itemsize + length
 
     def tables(self, path: Path) -> dict[str, FileTable | MemoryTable]:
-        """Return where the arrays are: in the file at `path`, or in memory if it is text.
+        """Return the arrays as tables in the file at `path`, or in memory if it is text.
 
-        MeshFileError if a text ends early or holds something else.
+        MeshFileError if a text ends early or has other words.
         """
         if not self.encoding:
             return {name: MemoryTable(values) for name, values in self._arrays().items()}
@@ -166,7 +166,7 @@ class UgridFile:
         return tables
 
     def _arrays(self) -> dict[str, Array]:
-        """Points (N, 3), and (M, k) whole numbers for each other shape, of a text."""
+        """Return the arrays of a text: points (N, 3), and whole numbers (M, k) for each other shape."""
         found: dict[str, Array] = {
             name: np.empty(shape, np.dtype(float if name == POINTS else np.intp)) for name, shape in self.shapes.items()
         }
@@ -185,7 +185,7 @@ class UgridFile:
         raise MeshFileError(f"{wanted} numbers should be there, but the file ends before them; it is truncated")
 
     def coordinates(self) -> Iterator[tuple[int, bytes, Placed]]:
-        """Yield where a piece of text begins, the piece, and the coordinates in it; MeshFileError if it ends early."""
+        """Yield each piece's begin, its text and its coordinates; MeshFileError if the text ends early."""
         begin, end = len(COUNTED), len(COUNTED) + 3 * self.shapes[POINTS][0]
         for first, at, text, lines in self._words():
             own = slice(max(begin - first, 0), max(end - first, 0))
@@ -196,7 +196,7 @@ class UgridFile:
         raise MeshFileError("the coordinates end too early; the file is truncated")
 
     def _words(self) -> Iterator[tuple[int, int, bytes, NumberLines]]:
-        """Yield the number of words before a piece of text, where it begins, the piece, and its words."""
+        """Yield the number of words before each piece of text, its begin, the piece, and its words."""
         first = 0
         for at, text in chunks(self.file, 0, self.file.seek(0, 2)):
             lines = numbers(text, np.float64)
@@ -205,15 +205,15 @@ class UgridFile:
 
 
 def check_range(points: FloatArray, kind: np.dtype[Any]) -> None:
-    """Refuse coordinates that are too large for a type, with a ValueError."""
+    """Raise ValueError if coordinates are too large for a type."""
     if np.abs(points).max(initial=0.0) > np.finfo(kind).max:
         raise ValueError("coordinates are too large for numbers of 4 bytes; name a file of 8 bytes, such as .b8.ugrid")
 
 
 def encode(arrays: Mapping[str, Any], encoding: str) -> Iterator[bytes]:
-    """Yield the bytes of a file with arrays as `UgridFile.tables` has them.
+    """Yield the bytes of a file with arrays in the order of `UgridFile.tables`.
 
-    MeshFileError if there are more nodes than whole numbers can tell, or more data than a record can hold.
+    MeshFileError if there are more nodes than the encoding can number, or more data than a record can hold.
     """
     counts = np.array([[len(arrays[name]) for name in COUNTED]])
     if not encoding:
@@ -234,7 +234,7 @@ def encode(arrays: Mapping[str, Any], encoding: str) -> Iterator[bytes]:
 
 
 def _shapes(file: BinaryIO, encoding: str) -> dict[str, tuple[int, int]] | None:
-    """Shapes of all arrays as the counts tell; None if there are no counts."""
+    """Return the shapes of all arrays by the counts; None if there are no counts."""
     file.seek(0)
     head = file.read(HEAD)
     if not encoding:
@@ -253,14 +253,14 @@ def _shapes(file: BinaryIO, encoding: str) -> dict[str, tuple[int, int]] | None:
 
 
 def _size(shapes: Mapping[str, tuple[int, int]], encoding: str) -> int:
-    """Bytes that a file has at least."""
+    """Return the least length of a file, in bytes."""
     if encoding:
         return ENCODINGS[encoding].size(shapes)
     return 2 * (len(COUNTED) + sum(rows * width for rows, width in shapes.values())) - 1
 
 
 def _fitting(file: BinaryIO, size: int, encoding: str) -> str:
-    """The binary encoding, if there is one, in which the counts of a file give its length exactly."""
+    """Return the binary encoding in which a file's counts give its exact length; None without one."""
     for other in ENCODINGS:
         shapes = _shapes(file, other) if other != encoding else None
         if shapes and _size(shapes, other) == size:
@@ -273,7 +273,7 @@ def _named(encoding: str) -> str:
 
 
 def _check_whole(name: str, values: Array) -> Array:
-    """Return an array that must hold whole numbers, unless it is the coordinates; else MeshFileError."""
+    """Return an array; MeshFileError if it has other than whole numbers and is not that of the coordinates."""
     if name == POINTS:
         return values
     if bad := np.count_nonzero(~(np.abs(values) < EXACT) | (values != np.rint(values))):

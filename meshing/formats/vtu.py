@@ -1,4 +1,4 @@
-"""VTK unstructured grids (.vtu): a header of XML, then every array compressed; what is written is read, too."""
+"""VTK unstructured grids (.vtu) with an XML header and compressed arrays: written, and those files read."""
 
 import re
 import zlib
@@ -57,7 +57,7 @@ FOREIGN = (
 
 
 class Vtu(Format):
-    """Any linear cells and polyhedra, and faces with the patch of each, as `write_vtu` writes them."""
+    """Linear cells, polyhedra, and boundary faces with patches, in the arrays of `write_vtu`."""
 
     name = "vtu"
     suffixes = (".vtu",)
@@ -73,7 +73,7 @@ class Vtu(Format):
         return DOUBLE
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
-        """See `Format.rewrite`; arrays but those of the patches are left out."""
+        """See `Format.rewrite`; only arrays of the patches are kept."""
         mesh = self.read(source, progress)
         with about(source):
             check_points(points, len(mesh.points))
@@ -99,7 +99,7 @@ class Vtu(Format):
 def read_vtu(path: Path) -> Mesh:
     """Read a mesh of tetrahedra that `write_vtu` wrote.
 
-    Raises MeshFileError if the file does not exist, is damaged, or lacks our arrays.
+    Raises MeshFileError if the file does not exist, is damaged, or lacks the arrays of `write_vtu`.
     """
     with _open_grid(path) as grid:
         wide = grid.types == TYPES["tetra"]
@@ -127,7 +127,7 @@ def vtu_arrays(path: Path) -> dict[str, Array]:
 
 @contextmanager
 def _open_grid(path: Path) -> Iterator["_Grid"]:
-    """Give a file's grid; MeshFileError names the file for every fault in it."""
+    """Yield a file's grid; errors within the block name the file."""
     with about(path):
         try:
             yield _Grid.of(path)
@@ -137,7 +137,7 @@ def _open_grid(path: Path) -> Iterator["_Grid"]:
 
 @dataclass(frozen=True)
 class _Grid:
-    """The bytes of a file, the elements of its header, and where its arrays begin."""
+    """The bytes of a file, the elements of its header, and the begin of its arrays."""
 
     data: bytes
     head: Element
@@ -154,7 +154,7 @@ class _Grid:
         return cls(data, fromstring(data[:at] + b"</VTKFile>"), at + len(START))
 
     def all(self, section: str) -> dict[str, Element]:
-        """Return the arrays of a section by name."""
+        """Return all arrays of a section by name."""
         return {one.get("Name", ""): one for one in self.head.iterfind(f".//{section}/*")}
 
     def array(self, section: str, name: str) -> Array:
@@ -190,7 +190,7 @@ class _Grid:
 
     @cached_property
     def cells(self) -> tuple[IntArray, IntArray]:
-        """Nodes of all cells, and where each cell's begin; after them where the last one's end."""
+        """Return the nodes of all cells, and their offsets: the begin of each cell, and the end of the last."""
         nodes, ends = (self.array("Cells", name).astype(np.intp) for name in ("connectivity", "offsets"))
         return nodes, np.append(0, ends)
 
@@ -229,7 +229,7 @@ class _Grid:
 
 
 def _face_starts(stream: IntArray, begin: list[int]) -> tuple[IntArray, IntArray]:
-    """Where each face's number of nodes stands, and how many faces each cell has."""
+    """Return the place of each face's number of nodes, and the number of faces of each cell."""
     heads, counts, words = [], [], stream.data
     for first, end in pairwise(begin):
         at = first + 1
@@ -245,9 +245,9 @@ def write_vtu(
 ) -> None:
     """Write cells, then boundary faces, and arrays on them; the same input gives the same bytes.
 
-    The cell array ``patch`` says on which patch a face is (0 for cells), the field array ``patch_names`` names the
-    patches, each text followed by a zero; of a tetrahedral mesh, ``cad_face`` holds the CAD faces. A mesh without
-    patches has none of these.
+    The cell array ``patch`` has the patch of each face (0 for cells); the field array ``patch_names`` has the names,
+    each followed by a zero. For a tetrahedral mesh ``cad_face`` has the CAD faces. A mesh without patches has none of
+    these.
 
     Parameters
     ----------
@@ -280,7 +280,7 @@ def write_vtu(
 
 
 def _grid(mesh: Mesh) -> tuple[Sequence[Cells | Polygons | Polyhedra], int, dict[str, IntArray], tuple[str, ...]]:
-    """Blocks of cells, then of faces; the number of cells; labels (M + F,) of both; names of patches."""
+    """Return blocks of cells and then faces, the number of cells, labels (M + F,) of both, and names of patches."""
     volume = sum(len(block) for block in mesh.cells)
     if not mesh.patches:
         return mesh.cells, volume, {}, ()
@@ -323,7 +323,7 @@ def _cells(
 
 
 def in_memory(block: Cells | Polygons | Polyhedra) -> tuple[IntArray, NDArray[np.uint8]]:
-    """Return cells as VTK's memory holds them, the size of each before its nodes or faces, and their types (C,)."""
+    """Return cells in VTK's form, each one's size before its nodes or faces, and their types (C,)."""
     rows, sizes, types = _part(block)
     ends = np.cumsum(sizes)
     if isinstance(block, Polyhedra):
@@ -347,7 +347,7 @@ def _part(block: Cells | Polygons | Polyhedra) -> tuple[IntArray, IntArray, NDAr
 
 
 def _face_stream(block: Polyhedra) -> tuple[IntArray, IntArray]:
-    """Number of faces of each cell, then for each face its number of nodes and the nodes; and where cells end."""
+    """Return the faces of all cells, each as its number of nodes and the nodes, and the end of each cell."""
     faces, cell = faces_by_cell(block)
     sizes, count = np.diff(faces.offsets), np.bincount(cell, minlength=len(block))
     first_face = np.cumsum(count) - count
@@ -387,7 +387,7 @@ def _write(
 
 
 def _in_file_order(values: Array) -> Array:
-    """The values as the file has them, little-endian; integers with 32 bits where they fit."""
+    """Return the values in the file's type: little-endian, integers with 32 bits if they fit."""
     if values.dtype == np.int64 and np.abs(values).max(initial=0) <= np.iinfo(np.int32).max:
         values = values.astype(np.int32)
     return np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<"))
@@ -401,7 +401,7 @@ def _element(name: str, values: Array) -> str:
 
 
 def _compress(values: Array, pool: ThreadPoolExecutor) -> Iterator[bytes]:
-    """Number and size of the blocks, size of the last one unless it is whole, sizes as packed; then the blocks."""
+    """Return a compressed array: number, size, last size and packed sizes of its blocks, then the blocks."""
     raw = values.reshape(-1).view(np.uint8).data
     blocks = [raw[start : start + BLOCK] for start in range(0, len(raw), BLOCK)]
     packed = list(pool.map(lambda block: zlib.compress(block, FAST), blocks))

@@ -1,7 +1,4 @@
-"""Separate zones, each with points counted from 0, and one mesh of all.
-
-Periodic pairs of nodes, as files list them, as pairs of patches.
-"""
+"""Zones joined to one mesh and cut out of it, and a file's periodic pairs of nodes as pairs of patches."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
@@ -26,9 +23,9 @@ Places = Callable[[IntArray], FloatArray]
 
 
 def join_zones(names: Sequence[str], parts: Sequence[Mesh]) -> Mesh:
-    """Put zones one after another into one mesh.
+    """Join zones, one after another, to one mesh.
 
-    A patch keeps its name where no other zone has a patch of that name, and is called ``"zone/patch"`` otherwise.
+    A patch keeps its name if no other zone has a patch of that name; else it is ``"zone/patch"``.
     """
     starts = np.cumsum([0, *(len(part.points) for part in parts)]).tolist()
     zones = tuple(Zone(name, start, stop) for name, start, stop in zip(names, starts, starts[1:], strict=False))
@@ -51,7 +48,7 @@ def _shifted_patch(patch: Patch, zone: Zone, common: bool) -> Patch:
 
 
 def part(mesh: Mesh, zone: Zone) -> Mesh:
-    """Return one zone's points, cells and patches (``"zone/patch"`` is ``"patch"`` again), nodes counted from 0.
+    """Return the mesh of one zone, with nodes counted from 0; ``"zone/patch"`` is ``"patch"`` again.
 
     ValueError if a cell or a boundary face joins two zones.
     """
@@ -65,13 +62,13 @@ def part(mesh: Mesh, zone: Zone) -> Mesh:
 
 
 def _patch_inside(patch: Patch, zone: Zone) -> Patch:
-    """Return the part of a patch that lies in a zone; it may have no faces."""
+    """Return the part of a patch within a zone; it may have no faces."""
     faces = [_inside(block, zone, f"faces of patch {patch.name}") for block in patch.faces]
     return _without_zone(Patch(patch.name, tuple(filter(len, faces)), constraint=patch.constraint), zone)
 
 
 def common_constraints(named: Iterable[tuple[str, Constraint]]) -> dict[str, Constraint]:
-    """Return the constraint of each patch by name: the one that all its parts share, or none."""
+    """Return the constraint of each patch by name, if all its parts have the same."""
     constraints: dict[str, Constraint] = {}
     for name, constraint in named:
         constraints[name] = constraint if constraints.get(name, constraint) == constraint else ""
@@ -119,7 +116,7 @@ def _inside(block: Faces, zone: Zone, what: str) -> Faces:
 
 
 def renumber(block: Block, index: IntArray) -> Block:
-    """Return cells or faces with `index` (N,) of each node in its place."""
+    """Return cells or faces with each node replaced by its entry in `index` (N,)."""
     if isinstance(block, Polyhedra):
         return replace(block, faces=replace(block.faces, nodes=index[block.faces.nodes]))
     return replace(block, nodes=index[block.nodes])
@@ -136,7 +133,7 @@ class Pairs:
     Attributes
     ----------
     periodic : the pairs.
-    patches : the patches; after them, for pairs whose nodes are on no patch, patches of nodes alone.
+    patches : the patches, and then patches of nodes alone for pairs whose nodes are on no patch.
     notes : a sentence for each pair that cannot be used.
     """
 
@@ -146,14 +143,14 @@ class Pairs:
 
 
 def with_pairs(mesh: Mesh, listed: Iterable[Listed], notes: tuple[str, ...] = ()) -> Mesh:
-    """Return the mesh with the pairs that its file lists; `notes` are sentences on others."""
+    """Return the mesh with the pairs that its file lists; `notes` are sentences on pairs that cannot be used."""
     pairs = pairs_of(mesh.patches, listed, lambda nodes: mesh.points[nodes])
     notes = (*mesh.notes, *notes, *pairs.notes)
     return replace(mesh, patches=pairs.patches, periodic=pairs.periodic, notes=notes)
 
 
 def pairs_to_write(mesh: Mesh) -> list[Periodic]:
-    """Return the pairs that a format with periodic sides can hold: of nodes, and not those of a case one cell thick."""
+    """Return the pairs with nodes, without those of a case one cell thick: other formats can hold these alone."""
     return [pair for pair in mesh.periodic if len(pair.nodes) and not pair.thin]
 
 
@@ -163,13 +160,13 @@ def unwritten(pairs: Iterable[Periodic]) -> tuple[str, ...]:
 
 
 def pairs_of(patches: Sequence[Patch], listed: Iterable[Listed], places: Places) -> Pairs:
-    """Return pairs of patches: one for each two patches, and each motion between them, named by the first patch.
+    """Return a pair, named by its first patch, for each two patches and each motion between them.
 
     Parameters
     ----------
     patches : those of the mesh.
-    listed : what the file lists; a pair may be there in several parts, and once more the other way round.
-    places : where the nodes are.
+    listed : pairs in the file; one may be listed in several parts, and again in the other direction.
+    places : coordinates (N, 3) of the nodes.
     """
     every, notes, pairs = list(patches), [], list[Periodic]()
     for name, nodes in listed:
@@ -184,14 +181,14 @@ def pairs_of(patches: Sequence[Patch], listed: Iterable[Listed], places: Places)
 
 
 def _fit(name: str, patches: tuple[str, str], nodes: IntArray, places: Places) -> Periodic:
-    """Return a pair with the motion that fits its nodes, each of which is there once."""
+    """Return a pair with the motion that fits its nodes, listed once each."""
     rows = np.unique(nodes, axis=0)
     numbers = union(rows)
     return replace(fit_motion(places(numbers), name, patches, np.searchsorted(numbers, rows)), nodes=rows)
 
 
 def _holder(patches: Sequence[Patch], name: str, nodes: IntArray) -> Patch:
-    """Return the smallest patch that has all these nodes; a new one of nodes alone if none has."""
+    """Return the smallest patch that has all these nodes; without one, a new patch of nodes alone."""
     holding = [patch for patch in patches if len(patch.nodes) and _has(patch.nodes, nodes)]
     if holding:
         return min(holding, key=lambda patch: len(patch.nodes))
@@ -210,7 +207,7 @@ def _has(known: IntArray, nodes: IntArray) -> bool:
 
 
 def _enter(pairs: list[Periodic], new: Periodic, places: Places) -> None:
-    """Add a pair to those found, or its nodes to the one of the same patches and motion."""
+    """Add a pair to a list, or its nodes to the pair of the same patches and motion."""
     for i, old in enumerate(pairs):
         for nodes in (new.nodes, new.nodes[:, ::-1]) if set(old.patches) == set(new.patches) else ():
             here, there = places(nodes[:, 0]), places(nodes[:, 1])

@@ -30,10 +30,10 @@ NORMAL_WEIGHT = 0.5
 def inside_solid(
     points: FloatArray, tets: IntArray, faces: CellFaces, surface: InputSurface, envelope: float
 ) -> BoolArray:
-    """True (M,) for tetrahedra inside the solid.
+    """Return which tetrahedra (M,) are inside the solid.
 
-    Every face of the surface lies in its envelope, so regions that connect without crossing the envelope are
-    on one side of it: one winding number per region decides, taken in the region's largest cell.
+    Every face of the surface lies in its envelope, so a region that does not cross the envelope is on one side. The
+    winding number in the region's largest cell decides which.
     """
     blocked = _within(points, faces.nodes, surface, MARGIN * envelope)
     through = ~blocked & (faces.second >= 0)
@@ -47,7 +47,7 @@ def inside_solid(
 
 
 def winding_number(queries: FloatArray, points: FloatArray, triangles: IntArray) -> FloatArray:
-    """How often a closed surface (T, 3), oriented outward, winds around each query point (Q, 3).
+    """Return how often a closed surface (T, 3), oriented outward, winds around each query point (Q, 3).
 
     The solid angle of a triangle follows van Oosterom and Strackee (1983).
     """
@@ -62,7 +62,7 @@ def winding_number(queries: FloatArray, points: FloatArray, triangles: IntArray)
 
 
 def _within(points: FloatArray, nodes: IntArray, surface: InputSurface, tolerance: float) -> BoolArray:
-    """True (F,) for faces (F, 3) whose nodes, edge midpoints and centre lie within the tolerance."""
+    """Return which faces (F, 3) have their nodes, edge midpoints and centre within the tolerance."""
     closest = ClosestTriangle(surface.points, surface.outer)
     low, high = surface.points.min(axis=0) - tolerance, surface.points.max(axis=0) + tolerance
     used = np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
@@ -81,7 +81,7 @@ def _dots(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def boundary_triangles(faces: CellFaces, fluid: BoolArray) -> tuple[IntArray, BoolArray]:
-    """Triangles (B, 3) between flow and anything else, oriented out of it; which (B,) lie on the mesher's box."""
+    """Return the boundary triangles (B, 3) of the flow, oriented outward, and which (B,) lie on the mesher's box."""
     outermost = faces.second < 0
     first = fluid[faces.first]
     second = fluid[faces.second] & ~outermost
@@ -93,9 +93,9 @@ def boundary_triangles(faces: CellFaces, fluid: BoolArray) -> tuple[IntArray, Bo
 
 
 def cad_faces(points: FloatArray, triangles: IntArray, surface: InputSurface) -> IntArray:
-    """Index (B,) of the CAD face of each triangle (B, 3), oriented out of the solid; -1 where none is near.
+    """Return the CAD face (B,) of each triangle (B, 3), oriented out of the solid; -1 if none is near.
 
-    The face of the nearest input triangle, where disagreeing normals count as distance. The normals' sign
+    It is the face of the nearest input triangle; a difference of the normals counts as distance. The normals' sign
     matters: at a thin trailing edge the upper and the lower side are equally near.
     """
     corners = points[triangles]
@@ -117,14 +117,14 @@ def cad_faces(points: FloatArray, triangles: IntArray, surface: InputSurface) ->
 
 
 def unit_normals(points: FloatArray, triangles: IntArray) -> FloatArray:
-    """Unit normals (T, 3) of triangles (T, 3), right-handed in the order of their nodes."""
+    """Return the unit normals (T, 3) of triangles (T, 3), right-handed in the order of their nodes."""
     a, b, c = (points[triangles[:, i]] for i in range(3))
     normals = np.cross(b - a, c - a)
     return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
 
 def assemble(filling: Filling, surface: InputSurface, model: CadModel, envelope: float) -> Mesh:
-    """Select the flow, name its boundary and put that on the CAD; MeshingError where the two do not match.
+    """Select the flow, name its boundary, and move that onto the CAD; MeshingError if the two do not match.
 
     The filling's surface strays by the `envelope` (metres) from the surface mesh.
     """
@@ -146,7 +146,7 @@ def assemble(filling: Filling, surface: InputSurface, model: CadModel, envelope:
 def _named_mesh(
     points: FloatArray, tets: IntArray, body: tuple[IntArray, IntArray], far: IntArray, model: CadModel
 ) -> Mesh:
-    """Mesh of the used points (N, 3), its patches in the order of the CAD faces, the far field (K, 3) last.
+    """Return the mesh of the used points (N, 3), with patches in the order of CAD faces, the far field (K, 3) last.
 
     `body` holds the triangles (B, 3) on the CAD and the face (B,) of each.
     """
@@ -163,7 +163,7 @@ def _named_mesh(
 
 
 class ClosestTriangle:
-    """Finds the nearest of some triangles (T, 3) on points (N, 3)."""
+    """Search for the nearest of some triangles (T, 3) on points (N, 3)."""
 
     def __init__(self, points: FloatArray, triangles: IntArray) -> None:
         used, compact = np.unique(triangles, return_inverse=True)
@@ -180,7 +180,7 @@ class ClosestTriangle:
         self._locator.BuildLocator()
 
     def __call__(self, points: FloatArray) -> tuple[FloatArray, IntArray]:
-        """Distance (P,) in metres from each point (P, 3) and index (P,) of the nearest triangle."""
+        """Return the distance (P,) in metres and the index (P,) of the triangle nearest to each point (P, 3)."""
         squared, index = np.empty(len(points)), np.empty(len(points), dtype=np.intp)
         cell, spot = vtkGenericCell(), [0.0, 0.0, 0.0]
         found, part, away = (cast("Any", reference(zero)) for zero in (0, 0, 0.0))

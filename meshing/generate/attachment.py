@@ -1,6 +1,6 @@
-"""Which CAD vertex, edge or face each boundary node belongs to, and the nodes' places on them.
+"""The CAD vertex, edge or face to which each boundary node belongs, and the nodes' places on them.
 
-Faces of tetrahedra, edges of triangles, and whether a boundary is that of its cells.
+Also faces of tetrahedra, edges of triangles, and the check that a boundary is that of its cells.
 """
 
 from dataclasses import dataclass
@@ -43,7 +43,7 @@ class CellFaces:
 
 
 def cell_faces(tets: IntArray) -> CellFaces:
-    """All distinct faces of tetrahedra (M, 4); ValueError where more than two share one."""
+    """Return all distinct faces of tetrahedra (M, 4); ValueError if more than two share one."""
     nodes = tets[:, TET_FACES].reshape(-1, 3)
     keys = np.sort(nodes, axis=1)
     order = np.lexsort((keys[:, 2], keys[:, 0] * (tets.max(initial=0) + 1) + keys[:, 1]))
@@ -58,19 +58,19 @@ def cell_faces(tets: IntArray) -> CellFaces:
 
 
 def edges_of(triangles: IntArray) -> tuple[IntArray, IntArray]:
-    """Distinct edges (E, 2), low node first, and for each triangle (T, 3) the index of its three edges."""
+    """Return the distinct edges (E, 2), low node first, and the three edges (T, 3) of each triangle (T, 3)."""
     ends = np.sort(triangles[:, TRIANGLE_EDGES].reshape(-1, 2), axis=1)
     codes, index = np.unique(encode(ends), return_inverse=True)
     return decode(codes), index.reshape(-1, 3)
 
 
 def encode(ends: IntArray) -> IntArray:
-    """One integer (E,) for each pair (E, 2) of node indices."""
+    """Return one integer (E,) for each pair (E, 2) of node indices."""
     return np.asarray(ends[:, 0] << 32 | ends[:, 1])
 
 
 def decode(codes: IntArray) -> IntArray:
-    """The pairs (E, 2) behind the integers (E,) of `encode`."""
+    """Return the pairs (E, 2) from the integers (E,) of `encode`."""
     return np.stack([codes >> 32, codes & 0xFFFFFFFF], axis=1)
 
 
@@ -86,7 +86,7 @@ def boundary_failures(mesh: Mesh) -> list[str]:
 
 
 def _canonical(triangles: IntArray) -> IntArray:
-    """Triangles (T, 3) rotated to start with their lowest node, in lexicographic order."""
+    """Return triangles (T, 3) that begin with their lowest node, in lexicographic order."""
     turn = (np.argmin(triangles, axis=1)[:, None] + np.arange(3)) % 3
     rotated = np.take_along_axis(triangles, turn, axis=1)
     return np.asarray(rotated[np.lexsort(rotated.T[::-1])])
@@ -111,15 +111,15 @@ class Attachment:
 
     @property
     def lost(self) -> IntArray:
-        """Nodes (L,) that touch several faces and belong to no CAD edge or vertex."""
+        """Return the nodes (L,) that touch several faces and belong to no CAD edge or vertex."""
         return self.nodes[(self.vertex < 0) & (self.edge < 0) & (self.face < 0)]
 
 
 def attach(points: FloatArray, triangles: IntArray, face: IntArray, model: "CadModel") -> Attachment:
     """Attach the nodes of boundary triangles (B, 3) whose CAD faces (B,) are known.
 
-    A node of one face belongs to it, a node of two to the nearest edge between them. A CAD vertex takes the
-    node that shares most faces with it; among equals, the nearest.
+    A node of one face belongs to this face, a node of two faces to the nearest edge between them. A CAD vertex takes
+    the node that shares most faces with it; among equals, the nearest.
     """
     incidence = decode(np.unique(encode(np.stack([triangles.ravel(), np.repeat(face, 3)], axis=1))))
     nodes, first, count = np.unique(incidence[:, 0], return_index=True, return_counts=True)
@@ -130,7 +130,7 @@ def attach(points: FloatArray, triangles: IntArray, face: IntArray, model: "CadM
 
 
 def _vertices(points: FloatArray, nodes: IntArray, incidence: IntArray, model: "CadModel") -> IntArray:
-    """CAD vertex (K,) of nodes (K,) by the faces that they touch, incidence (P, 2); -1 for most."""
+    """Return the CAD vertex (K,) of nodes (K,), by the faces that they touch, as incidence (P, 2); -1 for most."""
     vertex = np.full(len(nodes), -1)
     if not len(model.vertices):
         return vertex
@@ -150,7 +150,7 @@ def _vertices(points: FloatArray, nodes: IntArray, incidence: IntArray, model: "
 
 
 def _edges(points: FloatArray, nodes: IntArray, incidence: IntArray, model: "CadModel") -> IntArray:
-    """Nearest CAD edge (K,) of each node (K,) between two faces that the node touches; -1 without one."""
+    """Return the CAD edge (K,) nearest to each node (K,) between two faces that the node touches; -1 without one."""
     edge, nearest = np.full(len(nodes), -1), np.full(len(nodes), np.inf)
     on_face = [incidence[incidence[:, 1] == face, 0] for face in range(len(model.faces))]
     for index, cad in enumerate(model.edges):
@@ -163,7 +163,7 @@ def _edges(points: FloatArray, nodes: IntArray, incidence: IntArray, model: "Cad
 
 
 def snap(points: FloatArray, attachment: Attachment, model: "CadModel") -> FloatArray:
-    """Points (N, 3) with each attached node moved to the nearest point of its CAD vertex, edge or face."""
+    """Return points (N, 3) with each attached node at the nearest point of its CAD vertex, edge or face."""
     moved = points.copy()
     on_vertex = attachment.vertex >= 0
     moved[attachment.nodes[on_vertex]] = model.vertices[attachment.vertex[on_vertex]]

@@ -1,6 +1,6 @@
-"""The whole road from CAD to a mesh that passed verification.
+"""Generation of a verified mesh from CAD, and uniform red refinement.
 
-Uniform red refinement: every tetrahedron into eight, new boundary nodes on the exact CAD.
+Refinement splits every tetrahedron into eight; new boundary nodes are moved onto the exact CAD.
 """
 
 import time
@@ -41,10 +41,10 @@ SLACK = 0.01
 
 
 def split_cells(mesh: Mesh) -> Mesh:
-    """Every tetrahedron into eight and every boundary triangle into four, by the midpoints of all edges.
+    """Split every tetrahedron into eight and every boundary triangle into four, at the midpoints of all edges.
 
-    The octahedron in the middle is cut along its shortest diagonal (Bey 1995 discusses the choice). The old
-    nodes come first and keep their places, so meshes are nested; children of a cell follow each other.
+    The octahedron in the middle is cut along its shortest diagonal (Bey 1995 discusses the choice). Old nodes come
+    first and keep their places, so meshes are nested; the children of a cell follow one another.
     """
     tets, boundary = tets_of(mesh), skin(mesh)
     codes, middle = np.unique(encode(_ends(tets, TET_EDGES)), return_inverse=True)
@@ -58,7 +58,7 @@ def split_cells(mesh: Mesh) -> Mesh:
 
 
 def refine(mesh: Mesh, model: CadModel) -> Mesh:
-    """Split a mesh and put its new boundary nodes on the CAD model that it was made from; old nodes stay."""
+    """Split a mesh, and move its new boundary nodes onto the CAD model that it was made from; old nodes stay."""
     finer = split_cells(mesh)
     triangles, _, face = skin(finer)
     attachment = attach(finer.points, triangles[face >= 0], face[face >= 0], model)
@@ -68,12 +68,12 @@ def refine(mesh: Mesh, model: CadModel) -> Mesh:
 
 
 def _ends(cells: IntArray, edges: IntArray) -> IntArray:
-    """End nodes (K, 2), low first, of all edges of all cells."""
+    """Return the end nodes (K, 2), low first, of all edges of all cells."""
     return np.sort(cells[:, edges].reshape(-1, 2), axis=1)
 
 
 def _children(points: FloatArray, parents: IntArray) -> IntArray:
-    """Eight tetrahedra (8 M, 4) for each parent (M, 10)."""
+    """Return eight tetrahedra (8 M, 4) for each parent (M, 10)."""
     ends = points[parents[:, DIAGONALS]]
     lengths = np.einsum("mdk,mdk->md", ends[:, :, 0] - ends[:, :, 1], ends[:, :, 0] - ends[:, :, 1])
     shortest = lengths.argmin(axis=1)
@@ -90,9 +90,9 @@ def _children(points: FloatArray, parents: IntArray) -> IntArray:
 
 @dataclass(frozen=True, slots=True)
 class MeshReport:
-    """How a mesh came about: its figures, attempts, seconds, and the volume mesher's peak memory in bytes.
+    """Report on a generated mesh: figures, attempts, seconds, and the volume mesher's peak memory in bytes.
 
-    `unseeded` says why another run gives another mesh; "" where it gives the same.
+    `unseeded` is the reason why another run gives another mesh; "" if it gives the same.
     """
 
     verification: Verification
@@ -117,15 +117,15 @@ def generate(
 ) -> Generated:
     """Mesh the flow around (or inside) a CAD model.
 
-    Each attempt has another seed, and so gives another mesh; one that fails verification is never returned.
+    Each attempt has another seed and gives another mesh; a mesh that fails verification is never returned.
 
     Parameters
     ----------
     progress : called with a stage and the fraction done, nan where that is unknown
-    finer : points (S, 3) where the cells are to be small for another reason than the CAD, and edge lengths (S,)
+    finer : further points (S, 3) where cells must be small, and edge lengths (S,)
 
     Raises MeshingError if no attempt passes; the message holds each attempt's failures. An attempt that takes too long
-    ends the run by LateError: were another one made instead, the mesh would depend on the clock.
+    ends the run with a LateError: with another attempt the mesh would depend on the clock.
     """
     start = time.perf_counter()
     progress("surface mesh", 0.0)
@@ -155,7 +155,7 @@ def generate(
 
 
 def harder(parameters: MeshParameters, attempt: int) -> MeshParameters:
-    """Parameters of a further attempt (1, 2, ...): another seed, and an aim for which the mesher works longer."""
+    """Return the parameters of a further attempt (1, 2, ...): another seed and a stricter goal for the mesher."""
     aim = min(parameters.aim + EFFORT * (attempt - 1), HIGHEST_AIM)
     return replace(parameters, aim=aim, seed=parameters.seed + attempt - 1)
 
@@ -163,9 +163,9 @@ def harder(parameters: MeshParameters, attempt: int) -> MeshParameters:
 def prepare(
     model: CadModel, parameters: MeshParameters, finer: Finer | None = None
 ) -> tuple[SizeField, Box, InputSurface]:
-    """The target sizes, the box to fill and the surface mesh: all that attempts have in common.
+    """Return the target sizes, the box to fill and the surface mesh, which all attempts share.
 
-    MeshingError where the surface cannot be meshed.
+    MeshingError if the surface cannot be meshed.
     """
     points, lengths = sources(model, parameters)
     known = np.concatenate([points, model.vertices])

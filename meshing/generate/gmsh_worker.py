@@ -1,4 +1,4 @@
-"""The child process that runs gmsh: CAD faces and a size field in, a conforming surface mesh out."""
+"""The child process that runs gmsh; it receives CAD faces and a size field, and answers a conforming surface mesh."""
 
 import gmsh
 import numpy as np
@@ -9,7 +9,7 @@ FRONTAL_DELAUNAY = 6
 
 
 def mesh_faces(question: Arrays) -> Arrays:
-    """Triangulate the faces of the .brep file ``brep``, by edge lengths on a mesh ``points``, ``tets``, ``lengths``.
+    """Triangulate the faces of the file ``brep``, by edge lengths on a mesh ``points``, ``tets``, ``lengths``.
 
     Answers ``points`` (N, 3), ``triangles`` (T, 3), ``face`` (T,) and the faces' ``areas`` (K,).
     """
@@ -41,7 +41,7 @@ def _size_by_background(question: Arrays) -> None:
 
 
 def _collect() -> dict[str, Array]:
-    """The mesh of all faces as `mesh_faces` answers it; gmsh numbers them in the order of the file."""
+    """Return the mesh of all faces for `mesh_faces`; gmsh numbers the faces in the order of the file."""
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
     index = np.full(int(tags.max()) + 1, -1)
     index[tags.astype(np.intp)] = np.arange(len(tags))

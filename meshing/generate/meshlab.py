@@ -1,4 +1,4 @@
-"""MeshLab judges the boundary of a mesh: closed, oriented, free of crossings, near the faces of the CAD."""
+"""Checks of a mesh's boundary by MeshLab: closed, oriented, without intersections, near the CAD faces."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -29,10 +29,9 @@ Triangulation = tuple[FloatArray, IntArray, IntArray]
 
 
 def meshlab_failures(mesh: Mesh, model: "CadModel") -> list[str]:
-    """Return a sentence for everything that MeshLab finds wrong with the boundary; none for a usable one.
+    """Return a sentence for each fault of the boundary that MeshLab finds; none for a usable boundary.
 
-    MeshLab works in a process of its own, which may end or never come back from a boundary that makes no sense: that is
-    a sentence too.
+    MeshLab works in a separate process. If a bad boundary makes it crash or hang, a sentence says so.
     """
     points, triangles, face = triangulate(model)
     boundary = skin(mesh)
@@ -67,7 +66,7 @@ def triangulate(model: "CadModel") -> Triangulation:
 
 
 def surface_failures(mesh: Mesh, answer: child.Arrays) -> Iterator[str]:
-    """Yield what the boundary lacks to be a closed surface around the cells that does not cross itself."""
+    """Yield why the boundary is no closed surface around the cells, or intersects itself."""
     for name, text in (
         ("crowded", "{} boundary triangles are at edges that more than two share"),
         ("open", "the boundary is not closed: {} edges have one triangle"),
@@ -88,7 +87,7 @@ def surface_failures(mesh: Mesh, answer: child.Arrays) -> Iterator[str]:
 
 
 def cad_failures(mesh: Mesh, model: "CadModel", answer: child.Arrays) -> Iterator[str]:
-    """Yield a sentence for each CAD face without a boundary, or with a boundary elsewhere."""
+    """Yield a sentence for each CAD face whose boundary triangles are missing or elsewhere."""
     boundary = skin(mesh)
     for index in np.setdiff1d(np.arange(len(model.faces)), boundary.face):
         yield f"no boundary triangle is on {_name(model, index)}"

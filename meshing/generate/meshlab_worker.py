@@ -1,4 +1,4 @@
-"""The child process that asks MeshLab (pymeshlab) about the boundary of a mesh, and how far the CAD is from it."""
+"""The child process that lets MeshLab (pymeshlab) measure a mesh's boundary and its distance from the CAD."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -40,7 +40,7 @@ def judge(question: Question) -> Arrays:
 
 
 def topology(points: FloatArray, triangles: IntArray) -> dict[str, object]:
-    """Count what keeps triangles (F, 3) from being a closed surface with two triangles at each edge, one fan a node."""
+    """Count the faults by which triangles (F, 3) are no closed surface: two at each edge, one fan at each node."""
     meshes = load(points, triangles)
     meshes.compute_selection_by_non_manifold_edges_per_face()
     crowded = meshes.current_mesh().selected_face_number()
@@ -59,9 +59,9 @@ def sides(points: FloatArray, triangles: IntArray) -> dict[str, object]:
 
 
 def crossing(points: FloatArray, triangles: IntArray, far: BoolArray) -> IntArray:
-    """Return the rows of triangles (F, 3) that cross others in every orientation; those of the far field by themselves.
+    """Return the rows of triangles (F, 3) that cross others in every orientation; body and far field are tested apart.
 
-    MeshLab sorts triangles into boxes of one size: the body's would all be in one of the far field's.
+    MeshLab sorts triangles into boxes of one size; the whole body would be in one box of the far field's size.
     """
     rows = [np.flatnonzero(part) for part in (far, ~far) if part.any()]
     return np.sort(np.concatenate([own[_crossing(points, triangles[own])] for own in rows]))
@@ -84,7 +84,7 @@ def rotation(angle: float) -> FloatArray:
 
 
 def on_cad(question: Question) -> dict[str, object]:
-    """Return folds and the one-sided Hausdorff distances, both ways, of each CAD face and its boundary triangles."""
+    """Return, by CAD face, folds of its boundary triangles, and both one-sided Hausdorff distances to these."""
     faces = np.intersect1d(question["face"], question["cad_face"])
     reach = 2.0 * float(np.linalg.norm(np.ptp(question["points"], axis=0)))
     measures = np.array([_on_face(question, face, pymeshlab.PureValue(reach)) for face in faces]).reshape(-1, 3)
@@ -102,7 +102,7 @@ def _on_face(question: Question, face: int, reach: pymeshlab.PureValue) -> tuple
 
 
 def load(points: FloatArray, triangles: IntArray) -> pymeshlab.MeshSet:
-    """Return MeshLab's document of the triangles (F, 3) and their nodes, in double precision."""
+    """Return a MeshLab document with the triangles (F, 3) and their nodes in double precision."""
     meshes = pymeshlab.MeshSet(verbose=False)
     meshes.add_mesh(mesh_of(points, triangles))
     return meshes

@@ -1,4 +1,4 @@
-"""Target sizes, tolerances and acceptance limits of a mesh, as one frozen value."""
+"""Target sizes, tolerances and acceptance limits of a mesh."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
@@ -22,7 +22,7 @@ def _edge(default: float, where: str) -> float:
 
 @dataclass(frozen=True, slots=True)
 class MeshParameters(Checked):
-    """How fine, how exact and how good a mesh shall be; the defaults are those of the small scale.
+    """Target sizes, tolerances and quality limits of a mesh; the defaults are those of the small scale.
 
     ValueError for a value outside its range.
     """
@@ -58,14 +58,14 @@ class MeshParameters(Checked):
     accept_below: float = quantity(2e-4, "", 0.0, 1.0, "largest acceptable share of cells below 0.4")
 
     def edge_length(self, patch: str) -> float:
-        """Target edge length in metres on a patch, left and right alike; ValueError where none belongs to it."""
+        """Return the target edge length in metres on a patch, left or right; ValueError if there is none."""
         component = patch.removesuffix("_left").removesuffix("_right")
         if component not in COMPONENTS:
             raise ValueError(f"no target edge length for patch {patch!r}; there are {', '.join(COMPONENTS)}")
         return float(getattr(self, component))
 
     def scaled(self, factor: float) -> Self:
-        """All edge lengths and the envelope multiplied by a factor."""
+        """Return the parameters with all edge lengths and the envelope multiplied by a factor."""
         lengths = {name: factor * getattr(self, name) for name in (*COMPONENTS, "corner", "envelope")}
         return replace(self, **lengths)
 
@@ -75,7 +75,7 @@ COMPONENTS = tuple(takewhile(lambda name: name != "corner", (field.name for fiel
 
 
 def _for_refined(base: MeshParameters) -> MeshParameters:
-    """Lower the quality limits for a refined mesh: its new nodes are moved onto curved faces."""
+    """Return lower quality limits for a refined mesh, because its new nodes are moved onto curved faces."""
     return replace(base, refinements=1, accept_min=0.25, accept_mean=0.86, accept_below=5e-4)
 
 

@@ -1,8 +1,8 @@
-"""Target edge lengths as a function of position, and the graded octrees that carry them to the mesh generators.
+"""Target edge lengths as a function of position, and graded octrees that give them to the mesh generators.
 
 h(x) = min over sources of (h_i + growth |x - p_i|).
 
-Where the CAD asks for small cells: on patches, in curves, in gaps, at sharp corners and on short edges.
+Sources are the places where the CAD needs small cells: patches, curves, gaps, sharp corners and short edges.
 """
 
 import itertools
@@ -63,7 +63,7 @@ class SizeField:
         return min(self.levels[0][1], self.largest) if self.levels else self.largest
 
     def __call__(self, points: FloatArray) -> FloatArray:
-        """Target edge lengths (N,) in metres at points (N, 3)."""
+        """Return the target edge lengths (N,) in metres at points (N, 3)."""
         lengths = np.full(len(points), self.largest)
         for tree, length in self.levels:
             open_points = np.flatnonzero(lengths > length)
@@ -76,7 +76,7 @@ class SizeField:
 
 
 def size_field(points: FloatArray, lengths: FloatArray, growth: float, largest: float) -> SizeField:
-    """Build the field of sources at points (S, 3) with target edge lengths (S,) in metres.
+    """Return the field of sources at points (S, 3) with target edge lengths (S,) in metres.
 
     Lengths are rounded down by at most LEVEL_RATIO; sources that others make superfluous are left out.
     """
@@ -93,9 +93,9 @@ def size_field(points: FloatArray, lengths: FloatArray, growth: float, largest: 
 def leaves(
     low: FloatArray, high: FloatArray, split: Callable[[FloatArray, float], BoolArray]
 ) -> tuple[FloatArray, FloatArray]:
-    """Low corners (K, 3) and edge lengths (K,) of the cubes that cover a box, in metres.
+    """Return low corners (K, 3) and edge lengths (K,) of the cubes that cover a box, in metres.
 
-    They are split as long as `split(centres, edge)` says so.
+    Cubes are split while `split(centres, edge)` is true for them.
     """
     edge = float((high - low).max()) / ROOTS
     count = np.ceil((high - low) / edge - 1e-9).astype(np.intp)
@@ -111,7 +111,7 @@ def leaves(
 
 
 def background(field: SizeField, low: FloatArray, high: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Points (N, 3), tetrahedra (M, 4) that cover a box, and the nodes' target edge lengths (N,), in metres."""
+    """Return points (N, 3), tetrahedra (M, 4) that cover a box, and target edge lengths (N,) in metres."""
 
     def split(centres: FloatArray, edge: float) -> BoolArray:
         within = np.maximum(field(centres) - field.growth * HALF_DIAGONAL * edge, field.smallest)
@@ -128,11 +128,10 @@ def background(field: SizeField, low: FloatArray, high: FloatArray) -> tuple[Flo
 
 
 def seeds(field: SizeField, low: FloatArray, high: FloatArray, surface: FloatArray) -> FloatArray:
-    """Points (K, 3) of graded body-centred cubic lattices in a box, for the mesher to start from.
+    """Return points (K, 3) of graded body-centred cubic lattices in a box, from which the mesher starts.
 
-    Such lattices have the best-shaped Delaunay tetrahedra: the mesher's first guess is then better than what
-    it reaches in five passes from a simple cubic one. The points keep away from the box's sides and from
-    points (S, 3) of the surface.
+    Such lattices have the best-shaped Delaunay tetrahedra: the mesher starts with a better mesh than it reaches in five
+    passes from a simple cubic lattice. The points keep away from the box's sides and from points (S, 3) of the surface.
     """
     cubes, edges = leaves(low, high, lambda centres, edge: edge > SPACING * field(centres))
     points = np.concatenate([cubes + 0.5 * edges[:, None], _cube_corners(cubes, edges)])
@@ -151,7 +150,7 @@ def _cube_corners(cubes: FloatArray, edges: FloatArray) -> FloatArray:
 
 
 def sources(model: CadModel, parameters: MeshParameters) -> tuple[FloatArray, FloatArray]:
-    """Points (S, 3) and the edge lengths (S,) wanted there, in metres."""
+    """Return points (S, 3) and the target edge lengths (S,) there, in metres."""
     samples = [_sample(face, model.fluid_inside, parameters) for face in model.faces]
     points, normals, lengths = (np.concatenate(each) for each in zip(*samples, strict=True))
     floor = ENVELOPES * parameters.envelope
@@ -178,7 +177,7 @@ def _sample(face: CadFace, fluid_inside: bool, parameters: MeshParameters) -> Sa
 
 
 def _spread(triangulation: tuple[FloatArray, IntArray], density: float) -> FloatArray:
-    """Random points (S, 3), the same ones every time, of the given number per square metre on triangles."""
+    """Return random points (S, 3) on triangles, with a given number per square metre; each call returns the same."""
     points, triangles = triangulation
     a, b, c = (points[triangles[:, i]] for i in range(3))
     areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
@@ -191,7 +190,7 @@ def _spread(triangulation: tuple[FloatArray, IntArray], density: float) -> Float
 
 
 def _curvature(points: FloatArray, normals: FloatArray) -> FloatArray:
-    """Largest turn of the normal per length (S,), in radians per metre, towards the nearest samples."""
+    """Return the largest change of the normal per length (S,), in radians per metre, towards the nearest samples."""
     distance, near = cKDTree(points).query(points, k=8)
     turn = np.linalg.norm(normals[near[:, 1:]] - normals[:, None], axis=2)
     apart = np.maximum(distance[:, 1:], 1e-4)
@@ -199,9 +198,9 @@ def _curvature(points: FloatArray, normals: FloatArray) -> FloatArray:
 
 
 def _gap_widths(samples: Samples, cells: float) -> FloatArray:
-    """Distance (S,) in metres from each sample through the fluid to a face opposite; inf where there is none.
+    """Return the distance (S,) in metres from each sample through the fluid to the opposite face; inf without one.
 
-    Gaps wider than `cells` times the sample's own edge length need no attention and read inf.
+    Gaps wider than `cells` times the sample's edge length need no smaller cells; for these it is inf.
     """
     points, normals, lengths = samples
     widths = np.full(len(points), np.inf)
@@ -217,14 +216,14 @@ def _gap_widths(samples: Samples, cells: float) -> FloatArray:
 
 
 def _middles(model: CadModel) -> tuple[FloatArray, FloatArray]:
-    """Middle (E, 3) and length (E,) of each CAD edge: a cell should not be longer than a short edge."""
+    """Return the middle (E, 3) and the length (E,) of each CAD edge: a cell should not be longer than a short edge."""
     ends = model.vertices[[edge.vertices for edge in model.edges]]
     middles = [edge.project(pair.mean(axis=0)[None])[0] for edge, pair in zip(model.edges, ends, strict=True)]
     return np.concatenate(middles), np.array([edge.length for edge in model.edges])
 
 
 def _interior_angles(face: CadFace, vertices: FloatArray) -> FloatArray:
-    """Angle (V,) in degrees of a face at each vertex of the model; 0 where it has none."""
+    """Return the angle (V,) in degrees of a face at each vertex of the model; 0 if the vertex is on another face."""
     points, triangles = face.tessellation(DEFLECTION)
     distance, vertex = cKDTree(vertices).query(points)
     angle = np.zeros(len(vertices))
@@ -236,10 +235,10 @@ def _interior_angles(face: CadFace, vertices: FloatArray) -> FloatArray:
 
 
 def _sharp_ends(model: CadModel, angles: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
-    """Points (P, 3) where a sharp edge ends on a face, and the ways (P,) in metres from there to the face's border.
+    """Return points (P, 3) where a sharp edge ends on a face, and their distances (P,), m, from the face's border.
 
-    A tail drags the panel on which its trailing edge ends. With one cell on the way to the panel's border, that cell
-    has to take all of the displacement.
+    A tail drags the panel on which its trailing edge ends. A single cell between that point and the panel's border
+    would take all of the displacement.
     """
     points, ways = [np.empty((0, 3))], []
     for index, angle in enumerate(angles):

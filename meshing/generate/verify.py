@@ -1,4 +1,4 @@
-"""Whether a mesh is fit for use: checked on the finished mesh against the CAD, trusting no step before."""
+"""Verification of a finished mesh against the CAD, independent of all steps before."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ EXACT = 1e-7
 
 @dataclass(frozen=True, slots=True)
 class WorstCell:
-    """The smallest mean ratio of cells that touch a patch, and where (metres) that cell is."""
+    """The smallest mean ratio of the cells that touch a patch, and the place (metres) of that cell."""
 
     quality: float
     place: tuple[float, float, float]
@@ -46,7 +46,7 @@ class Exactness:
     matched_vertices: int
 
     def failures(self) -> list[str]:
-        """One sentence for each limit that is exceeded."""
+        """Return a sentence for each limit that is exceeded."""
         limits = (
             ("planes and cylinders", self.exact, EXACT),
             ("CAD edges", self.edge, EXACT),
@@ -108,7 +108,7 @@ def verify(mesh: Mesh, model: "CadModel", parameters: MeshParameters) -> Verific
 
 
 def _far_distance(mesh: Mesh) -> float:
-    """Distance between the bounding boxes of the body and of the far-field triangle next to it."""
+    """Return the distance between the bounding boxes of the body and of the nearest far-field triangle."""
     triangles, _, face = skin(mesh)
     body, far = mesh.points[triangles[face >= 0]].reshape(-1, 3), mesh.points[triangles[face < 0]]
     if not len(far):
@@ -118,7 +118,7 @@ def _far_distance(mesh: Mesh) -> float:
 
 
 def _worst(mesh: Mesh, quality: FloatArray) -> dict[str, WorstCell]:
-    """The worst cell that touches each patch, from mean ratios (M,)."""
+    """Return the worst cell that touches each patch, from mean ratios (M,)."""
     order = np.argsort(-quality, kind="stable")
     worst_cell = np.zeros(len(mesh.points), dtype=np.intp)
     worst_cell[tets_of(mesh)[order]] = order[:, None]

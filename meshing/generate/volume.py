@@ -1,4 +1,4 @@
-"""The meshes of two generators: a conforming surface mesh of the CAD faces (gmsh), and the volume in it (pytetwild)."""
+"""The mesh generators: gmsh for a conforming surface mesh of the CAD faces, pytetwild for the volume around it."""
 
 import itertools
 import os
@@ -52,7 +52,7 @@ class InputSurface:
 def mesh_surface(model: CadModel, background: tuple[FloatArray, IntArray, FloatArray]) -> InputSurface:
     """Mesh all faces with sizes from a background mesh: points (N, 3), tetrahedra (M, 4), target edge lengths (N,).
 
-    MeshingError where gmsh fails on a face or the result does not match the CAD.
+    MeshingError if gmsh fails on a face or the result does not match the CAD.
     """
     points, tets, lengths = background
     with hidden_folder() as folder:
@@ -72,7 +72,7 @@ def mesh_surface(model: CadModel, background: tuple[FloatArray, IntArray, FloatA
 
 
 def _outward(model: CadModel, points: FloatArray, triangles: IntArray, face: IntArray) -> IntArray:
-    """Turn the triangles (T, 3) of each face (T,), which agree among themselves, out of the solid."""
+    """Return triangles (T, 3) oriented out of the solid; those of a face (T,) have one orientation already."""
     turned = triangles.copy()
     for index, cad in enumerate(model.faces):
         own = np.flatnonzero(face == index)
@@ -90,7 +90,7 @@ def _outward(model: CadModel, points: FloatArray, triangles: IntArray, face: Int
 class Filling:
     """Tetrahedra (M, 4) on points (N, 3) that fill a box; the mesher's peak memory (bytes) and processor time (s).
 
-    `unseeded` says why the seed had no effect; "" if it had.
+    `unseeded` is the reason why the seed had no effect; "" if it had one.
     """
 
     points: FloatArray
@@ -105,8 +105,8 @@ def fill(
 ) -> Filling:
     """Fill the box from `low` (3,) to `high` (3,) with tetrahedra that respect the surface.
 
-    Equal input and an equal seed give equal bits, unless the result says why not. MeshingError where the mesher crashes
-    or returns an inverted cell; LateError where it takes too long.
+    Equal input and an equal seed give equal bits, unless the result says why not. MeshingError if the mesher crashes
+    or returns an inverted cell; LateError if it takes too long.
     """
     low, high = box
     corners = np.array(list(itertools.product(*zip(low, high, strict=True))))

@@ -1,4 +1,4 @@
-"""The child process that runs fTetWild: triangles, seed points and a size field in, tetrahedra out."""
+"""The child process that runs fTetWild; it receives triangles, seed points and a size field, and answers tetrahedra."""
 
 import ctypes
 import mmap
@@ -56,11 +56,11 @@ def tetrahedralise(question: Arrays) -> Arrays:
 
 
 def fix_seed(seed: int) -> str:
-    """Let the mesher start from a seed (32 bits) in this process; return why that cannot be, or "".
+    """Give the mesher in this process a seed (32 bits); return why that is impossible, or "".
 
-    fTetWild seeds itself by std::random_device, and has no option for it. So this function's code in memory becomes
-    "return seed". That is done on Linux x86-64 alone, where the code is known, and if the process has no other
-    libstdc++ that the mesher may use instead.
+    fTetWild takes its seed from std::random_device and has no option for it. So that function's code in memory is
+    replaced by "return seed". This needs Linux on x86-64, where the code is known, and a single libstdc++ in the
+    process.
     """
     if sys.platform != "linux" or platform.machine() != "x86_64":
         return f"no seed on {platform.system()} {platform.machine()}"

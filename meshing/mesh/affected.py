@@ -1,4 +1,4 @@
-"""Affected cells: those that a deformation may change, and their quality."""
+"""Affected cells, which a deformation may change, and their quality."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class CellScores(NamedTuple):
     inverted: BoolArray
 
     def with_scores(self, cells: BoolArray, scores: CellScores) -> CellScores:
-        """Return the scores with those of some cells, a mask (C,), replaced."""
+        """Return the scores with those of the cells in a mask (C,) replaced."""
         quality, inverted = self.quality.copy(), self.inverted.copy()
         quality[cells], inverted[cells] = scores
         return CellScores(quality, inverted)
@@ -50,7 +50,7 @@ class AffectedCells:
     rows : For each block the rows of affected cells.
     orientation : For each block 1, or -1 if most of its cells have left-handed nodes.
     inverted : For each block the number of inverted cells of the whole undeflected mesh.
-    places : (N, 3) nodes by which heights and widths are measured: of a mesh one cell thick those in its plane.
+    places : (N, 3) nodes for heights and widths of cells; for a mesh one cell thick those in its plane.
     """
 
     mesh: Mesh
@@ -102,7 +102,7 @@ class AffectedCells:
         return inverted & ~self.before.inverted if any(self.inverted) else inverted
 
     def by_shape(self) -> Iterator[tuple[str, BoolArray]]:
-        """Yield each type of affected cells, and which (C,) have it."""
+        """Yield each type of affected cells, and which cells (C,) have it."""
         masks, start = dict[str, BoolArray](), 0
         for block, rows in zip(self.mesh.cells, self.rows, strict=True):
             for name, _, _, own in parts_of(block, rows):

@@ -21,7 +21,7 @@ class Axis:
     ----------
     point : (3,) any point of the line, in metres.
     direction : (3,) of any length but zero; stored as a unit vector.
-    length : Distance between the two points that gave the line; None if one point and a direction did.
+    length : Distance between the two points of `through`; None for a line from a point and a direction.
     """
 
     point: FloatArray

@@ -41,7 +41,7 @@ a plane case one cell thick; or the same of an axisymmetric case, by a rotation.
 
 
 def whole(values: ArrayLike, what: str) -> IntArray:
-    """Return an array of whole numbers; else InputError, which begins with `what`."""
+    """Return the values as an array; InputError, which names `what`, unless they are whole numbers."""
     try:
         found = np.asarray(values)
     except ValueError:
@@ -54,7 +54,7 @@ def whole(values: ArrayLike, what: str) -> IntArray:
 
 
 def real(values: ArrayLike, what: str) -> FloatArray:
-    """Return an array of floating-point numbers; else InputError, which begins with `what`."""
+    """Return the values as an array; InputError, which names `what`, unless they are floating-point numbers."""
     try:
         found = np.asarray(values)
         if found.dtype.kind not in "iufO":
@@ -65,7 +65,7 @@ def real(values: ArrayLike, what: str) -> FloatArray:
 
 
 def bounded(values: ArrayLike, what: str) -> FloatArray:
-    """Return an array of numbers that are finite and below `LARGEST`; else InputError, which begins with `what`."""
+    """Return the values as an array; InputError, which names `what`, unless they are finite and below `LARGEST`."""
     found = real(values, what)
     if not (found.min(initial=0.0) > -LARGEST and found.max(initial=0.0) < LARGEST):
         raise InputError(f"{what}: a coordinate is not finite, or beyond {LARGEST:g}")
@@ -73,7 +73,7 @@ def bounded(values: ArrayLike, what: str) -> FloatArray:
 
 
 def several(values: object, kinds: tuple[type, ...], what: str) -> tuple[Any, ...]:
-    """Return a list of objects of some kinds as a tuple; else InputError, which begins with `what`."""
+    """Return objects as a tuple; InputError, which names `what`, unless all are of these kinds."""
     if not isinstance(values, list | tuple) or not all(isinstance(one, kinds) for one in values):
         names = " or ".join(kind.__name__ for kind in kinds)
         raise InputError(f"{what} = {shortened(values)} must be a list of {names}")
@@ -170,7 +170,7 @@ class Patch:
     ----------
     name : Name, distinct within a mesh.
     faces : Blocks of faces of one shape, or polygons.
-    loose : (K,) node indices that belong to it besides those of its faces.
+    loose : (K,) further nodes of the patch, which are on none of its faces.
     constraint : Constraint of its nodes in the file; empty for none.
     labels : By name, one number (F,) for each face, such as the face of the CAD that it lies on.
     part_of : Name of the patch that it was cut from for the motion, and that it belongs to in files.
@@ -204,12 +204,12 @@ class Patch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Periodic:
-    """Pairs of nodes, one the image of the other by a rigid motion: ``image = rotation @ x + shift``.
+    """Pairs of a node and its image by a rigid motion: ``image = rotation @ x + shift``.
 
     Parameters
     ----------
     name : Name, for messages and the check ``periodic_NAME``.
-    patches : The two patches; if the file names only one, that one twice.
+    patches : The two patches; the same name twice if the file has only one.
     nodes : (K, 2) node and image; no node occurs twice in a column. Empty if the faces of the two patches do not match
         one to one, as in OpenFOAM's ``cyclicAMI``.
     rotation : (3, 3) orthogonal, determinant +1.

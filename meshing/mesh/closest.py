@@ -94,7 +94,7 @@ class Triangles:
         return self._search_for(points, distance)[0] >= 0
 
     def _search_for(self, points: FloatArray, distance: float) -> tuple[IntArray, FloatArray]:
-        """Return the triangle (N,) nearer than a distance, or -1, and the weights (N, 3) there."""
+        """Return the closest triangle (N,) within a distance, or -1, and the weights (N, 3) there."""
         rows, weights = np.full(len(points), -1, dtype=np.intp), np.zeros((len(points), 3))
         corners, x = self.corners[self.order].reshape(-1, 9), np.ascontiguousarray(points)
 
@@ -116,7 +116,7 @@ def _search(
     rows: IntArray,
     weights: FloatArray,
 ) -> None:  # pragma: no cover - compiled
-    """Fill rows (N,) and weights (N, 3); nearer boxes are searched first, those beyond the best triangle not at all.
+    """Fill in rows (N,) and weights (N, 3); nearer boxes are searched first, boxes beyond the best triangle never.
 
     Triangles count whose squared distance is below `limit`.
     """

@@ -1,7 +1,7 @@
 """Quality and inversion of cells of fixed shape: the compiled formulas of `quality`.
 
-Volume cells are judged `LANES` at a time, with each coordinate of a corner side by side. So one instruction works on
-several cells, on numbers in the nearest cache.
+Volume cells are judged `LANES` at a time. The same coordinate of their corners is stored side by side, so that one
+instruction works on several cells.
 """
 
 from collections.abc import Callable
@@ -102,7 +102,7 @@ def _share_out(judge: Callable[[IntArray, slice], None], nodes: IntArray, rows: 
 def _triangle(
     points: FloatArray, nodes: IntArray, orientation: float, quality: FloatArray, inverted: BoolArray
 ) -> None:
-    """Fill in the mean ratio 4 sqrt(3) A / (sum of the squared lengths of the edges): as of tetrahedra, 1 at most."""
+    """Fill in the mean ratio of triangles, 4 sqrt(3) A / (sum of the squared lengths of the edges); 1 at most."""
     determinants, squares = np.empty((2, len(nodes)))
     _measure_triangles(points, nodes, determinants, squares)
     determinants *= orientation
@@ -119,7 +119,7 @@ def _tetra(points: FloatArray, nodes: IntArray, orientation: float, quality: Flo
 
 
 def _pyramid(points: FloatArray, nodes: IntArray, orientation: float, quality: FloatArray, inverted: BoolArray) -> None:
-    """Fill in VTK's scaled Jacobian, from the smallest of the tetrahedra."""
+    """Fill in VTK's scaled Jacobian of pyramids, from the smallest of their tetrahedra."""
     _judge_tetrahedra(points, nodes, orientation, np.array(TETRAHEDRA), quality, inverted)
     quality[:] = np.maximum(np.where(quality > 1.0, 2.0 - quality, quality), 0.0)
 
@@ -165,7 +165,7 @@ def _judge_corners(
     quality: FloatArray,
     inverted: BoolArray,
 ) -> None:  # pragma: no cover - machine code
-    """Fill in the smallest ratio of determinant to edge lengths over corners and axes, and which cells are inverted."""
+    """Fill in cells' smallest ratio of determinant to edge lengths, at corners and axes, and which are inverted."""
     p, ways = np.empty((nodes.shape[1], 3, LANES)), np.empty((3, 3, LANES))
     share, least = np.empty(LANES), np.empty(LANES)
     for start in range(0, len(nodes), LANES):

@@ -42,7 +42,7 @@ class IntersectingFaces:
     faces : number of moved faces that newly intersect another face.
     moved : number of faces with a moved node.
     near : number of all faces near them.
-    where : patches and place of the first two, as text; empty without an intersection.
+    where : patches and place of the first pair, as text; empty without an intersection.
     """
 
     faces: int
@@ -88,13 +88,13 @@ class _TriangleTree(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _NearbyFaces:
-    """Moved faces and faces near them, cut into triangles.
+    """Moved faces and the faces near them, cut into triangles.
 
     Attributes
     ----------
     faces, patch, moved : F faces, (F,) the patch of each, and (F,) whether one of its nodes moved.
-    triangles, face : (T, 3) nodes, with the second end of a line twice, and (T,) the face of each.
-    labels : (T, 4) the nodes with one label for all copies of a node, and the zone.
+    triangles, face : (T, 3) nodes of triangles, and (T,) the face of each; a line has its second end twice.
+    labels : (T, 4) labels of nodes, equal for all copies of a node, and the zone.
     size : extent of the moved faces.
     plane : whether the faces are lines.
     """
@@ -220,7 +220,7 @@ def _triangulate_at(faces: Polygons, centres: IntArray) -> tuple[IntArray, IntAr
 def _search(
     rows: IntArray, tree: _TriangleTree, plane: bool, tolerance: float, begin: IntArray, pairs: IntArray
 ) -> None:  # pragma: no cover - compiled
-    """Count in `begin` the triangles that intersect each of `rows` (R,); or write the pairs (P, 2) from `begin` on."""
+    """Count the triangles that intersect each of `rows` (R,) in `begin`, or write the pairs (P, 2) at `begin`."""
     leaves, waiting = len(tree.low) // 2, np.empty(DEPTH, dtype=np.intp)
     for i in range(len(rows)):
         found, count = 0, 1

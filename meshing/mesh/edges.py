@@ -53,12 +53,12 @@ def area_vectors(points: FloatArray, faces: Polygons) -> FloatArray:
 
 
 def are_lines(faces: Polygons) -> bool:
-    """True if the faces are the lines around a plane mesh."""
+    """Return whether the faces are the lines around a plane mesh."""
     return len(faces) > 0 and bool(faces.offsets[1] == 2)
 
 
 class Joints(NamedTuple):
-    """Edges where two faces meet: their nodes (J, 2), a node twice for lines, the faces (J,), and whether these agree.
+    """Edges where two faces meet: nodes (J, 2), both faces (J,), and whether these agree; for lines a node twice.
 
     Two faces agree in orientation if they pass the edge in opposite directions; two lines, if one begins where the
     other ends.
@@ -71,7 +71,7 @@ class Joints(NamedTuple):
 
     @classmethod
     def of(cls, faces: Polygons) -> "Joints":
-        """Find all joints; of three faces at one edge the first meets the second, and the second the third."""
+        """Return all joints; if three faces share an edge, the first meets the second, and the second the third."""
         if are_lines(faces):
             edges, face = np.column_stack([faces.nodes, faces.nodes]), np.arange(len(faces.nodes)) // 2
             forward = np.arange(len(faces.nodes)) % 2 == 0
@@ -96,7 +96,7 @@ class Joints(NamedTuple):
 
 
 def rim(faces: Polygons) -> IntArray:
-    """Return the edges (E, 2) of a single face; of lines the nodes of a single line, each twice."""
+    """Return the edges (E, 2) that only one face has; for lines the nodes of a single line, each twice."""
     both = np.column_stack([faces.nodes, faces.nodes]) if are_lines(faces) else np.sort(edges_of(faces)[0], axis=1)
     edges, count = np.unique(both, axis=0, return_counts=True)
     return np.asarray(edges[count == 1])
@@ -105,7 +105,7 @@ def rim(faces: Polygons) -> IntArray:
 def sharp_edges(points: FloatArray, faces: Polygons, degrees: float) -> IntArray:
     """Return the edges (E, 2) at which the normal turns by more than `degrees`.
 
-    Of lines these are nodes, each twice.
+    For lines these are nodes, each twice.
     """
     joints = Joints.of(faces)
     return np.asarray(joints.edges[joints.cosines(points, faces) < np.cos(np.radians(degrees))])
@@ -124,7 +124,7 @@ def median_edge(points: FloatArray, faces: Sequence[Faces]) -> float:
 
 
 def rows_of(count: int, size: int) -> Iterator[slice]:
-    """Divide range(count) into slices of at most `size`."""
+    """Yield slices of at most `size` that cover range(count)."""
     return (slice(start, start + size) for start in range(0, count, size))
 
 

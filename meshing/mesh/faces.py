@@ -1,4 +1,4 @@
-"""Faces by their nodes: which of them bound affected cells, and whether patches have them."""
+"""Faces compared by their nodes: boundary faces of affected cells, and faces of patches."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -40,7 +40,7 @@ class BoundaryGaps:
     Attributes
     ----------
     faces : number of faces of one cell that are on no patch.
-    nodes : (K,) nodes of these faces that are on no patch; they move like nodes inside the flow.
+    nodes : (K,) nodes of these faces that no patch has; they move like nodes inside the flow.
     loose : number of patch faces that belong to no cell.
     inner : number of faces of moving patches between two cells.
     """
@@ -119,7 +119,7 @@ def corners_in_order(patches: Sequence[Patch], points: FloatArray) -> tuple[tupl
 
 
 def _crossed(points: FloatArray, nodes: IntArray) -> Marks:
-    """Return which quadrilaterals (F, 4) cross themselves: both diagonals divide them into triangles of two senses."""
+    """Return which quadrilaterals (F, 4) cross themselves: diagonals divide them into triangles of opposite sense."""
     a, b, c, d = np.moveaxis(points[nodes], 1, 0)
     one = np.einsum("fi,fi->f", np.cross(b - a, c - a), np.cross(c - a, d - a))
     other = np.einsum("fi,fi->f", np.cross(c - b, d - b), np.cross(d - b, a - b))
@@ -131,8 +131,8 @@ def inner_patches(patches: Iterable[Patch], cells: Callable[[], Iterable[Volume]
 
     Parameters
     ----------
-    patches : Those that are tried.
-    cells : Gives all cells of a mesh with that many points, in parts; polyhedra have no such patches.
+    patches : The patches to test.
+    cells : Function that yields all cells of a mesh in parts; polyhedra have no such patches.
     """
     some = {patch.name: patch for patch in patches if len(patch) and not len(patch.loose)}
     for most in (SAMPLE, inf):  # a few faces of each patch first: most patches are no inner ones
@@ -149,14 +149,14 @@ def inner_patches(patches: Iterable[Patch], cells: Callable[[], Iterable[Volume]
 
 
 def _some_faces(patch: Patch, most: float) -> Polygons:
-    """Return at most so many faces of a patch, evenly chosen."""
+    """Return at most a given number of faces of a patch, evenly chosen."""
     faces = polygons_of(patch.faces)
     count = int(min(most, len(faces)))
     return take_faces(faces, np.linspace(0, len(faces) - 1, count).round().astype(np.intp))
 
 
 def on_boundary(cells: Sequence[Volume], points: int, nodes: IntArray) -> IntArray:
-    """Return those of the nodes (K,) of a mesh with that many points that lie on faces of one cell alone."""
+    """Return the nodes, among given ones (K,), that lie on a face of only one cell; the mesh has `points` points."""
     marked, keys = np.zeros(points, dtype=np.bool_), node_keys(points)
     marked[nodes] = True
     parts = [(block, touching(block, marked)) for block in cells]
@@ -200,7 +200,7 @@ def _with_any(faces: Cells | Polygons, marked: Marks) -> Marks:
 
 
 def _keys_of(block: Volume, rows: IntArray, marked: Marks, keys: Keys) -> Keys:
-    """Return the keys of the faces with a marked node, once for each cell that has the face.
+    """Return the keys of faces with a marked node, once for each cell of the face.
 
     Two faces of polyhedra with equal nodes and one owner each form a baffle, not a face between two cells.
     """

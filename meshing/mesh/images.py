@@ -1,7 +1,7 @@
-"""Nodes that are images of one another: in periodic pairs, and on both sides of a case one cell thick.
+"""Nodes that are images of one another, in periodic pairs and on both sides of a case one cell thick.
 
-Files give pairs, a motion, or neither, and a motion in single precision is wrong by 1e-7. So the motion is always
-fitted to the pairs, and pairs that no rigid motion fits are refused.
+Files contain pairs, a motion, or neither; a motion in single precision is wrong by 1e-7. So the motion is always fitted
+to the pairs, and pairs that no rigid motion fits are refused.
 """
 
 from __future__ import annotations
@@ -131,7 +131,7 @@ class Images:
 
 
 def plane_of(mesh: Mesh, nodes: IntArray) -> Plane | None:
-    """Return the plane through these nodes (K,), in a plane mesh the line; None if they have none."""
+    """Return the plane (in a plane mesh the line) through nodes (K,); None if they lie in no plane."""
     points = mesh.points[nodes]
     if len(points) < (2 if mesh.plane else 3):
         return None
@@ -174,14 +174,14 @@ def _turns(sides: Sequence[tuple[Periodic, IntArray]], group: IntArray) -> Float
 
 
 def _whole(values: FloatArray) -> FloatArray:
-    """Return numbers with those near a whole number rounded to it."""
+    """Return numbers; those near a whole number are rounded to it."""
     near = np.round(values) + 0.0
     return np.asarray(np.where(np.abs(values - near) < WHOLE, near, values))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PeriodicPatches:
-    """Two patches that are images of each other, as a user names them.
+    """Two patches that the user calls images of each other.
 
     Attributes
     ----------
@@ -275,9 +275,9 @@ def images_of_faces(
 def _corner_images(
     one: Polygons, other: Polygons, here: FloatArray, there: FloatArray, rows: IntArray
 ) -> tuple[IntArray, FloatArray]:
-    """Return the other faces' node at each corner (C,), and the largest distance (F,) of each face; `rows` (F,) match.
+    """Return the image (C,) of each corner, and each face's largest distance (F,); face i matches face `rows[i]`.
 
-    The corners of matching faces are in the same or opposite order, from any first corner.
+    The corners of matching faces have the same or the opposite order, with any first corner.
     """
     images, off, sizes = np.empty_like(one.nodes), np.full(len(one), np.inf), np.diff(one.offsets)
     for size in distinct(sizes):
@@ -296,13 +296,13 @@ def match_nodes(
 ) -> IntArray:
     """Return the nodes of the first patch and their images in the second (K, 2), sorted by the first.
 
-    They are matched by faces, or by place alone if the faces differ.
+    Nodes are matched by faces, or by place alone if the faces differ.
 
     Parameters
     ----------
     points : (N, 3) of the mesh.
-    patches : Two patches; a node on the axis may be in both, and is then its own image.
-    motion : Motion from the first to the second.
+    patches : Two patches; a node on the axis may be in both and is its own image.
+    motion : Motion from the first patch to the second.
     allowed : Largest distance between node and image; None for `tolerance`.
 
     Raises InputError if a node has no image, or two nodes have the same.
@@ -396,7 +396,7 @@ def rotation_of(here: FloatArray, there: FloatArray) -> FloatArray:
 
 
 def pair_of(points: FloatArray, patches: tuple[Patch, Patch], wanted: PeriodicPatches) -> Periodic:
-    """Return two patches at points (N, 3) as a pair; InputError if no wanted motion fits."""
+    """Return two patches at points (N, 3) as a pair; InputError if none of the possible motions fits."""
     names = patches[0].name, patches[1].name
     if not all(len(patch.nodes) for patch in patches):
         raise InputError(f"periodic patches {names[0]} and {names[1]}: a patch without nodes has no images")

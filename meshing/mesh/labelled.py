@@ -1,4 +1,4 @@
-"""Meshes of tetrahedra whose boundary triangles carry the face of the CAD that they lie on."""
+"""Tetrahedral meshes whose boundary triangles are labelled with CAD faces."""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -19,7 +19,7 @@ CAD_FACE, ROW = "cad_face", "row"
 
 
 class Skin(NamedTuple):
-    """The boundary triangles of a mesh, in their order in files.
+    """The boundary triangles of a mesh, in the order of files.
 
     Attributes
     ----------

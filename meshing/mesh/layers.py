@@ -1,7 +1,7 @@
-"""Layers of flat cells on walls: the columns of their nodes, and how the heights of the first layers change.
+"""Layers of flat cells on walls: columns of their nodes, and changes of the first layers' heights.
 
-A layer's cells are quadrilaterals, prisms and hexahedra, or polyhedra that are prisms like those of OpenFOAM's
-snappyHexMesh: each has one face on the wall or on the layer below. Layers of tetrahedra are not found.
+A layer consists of quadrilaterals, prisms and hexahedra, or of polyhedra that are prisms, as OpenFOAM's snappyHexMesh
+makes them. Each cell has one face on the wall or on the layer below. Layers of tetrahedra are not found.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ LEANING = 0.1
 
 
 class FlatCells(NamedTuple):
-    """Flat cells on a face each: their base and top (C, k), and which nodes (C, k) of the top are in no lower layer."""
+    """Flat cells, each on a face: base and top (C, k), and which nodes (C, k) of the top are in no lower layer."""
 
     base: IntArray
     top: IntArray
@@ -52,7 +52,7 @@ class FlatCells(NamedTuple):
 
 
 class LayerCells(NamedTuple):
-    """Cells of one layer: their base and top (C, k), and the wall face (C,) below each."""
+    """Cells of one layer: base and top (C, k), and the wall face (C,) below each."""
 
     base: IntArray
     top: IntArray
@@ -61,7 +61,7 @@ class LayerCells(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LayerColumns:
-    """Layers over walls.
+    """The layers over walls.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class LayerColumns:
 
     @classmethod
     def of(cls, affected: AffectedCells, walls: IntArray, kept: int = MEASURED) -> LayerColumns:
-        """Follow flat cells outwards from the nodes of walls (W,); keep the cells of the first layers."""
+        """Collect the layers of flat cells over the nodes of walls (W,), and the cells of the first layers."""
         count = len(affected.mesh.points)
         levels, forked, measured = list[IntArray](), np.empty(0, dtype=np.intp), list[tuple[LayerCells, ...]]()
         faces = _as_polygons([])
@@ -103,7 +103,7 @@ class LayerColumns:
         return self.faces.rows(face, face + 1).nodes
 
     def first_height(self, points: FloatArray, feet: BoolArray) -> float:
-        """Return the median length of the edges of the first layer over `feet` (N,), at points (N, 3); 0 without."""
+        """Return the median height of the first layer over `feet`, a mask (N,), at points (N, 3); 0 without layers."""
         edges = np.concatenate([np.empty((0, 2), dtype=np.intp), *self.levels[:1]])
         edges = edges[feet[edges[:, 1]]]
         lengths = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
@@ -112,15 +112,14 @@ class LayerColumns:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LayerChange:
-    """How the columns of cells over some wall faces changed.
+    """The change of the columns of cells over some wall faces.
 
     Attributes
     ----------
-    layers : number of layers that are measured.
+    layers : number of measured layers.
     faces : (K,) rows of the wall faces, among `LayerColumns.faces`.
-    least, most : (K,) for each the least and the largest height of a cell along the wall face's normal, over its height
-        before.
-    tilts : (K,) for each the largest angle, in degrees, by which a cell turned against the wall face.
+    least, most : (K,) least and largest ratio of a cell's height, along the wall face's normal, to its height before.
+    tilts : (K,) largest angle, in degrees, by which a cell above the face turned against it.
     """
 
     layers: int
@@ -157,7 +156,7 @@ def _compare(
     points: tuple[FloatArray, FloatArray], frames: tuple[FloatArray, FloatArray], cells: tuple[IntArray, IntArray],
     wall: IntArray, heights: FloatArray, tilts: FloatArray,
 ) -> None:  # pragma: no cover - machine code  # fmt: skip
-    """Widen the range of heights (F, 2), and raise the tilts (F,), over wall faces to those of the cells over them."""
+    """Extend the range of heights (F, 2) and the tilts (F,) of wall faces by those of the cells above them."""
     base, top = cells
     for i in range(len(wall)):
         was = _axis(points[0], base[i], top[i], frames[0][wall[i]])
@@ -173,7 +172,7 @@ def _compare(
 def _axis(
     points: FloatArray, base: IntArray, top: IntArray, frame: FloatArray
 ) -> Vector:  # pragma: no cover - machine code
-    """Return the sum of the edges from a base to a top (k,), in a frame (3, 3)."""
+    """Return the sum of the edges from a base (k,) to a top (k,), in a frame (3, 3)."""
     out = (0.0, 0.0, 0.0)
     for k in range(len(base)):
         out = plus(out, 1.0, minus(row_of(points, top[k], 0), row_of(points, base[k], 0)))
@@ -181,7 +180,7 @@ def _axis(
 
 
 def _frames(points: FloatArray, faces: Polygons, normal: FloatArray | None) -> FloatArray:
-    """Return the axes (F, 3, 3) of each face: two in the face, the first towards its first edge, and its normal.
+    """Return the axes (F, 3, 3) of each face: along its first edge, across it in the face, and normal to the face.
 
     The normal of a line is at right angles to it and to the `normal` of the plane mesh.
     """
@@ -193,7 +192,7 @@ def _frames(points: FloatArray, faces: Polygons, normal: FloatArray | None) -> F
 
 
 def _over(below: Sequence[LayerCells], found: Sequence[FlatCells]) -> Iterator[LayerCells]:
-    """Yield the cells on the tops of those below, with the wall faces below them."""
+    """Yield the cells that stand on the tops of the layer below, with their wall faces."""
     keys, wall = (
         np.concatenate([_face_keys(cells.top) for cells in below]),
         np.concatenate([cells.wall for cells in below]),
@@ -212,7 +211,7 @@ def _over(below: Sequence[LayerCells], found: Sequence[FlatCells]) -> Iterator[L
 def _face_keys(faces: IntArray) -> NDArray[np.uint64]:
     """Return a number (F,) for the set of nodes of each face (F, k): the sum of the nodes' scrambled numbers.
 
-    Scrambled as in SplitMix64 (Steele, Lea and Flood 2014), so that two faces of a mesh hardly ever share a number.
+    SplitMix64 scrambles them (Steele, Lea and Flood 2014), so that different faces hardly ever share a number.
     """
     mixed = faces.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
     for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
@@ -221,7 +220,7 @@ def _face_keys(faces: IntArray) -> NDArray[np.uint64]:
 
 
 def _as_polygons(faces: list[IntArray]) -> Polygons:
-    """Return faces (F, k) of several sizes as polygons."""
+    """Return blocks of faces (F, k) with different k as polygons."""
     sizes = np.concatenate([np.empty(0, dtype=np.intp), *(np.full(len(own), own.shape[1]) for own in faces)])
     nodes = np.concatenate([np.empty(0, dtype=np.intp), *(own.ravel() for own in faces)])
     return Polygons(nodes, np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp))
@@ -263,7 +262,7 @@ def _layers(affected: AffectedCells, walls: IntArray) -> Iterator[list[FlatCells
 def _flat(
     points: FloatArray, base: IntArray, top: IntArray, highest: float
 ) -> BoolArray:  # pragma: no cover - machine code
-    """Return which cells (C,) have a ratio of height to width below a limit, given their bases and tops (C, k)."""
+    """Return which cells (C,) with these bases and tops (C, k) have a ratio of height to width below a limit."""
     out = np.empty(len(base), dtype=np.bool_)
     for i in range(len(base)):
         around = height = 0.0
@@ -276,9 +275,9 @@ def _flat(
 
 
 def _cells_on(block: Volume, rows: IntArray, wall: BoolArray) -> tuple[list[tuple[IntArray, IntArray]], IntArray]:
-    """Return the nodes (C, k) on a wall, and the opposite ones, of cells with one face on it; then the rows left.
+    """Return base and top (C, k) of cells with one face on a wall, and the remaining rows.
 
-    A block of polyhedra has the rows only.
+    Of a block of polyhedra only the rows are returned.
     """
     if isinstance(block, Polyhedra):
         return prisms_on(block, len(rows), wall), rows
@@ -297,7 +296,7 @@ def _cells_on(block: Volume, rows: IntArray, wall: BoolArray) -> tuple[list[tupl
 def _side_on(
     nodes: IntArray, rows: IntArray, wall: BoolArray, sides: IntArray, own: NDArray[np.int8]
 ) -> None:  # pragma: no cover - machine code
-    """Find for each row the side (S, 2 k), base and top, whose base is on the wall and whose top is not."""
+    """Fill in for each row the side, of `sides` (S, 2 k), with its base on the wall and its top off it."""
     half = sides.shape[1] // 2
     for r in range(len(rows)):
         count = 0
@@ -315,7 +314,7 @@ def _side_on(
 
 
 def alone(cells: Polyhedra, rows: IntArray) -> Polyhedra:
-    """Return rows (R,) of cells with all their faces, numbered from 0; one more cell stands for all others."""
+    """Return the polyhedra of rows (R,), numbered from 0; one more cell stands for all others."""
     place, inner = np.full(len(cells), len(rows), dtype=np.intp), len(cells.neighbour)
     place[rows] = np.arange(len(rows))
     owner, neighbour = place[cells.owner], place[cells.neighbour]
@@ -326,9 +325,9 @@ def alone(cells: Polyhedra, rows: IntArray) -> Polyhedra:
 
 
 def prisms_on(cells: Polyhedra, count: int, wall: BoolArray) -> list[tuple[IntArray, IntArray]]:
-    """Return the nodes (C, k) on a wall, a mask (N,), and the opposite ones (C, k), of prisms among `count` cells.
+    """Return base and top (C, k) of the prisms among `count` cells whose base is on a wall, a mask (N,).
 
-    A prism has one face on the wall, and one opposite node for each node of that face, joined by an edge. Triangular
+    A prism has one face on the wall; an edge joins each node of that face to one opposite node. Triangular
     prisms come first, then those on quadrilaterals, and so on.
     """
     if not len(cells.faces):
@@ -360,5 +359,5 @@ def prisms_on(cells: Polyhedra, count: int, wall: BoolArray) -> list[tuple[IntAr
 
 
 def _per_cell(keys: IntArray, nodes: int, cells: int) -> IntArray:
-    """Return the number of distinct nodes of each cell (C,); a key is cell times number of nodes, plus node."""
+    """Return the number of distinct nodes of each cell (C,); a key is cell times number of nodes plus node."""
     return np.bincount(distinct(keys) // nodes, minlength=cells)

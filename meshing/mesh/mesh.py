@@ -28,14 +28,14 @@ ABSENT = "patch {} is absent: "
 
 
 class Warned(str):
-    """A note that is shown as a warning: the result is probably not what the user wants."""
+    """A note that is shown as a warning, because the result is probably not what the user wants."""
 
     __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mesh:
-    """Points, cells and named boundary patches: all that a deformation needs.
+    """Points, cells and named boundary patches.
 
     A plane mesh has cells of the shapes `PLANE`, patches of lines, and points that share one coordinate.
 
@@ -47,11 +47,11 @@ class Mesh:
     zones : Parts with their own points, which cover all points in order; one unless the file says otherwise.
     name : The file or kind of mesh, for messages.
     source : File that it was read from; empty for none.
-    notes : What may surprise a user, as sentences; those that are `Warned` are shown as warnings.
+    notes : Sentences on what may surprise a user; those of type `Warned` are shown as warnings.
     whole : The mesh that this is a submesh of; None if it is complete.
     periodic : Pairs of patches whose nodes are images of each other.
-    files : Files that it was read from, with their states then (`check_unchanged`).
-    across : In a plane mesh the coordinate that all points share: 0, 1 or 2.
+    files : Files that it was read from, with their states at that time (`check_unchanged`).
+    across : Axis, 0, 1 or 2, along which all points of a plane mesh have one coordinate.
     inner : Patches whose faces lie between cells, such as wake lines; their nodes follow the mesh.
 
     Raises InputError for coordinates not finite or beyond `LARGEST`, indices out of range, and repeated names.
@@ -194,7 +194,7 @@ class Mesh:
         return tuple(names)
 
     def _absent(self, text: str) -> str:
-        """Return the note on an unreadable patch that a name or wildcard means, or an empty text."""
+        """Return the note on an unreadable patch that a name or wildcard means; empty without one."""
         begin, end = ABSENT.split("{}")
         for note in self.notes:
             name, found, _ = note.removeprefix(begin).partition(end)
@@ -203,7 +203,7 @@ class Mesh:
         return ""
 
     def without(self, names: Collection[str]) -> Mesh:
-        """Return the mesh with some of its patches as `inner` ones, which follow the mesh; a note says so."""
+        """Return the mesh with some patches moved to `inner`, where they follow the mesh; a note says so."""
         if not names:
             return self
         inner = tuple(patch for patch in self.patches if patch.name in names)
@@ -212,7 +212,7 @@ class Mesh:
         return replace(self, patches=rest, inner=(*self.inner, *inner), notes=notes)
 
     def for_file(self) -> Mesh:
-        """Return the mesh with the patches of its file: inner ones among the others, and parts in their patches."""
+        """Return the mesh with the patches of its file: inner patches among the others, parts within their patches."""
         parts = [patch for patch in self.patches if patch.part_of]
         if not parts and not self.inner:
             return self
@@ -233,7 +233,7 @@ class Mesh:
 
 
 def meant(wildcard: str, patch: str) -> bool:
-    """True if the wildcard means the patch, its name without the zone, or all components of it."""
+    """Return whether a wildcard means the patch, its name without the zone, or all its components."""
     name = patch.rpartition("/")[2]
     whole = wildcard != name and (fnmatchcase(name, wildcard) or name.startswith(f"{wildcard}{MARK}"))
     return fnmatchcase(patch, wildcard) or whole

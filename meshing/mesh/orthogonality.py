@@ -30,14 +30,14 @@ LARGEST_ANGLE = 85.0
 
 @dataclass(frozen=True, slots=True)
 class FaceQuality:
-    """Figures of faces, as checkMesh has them.
+    """Figures of faces, as checkMesh measures them.
 
     Attributes
     ----------
     faces : number of faces between two cells.
     least, total : smallest cosine of these faces' non-orthogonality, and the sum of all cosines.
     skewness_max : largest skewness of any face, boundary faces included.
-    severe, skew : number of faces with a non-orthogonality above 70 degrees, and with a skewness above 4.
+    severe, skew : numbers of faces with a non-orthogonality above 70 degrees, and with a skewness above 4.
     """
 
     faces: int = 0
@@ -84,8 +84,8 @@ class State(NamedTuple):
 
     Attributes
     ----------
-    inner : (F,) whether a face is between two cells; of a periodic pair only the first one.
-    second : (F,) whether a face is the second one of a periodic pair.
+    inner : (F,) whether a face is between two cells; of a periodic pair only the first face.
+    second : (F,) whether a face is the second of a periodic pair.
     cosines, skewness : (F,) measures of the faces.
     places : (F, 3) centres of faces.
     """
@@ -112,7 +112,7 @@ class State(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Couples:
-    """Faces of periodic pairs; the cell ahead of each is its partner's, moved by the pair's motion.
+    """Faces of periodic pairs; the cell ahead of a face is that of its partner, moved by the pair's motion.
 
     Attributes
     ----------
@@ -170,18 +170,18 @@ def _coupled_faces(pair: Periodic, faces: Polygons, mesh: Mesh) -> tuple[IntArra
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ring:
-    """The faces of some cells, with the cells around them, on whose centres they depend.
+    """The faces of some cells, and all cells whose centres their measures need.
 
     Attributes
     ----------
-    nodes, spans : nodes of the mesh's faces, and (K, 2) begin and end of each face of all these cells.
+    nodes, spans : nodes of faces, and (K, 2) begin and end, among these, of each face of all the cells.
     owner, neighbour : (K,), (I,) cells of these faces, counted from 0; -1 for cells farther out.
     count : number of cells.
-    sides : (F, 3) rows of the measured faces, the cell behind each, and the cell ahead or -1. Images of coupled cells
-        come after the cells.
+    sides : (F, 3) row of each measured face, the cell behind it, and the cell ahead or -1. Images of coupled cells
+        have numbers after those of the cells.
     numbers : (F,) indices of the faces in the mesh.
     sign : -1 if normals point into the owners, else 1.
-    couples : coupled faces; faces are rows of the measured ones, partners are cells.
+    couples : coupled faces, as rows of the measured ones; partners are cells.
     """
 
     nodes: IntArray = field(repr=False)
@@ -266,7 +266,7 @@ class AffectedFaces:
     def verdicts(self, after: State) -> Iterator[tuple[str, float, float, str, str]]:
         """Yield name, value, limit, unit and place of each requirement on the faces.
 
-        A face that exceeded a limit before must only not become a new error of checkMesh.
+        For a face that exceeded a limit before, only a new error of checkMesh counts.
         """
         inner = after.inner
         old, new = self.before.cosines[inner], after.cosines[inner]
@@ -296,7 +296,7 @@ def _measure(rings: tuple[Ring, ...], points: FloatArray) -> State:
 
 
 def _where(old: FloatArray, new: FloatArray, counted: float, limit: float, what: str, places: FloatArray) -> str:
-    """Return how many faces (F,) were measured, how many are newly above a value, and where the worst is, as text.
+    """Return a text: the number of measured faces (F,), of those newly above a value, and the place of the worst.
 
     `places` (F, 3) are the faces' centres.
     """

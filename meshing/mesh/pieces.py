@@ -1,4 +1,4 @@
-"""A mesh file that is read in pieces, and how a submesh relates to the whole mesh."""
+"""A mesh file that is read in pieces, and the whole mesh of a submesh."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Pieces(Protocol):
-    """Points and cells of a mesh file that stay in the file: a small value that other processes can receive."""
+    """Points and cells that stay in their mesh file; a small value that can be sent to other processes."""
 
     @property
     def source(self) -> str:
@@ -29,7 +29,7 @@ class Pieces(Protocol):
 
     @property
     def files(self) -> States:
-        """The files that are read, with their states at first (`check_unchanged`)."""
+        """The files that are read, with their states at the beginning (`check_unchanged`)."""
 
     @property
     def points(self) -> int:
@@ -59,7 +59,7 @@ class Pieces(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshOnDisk:
-    """A mesh whose boundary is in memory, and the rest in a file.
+    """A mesh with its boundary in memory and the rest in a file.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class FullMesh:
     pieces : Points and cells, in a file.
     nodes : (N,) rising indices of the submesh's points.
     rows : For each block the rising indices of the submesh's cells.
-    orientation, inverted : For each block as in `AffectedCells`, of all cells.
+    orientation, inverted : As in `AffectedCells`, of all cells of each block.
     """
 
     pieces: Pieces
@@ -96,7 +96,7 @@ class FullMesh:
 
 
 def gather_points(pieces: Pieces, nodes: IntArray) -> FloatArray:
-    """Return the coordinates (K, 3) of sorted nodes, reading one range at a time."""
+    """Return the coordinates (K, 3) of sorted nodes; one range is read at a time."""
     points = np.empty((len(nodes), 3))
     for start in range(0, pieces.points, threads.LIMITS.points) if len(nodes) else ():
         first, end = np.searchsorted(nodes, (start, start + threads.LIMITS.points))

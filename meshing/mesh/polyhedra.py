@@ -2,7 +2,7 @@
 
 The formulas are those of OpenFOAM's primitiveMesh, so that a cell is inverted here if checkMesh says so.
 
-The compiled loops also give what OpenFOAM's checkMesh measures of faces.
+Compiled loops also measure faces as OpenFOAM's checkMesh does.
 """
 
 from collections.abc import Sequence
@@ -75,7 +75,7 @@ def measure_cells(
 ) -> None:  # pragma: no cover - machine code
     """Fill in centre, volume, sum of area vectors and sum of their sizes (C, 3 + 1 + 3 + 3) of cells.
 
-    Owners and neighbours that are not wanted are -1; the first faces have a neighbour.
+    Owners and neighbours beyond the measured cells are -1; the first faces have a neighbour.
     """
     means = np.zeros((len(cells), 4))
     cells[:] = 0.0
@@ -97,7 +97,7 @@ def measure_cells(
 def smallest_pyramids(
     owner: IntArray, neighbour: IntArray, faces: FloatArray, cells: FloatArray, smallest: FloatArray, least: FloatArray
 ) -> None:  # pragma: no cover - machine code
-    """Fill in the volume (C,) of each cell's smallest face pyramid, whose tip is the cell's centre.
+    """Fill in the volume (C,) of each cell's smallest face pyramid; the tips are the cells' centres.
 
     `least` (C,) is the smallest cosine between a face's area vector and the line from the cell's centre to the face's.
     """
@@ -195,7 +195,7 @@ class Pyramids:
 
     @property
     def inverted(self) -> NDArray[np.bool_]:
-        """Which cells (R,) checkMesh calls inverted, by their volume or by one of their pyramids."""
+        """Cells (R,) that checkMesh calls inverted, because of their volume or one of their pyramids."""
         return np.asarray((self.smallest < SMALLEST_PYRAMID) | (self.volume < TINY))
 
 
@@ -253,7 +253,7 @@ def face_centres_and_areas(points: FloatArray, faces: Polygons) -> tuple[FloatAr
 
 
 def sides_of(cells: Polyhedra, rows: IntArray) -> tuple[IntArray, IntArray, IntArray]:
-    """Return the faces (F,) of rows of cells, and the cells behind (F,) and ahead (I,) of them.
+    """Return the faces (F,) of rows of cells, with the cells behind (F,) and ahead (I,) of them.
 
     Cells are numbered like the rows, all others are -1; the first faces have a neighbour.
     """
@@ -317,7 +317,7 @@ class SomePolyhedra:
         return self.sides.faces.nodes
 
     def renumbered(self, nodes: IntArray, start: int, stop: int) -> Polyhedra:
-        """Return the cells with other nodes (K,); cells start to stop - 1 get numbers from 0, all others become one."""
+        """Return the cells with other nodes (K,); cells start to stop - 1 count from 0, all others become one cell."""
         owner, neighbour = (
             np.where((cells >= start) & (cells < stop), cells - start, stop - start).astype(np.intp, copy=False)
             for cells in (self.sides.owner, self.sides.neighbour)
@@ -331,7 +331,7 @@ class SomePolyhedra:
         return SomePolyhedra(self.numbers[rows], sides)
 
     def within(self, nodes: IntArray) -> tuple[Polyhedra, IntArray]:
-        """Return a mesh of its own, whose points have rising indices (N,), and the indices (R,) of its cells."""
+        """Return the cells as a separate mesh of the points with rising indices (N,), and the cells' indices (R,)."""
         cells = union(self.sides.owner, self.sides.neighbour)
         faces = Polygons(np.searchsorted(nodes, self.nodes), self.sides.faces.offsets)
         owner, neighbour = (np.searchsorted(cells, own) for own in (self.sides.owner, self.sides.neighbour))

@@ -18,8 +18,8 @@ class Precision:
 
     Attributes
     ----------
-    real : type of its numbers; if there are several, the one with the fewest bits.
-    every : whether all coordinates are rounded; a copy of the file that was read keeps coordinates that do not change.
+    real : type of its numbers; of several the one with the fewest bits.
+    every : whether all coordinates are rounded; a copy of the source file keeps unchanged coordinates.
     advice : how to write coordinates with more bits.
     """
 
@@ -46,7 +46,7 @@ class Precision:
         return stored if self.every else np.where(points == before, before, stored)
 
     def resolution(self, points: FloatArray) -> float:
-        """Return the largest change of any coordinate of points (N, 3) by rounding; 0 in double precision."""
+        """Return the largest change of a coordinate of points (N, 3) by rounding; 0 in double precision."""
         return 0.0 if self.is_double else float(np.finfo(self.real).eps * np.abs(points).max(initial=0.0))
 
     def __str__(self) -> str:

@@ -3,9 +3,9 @@
 Tetrahedra have the paper's mean ratio; pyramids, wedges and hexahedra VTK's scaled Jacobian. Plane triangles have their
 mean ratio, plane quads VTK's scaled Jacobian. Cells given by their faces are judged by their type, too.
 
-Cells of no type have one half of Ansys Fluent's orthogonal quality. It is the smallest cosine between a face's normal
-and the line from the cell's centre to the face's. The other half takes the lines to the centres of neighbouring cells
-(Ansys Meshing User's Guide, Orthogonal Quality).
+Other polyhedra have a part of Ansys Fluent's orthogonal quality (Ansys Meshing User's Guide, Orthogonal Quality): the
+smallest cosine between a face's normal and the line from the cell's centre to the face's. Fluent's also takes the lines
+to the centres of neighbouring cells.
 
 A tetrahedron is inverted if its signed volume is not positive. Another cell of fixed shape is inverted if the
 determinant of its edges at some corner is not positive. A cell given by its faces is inverted if OpenFOAM's checkMesh
@@ -139,7 +139,7 @@ def summarise(values: FloatArray, shape: str = "tetra", inverted: int | None = N
 
 
 def find_orientation(points: FloatArray, block: Volume) -> tuple[float, int]:
-    """Return the orientation of a block, -1 if most cells have left-handed nodes, and its number of inverted cells."""
+    """Return a block's orientation, -1 if most cells have left-handed nodes, and its number of inverted cells."""
     bad = np.count_nonzero(inverted_of(points, block))
     if 2 * bad <= len(block):
         return 1.0, int(bad)
@@ -148,7 +148,7 @@ def find_orientation(points: FloatArray, block: Volume) -> tuple[float, int]:
 
 
 def other_handed(points: FloatArray, block: Volume, orientation: float) -> IntArray:
-    """Return the rows (R,) of cells that are numbered in the opposite handedness to the block, and good otherwise.
+    """Return the rows (R,) of cells that are good but for the handedness of their nodes, opposite to the block's.
 
     An inverted tetrahedron is not among them: it is its own mirror image.
     """
@@ -159,7 +159,7 @@ def other_handed(points: FloatArray, block: Volume, orientation: float) -> IntAr
 
 
 def one_hand(points: FloatArray, block: Volume) -> Volume:
-    """Return the block with all cells in the handedness of most, as flow solvers read it."""
+    """Return the block with all cells in the handedness of most, as flow solvers read them."""
     if isinstance(block, Polyhedra) or block.shape not in VOLUMES[1:]:
         return block
     rows = other_handed(points, block, find_orientation(points, block)[0])
@@ -176,7 +176,7 @@ def other_hand(block: Cells, rows: IntArray) -> IntArray:
 def check_most(name: str, inverted: int, cells: int) -> None:
     """Raise InputError if more than half of the cells are inverted, as `find_orientation` counts: the mesh was misread.
 
-    Blocks with left-handed nodes do not count: they are judged by that order.
+    Left-handed blocks are no error: their cells are judged in that order.
     """
     if 2 * inverted > cells:
         raise InputError(

@@ -1,4 +1,4 @@
-"""Selections: parts of patches that become patches themselves.
+"""Selections: parts of patches that become patches.
 
 A part is a connected component, the faces in a box or before a plane, or a region between sharp edges. A selection
 begins with the faces of a patch, and each condition keeps some of them. In a plane mesh faces are lines, which meet in
@@ -95,14 +95,14 @@ class Part:
         return np.flatnonzero(used) + low, (np.cumsum(used) - 1)[self.faces.nodes - low]
 
     def cut(self, labels: IntArray, mark: str, most: int = MOST_PARTS) -> list["Part"]:
-        """Return the first parts of equal labels (F,), at most `most`, numbered from 1 after a mark."""
+        """Return the parts of equal labels (F,), at most `most`; their names end in a mark and a number from 1."""
         order, ends = np.argsort(labels, kind="stable"), np.cumsum(np.bincount(labels))[:most]
         groups = np.split(order[: ends[-1]], ends[:-1]) if len(ends) else []
         return [self.some(rows, f"{self.name}{mark}{number}") for number, rows in enumerate(groups, 1)]
 
 
 def list_components(part: Part, labels: IntArray) -> str:
-    """Return the first components (F,) of a part as text, for messages."""
+    """Return a text, for messages, on the first components (F,) of a part."""
     rest = labels.max(initial=-1) + 1 - LISTED
     return "; ".join(one.text for one in part.cut(labels, MARK, LISTED)) + (f"; and {rest} more" if rest > 0 else "")
 
@@ -137,7 +137,7 @@ class Condition(Protocol):
     """Keeps some faces of a part."""
 
     def of(self, part: Part) -> BoolArray:
-        """Return which faces (F,) of a part it keeps."""
+        """Return which faces (F,) of a part the condition keeps."""
         ...
 
 
@@ -156,7 +156,7 @@ class Component:
         return f"component {self.number}"
 
     def of(self, part: Part) -> BoolArray:
-        """Return which faces (F,) it keeps; InputError if there is no such component."""
+        """Return which faces (F,) are in the component; InputError without such a component."""
         labels = part.components()
         if not 1 <= self.number <= labels.max(initial=-1) + 1:
             raise InputError(f"there is no component {self.number}; there are {list_components(part, labels)}")
@@ -222,7 +222,7 @@ class Selection:
     text: str = field(default="", compare=False)
 
     def parts(self, mesh: Mesh) -> tuple[str, list[Part]]:
-        """Return the patch's name and the new patches; InputError if these are empty, or the whole patch."""
+        """Return the patch's name and the new patches; InputError if one is empty or the whole patch."""
         place = f"select {self.name} = {self.text}:" if self.text else f"{self.name}:"
         what, (patch, conditions) = f"{mesh.name}: {place}", self._resolve(mesh, place)
         whole = part = Part.of(mesh, mesh.patch(patch))
@@ -293,7 +293,7 @@ def with_parts(mesh: Mesh, found: Mapping[str, Sequence[Part]]) -> Mesh:
 
 
 def _components_of(mesh: Mesh, found: dict[str, list[Part]], text: str) -> Iterator[tuple[str, list[Part]]]:
-    """Yield the components that ``patch#number`` or ``patch#*`` means and that share no face with other parts."""
+    """Yield the components that ``patch#number`` or ``patch#*`` means, but none that share a face with other parts."""
     base, _, which = text.rpartition(MARK)
     if which.isascii() and which.isdigit():
         yield Selection(text, text).parts(mesh)

@@ -1,7 +1,4 @@
-"""Shapes on which boundary nodes slide: planes and cylinders that fit a patch, or the patch's own surface.
-
-The patch's own surface is its undeflected faces, cut into triangles.
-"""
+"""Shapes on which boundary nodes slide: planes and cylinders fitted to a patch, or its undeflected faces."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -33,7 +30,7 @@ class TriangleSet:
 
     Attributes
     ----------
-    nodes : (T, 3) rows of `vertices`; the second end of a segment is given twice.
+    nodes : (T, 3) rows of `vertices`; a segment has its second end twice.
     vertices : (V, 3) coordinates.
     search : search for the closest points.
     projectors : (V, 3, 3) projection at each vertex onto the tangent plane, or the tangent.
@@ -46,7 +43,7 @@ class TriangleSet:
 
     @classmethod
     def faces(cls, vertices: FloatArray, triangles: IntArray) -> "TriangleSet":
-        """Take triangles (T, 3); a vertex's normal is the mean of its triangles' normals."""
+        """Return triangles (T, 3) as a set; a vertex's normal is the mean of its triangles' normals."""
         corners = vertices[triangles]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         across = _dominant(unit(normals), np.linalg.norm(normals, axis=1), triangles, len(vertices))
@@ -54,7 +51,7 @@ class TriangleSet:
 
     @classmethod
     def curves(cls, vertices: FloatArray, edges: IntArray) -> "TriangleSet":
-        """Take segments (E, 2); a vertex without exactly two segments, or with a sharp angle between them, stays."""
+        """Return segments (E, 2) as a set; a vertex stays unless it has two segments without a sharp angle."""
         vectors = vertices[edges[:, 1]] - vertices[edges[:, 0]]
         along = _dominant(unit(vectors), np.ones(len(edges)), edges, len(vertices))
         projectors = along[:, :, None] * along[:, None, :]
@@ -64,8 +61,8 @@ class TriangleSet:
     def rate(self, targets: FloatArray, rate: FloatArray, near: float) -> FloatArray:
         """Return the derivative (N, 3) of the closest points to targets (N, 3) that move at a rate (N, 3).
 
-        Triangles drop the normal component, edges keep the one along them, vertices nothing. Targets nearer than
-        `near`, where the two sides may differ, keep the tangential component.
+        On triangles the normal component is dropped; on edges the component along them stays; on vertices nothing
+        stays. Targets nearer than `near`, where the two sides may differ, keep the tangential component.
         """
         hit = self.search.closest(targets)
         corners, off = self.search.corners[hit.rows], hit.weights == 0.0
@@ -100,7 +97,7 @@ class Triangulated:
     faces : the patch, cut into triangles; or its lines.
     ridges : edges with one face, or with faces that turn by more than `SHARP` degrees; empty for a closed smooth patch.
         Lines are ridges.
-    near : distance below which a point is on the faces or ridges.
+    near : distance below which a point counts as on the faces or ridges.
     """
 
     faces: TriangleSet = field(repr=False)
@@ -109,7 +106,7 @@ class Triangulated:
 
     @classmethod
     def of(cls, points: FloatArray, faces: Polygons) -> "Triangulated":
-        """Take faces, at least one, with points (N, 3) of the whole mesh."""
+        """Cut faces, at least one, into triangles; points (N, 3) are those of the whole mesh."""
         used, rows = np.unique(faces.nodes, return_inverse=True)
         polygons = Polygons(rows.reshape(-1), faces.offsets)
         vertices = np.ascontiguousarray(points[used])
@@ -142,7 +139,7 @@ class Triangulated:
         return out
 
     def _bind(self, points: FloatArray, rows: IntArray) -> list[tuple[TriangleSet, IntArray, BoolArray]]:
-        """Return the faces and the ridges; with each the points (M,) bound to it, and which of these stay."""
+        """Yield the faces and then the ridges, each with the points (M,) bound to it and which of these stay."""
         if self.ridges is None:
             return [(self.faces, rows, np.zeros(len(rows), dtype=bool))]
         on = self.ridges.search.within(points[rows], self.near)
@@ -162,7 +159,7 @@ def _triangulate(faces: Polygons) -> IntArray:
 
 
 def _dominant(directions: FloatArray, weights: FloatArray, nodes: IntArray, count: int) -> FloatArray:
-    """Return the mean direction (V, 3), up to its sign, of the pieces at each vertex; `nodes` (T, k) are theirs."""
+    """Return the mean direction (V, 3), up to its sign, of the pieces with `nodes` (T, k) at each vertex."""
     moments = (weights[:, None, None] * directions[:, :, None] * directions[:, None, :]).reshape(-1, 9)
     flat = nodes.ravel()
     each = np.repeat(moments, nodes.shape[1], axis=0)
@@ -203,7 +200,7 @@ class Plane:
 
     @classmethod
     def fitted(cls, points: FloatArray, across: FloatArray | None = None) -> "Plane":
-        """Return the least-squares plane of points (N, 3), exactly along coordinate axes if it is nearly so.
+        """Return the least-squares plane of points (N, 3); a normal that is nearly along an axis is set to it.
 
         In a plane mesh with the normal `across` (3,) the plane is a line.
         """
@@ -223,11 +220,11 @@ class Plane:
         return np.asarray((points - self.point) @ self.normal)
 
     def projected(self, points: FloatArray, displacement: FloatArray) -> FloatArray:
-        """Drop the normal component; coordinates along an axis keep their bits."""
+        """Remove the normal component; coordinates along an axis keep their bits."""
         return self.rate(points, displacement, displacement)
 
     def rate(self, points: FloatArray, displacement: FloatArray, rate: FloatArray) -> FloatArray:
-        """Drop the normal component."""
+        """Remove the normal component."""
         del points, displacement
         return np.asarray(rate - np.outer(rate @ self.normal, self.normal))
 
@@ -256,7 +253,7 @@ class CylinderWall:
         return self.cylinder.distance(points)
 
     def projected(self, points: FloatArray, displacement: FloatArray) -> FloatArray:
-        """Move radially back; each node keeps its distance from the axis, and its bits if it does not move."""
+        """Move nodes back radially; each keeps its distance from the axis, and its bits if it does not move."""
         radial = self.cylinder.axis.radial(points + displacement)
         short = self._stretch(points, radial) - 1.0
         return np.asarray(displacement + np.where(np.any(displacement, axis=1, keepdims=True), short * radial, 0.0))
@@ -272,7 +269,7 @@ class CylinderWall:
         return np.asarray(along + self._stretch(points, radial) * across)
 
     def _stretch(self, points: FloatArray, radial: FloatArray) -> FloatArray:
-        """Return the factors (N, 1) that give radial vectors the length of the nodes' own."""
+        """Return the factors (N, 1) that give radial vectors the length of the nodes' radial vectors."""
         reach = np.linalg.norm(self.cylinder.axis.radial(points), axis=1, keepdims=True)
         return np.asarray(reach / np.linalg.norm(radial, axis=1, keepdims=True))
 
@@ -316,7 +313,7 @@ class SlidingPatch:
 
     @classmethod
     def of(cls, mesh: Mesh, name: str, shape: str) -> "SlidingPatch":
-        """Fit a shape to a patch, or take its faces; InputError if the patch has another shape, or no faces."""
+        """Fit a shape to a patch, or use its faces; InputError if the patch has another shape or no faces."""
         nodes = mesh.patch(name).nodes
         if shape != SURFACE:
             return cls(name, fit_shape(shape, mesh.points[nodes], name, mesh.normal), nodes)
@@ -327,7 +324,7 @@ class SlidingPatch:
 
 
 def _fit_cylinder(points: FloatArray, direction: FloatArray, slopes: int = 2) -> Cylinder:
-    """Fit axis and radius from a first direction; parameters are offsets across it, the radius, and slopes if any."""
+    """Return axis and radius fitted from a first direction; the unknowns are offsets, radius and perhaps slopes."""
     from scipy.optimize import least_squares  # loading takes 0.1 s
 
     center, size = points.mean(axis=0), float(np.ptp(points, axis=0).max())

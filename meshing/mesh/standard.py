@@ -1,4 +1,4 @@
-"""Types of polyhedra that are tetrahedra, pyramids, wedges or hexahedra, and their nodes in VTK's order."""
+"""Polyhedra that are tetrahedra, pyramids, wedges or hexahedra: types, and nodes in VTK's order."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -35,7 +35,7 @@ class CellTypes(NamedTuple):
 
 
 def types_of(block: Polyhedra) -> CellTypes:
-    """Return the types of cells by their faces; they are found once and kept with the block."""
+    """Return the types of cells by their faces; computed once and stored with the block."""
     if "types" not in block.kept:
         shape, corners = np.empty(len(block), dtype=np.int8), np.empty((len(block), 8), dtype=np.intp)
         start, side = np.zeros(len(block) + 1, np.intp), np.empty(len(block.owner) + len(block.neighbour), np.intp)
@@ -54,7 +54,7 @@ def types_of(block: Polyhedra) -> CellTypes:
 def parts_of(block: Volume, rows: IntArray | None = None) -> Iterator[Part]:
     """Yield the cells of each type in a block, or in R rows of it, and their places among these rows.
 
-    Typed polyhedra come as a block of all their cells; cells of no type come last.
+    Polyhedra of a standard type come as one block per type; all others come last.
     """
     some = np.arange(len(block)) if rows is None else rows
     if isinstance(block, Cells):
@@ -78,7 +78,7 @@ def type_of(block: Volume, row: int) -> str:
 def _sort_sides(
     owner: IntArray, neighbour: IntArray, start: IntArray, side: IntArray
 ) -> None:  # pragma: no cover - machine code
-    """Fill in the sides (S,) of cells, as twice the face plus 1 if reversed, and where each cell's begin (C + 1,)."""
+    """Fill in the sides (S,) of cells, as twice the face plus 1 if reversed, and their begin (C + 1,) for each cell."""
     for i in range(len(owner)):
         start[owner[i] + 1] += 1
     for i in range(len(neighbour)):
@@ -145,7 +145,7 @@ def _fill_base(
 def _fill_opposite(
     nodes: IntArray, offsets: IntArray, sides: IntArray, size: int, ends: bool, own: IntArray
 ) -> bool:  # pragma: no cover - machine code
-    """Fill in the node off the base, or with `ends` the nodes that edges join to the base; whether each is unique."""
+    """Fill in the nodes opposite the base, by edges from it if `ends`; return whether each is unique."""
     single = True
     for s in range(len(sides)):
         count = _size(offsets, sides[s])
@@ -164,7 +164,7 @@ def _fill_opposite(
 
 @compiled_exactly
 def _turn(own: IntArray, size: int, ends: bool) -> None:  # pragma: no cover - machine code
-    """Reverse the order around the base, and around the opposite face."""
+    """Reverse the order of corners around the base and around the opposite face."""
     for k in range(1, (size + 1) // 2):
         own[k], own[size - k] = own[size - k], own[k]
         if ends:

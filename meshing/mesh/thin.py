@@ -1,7 +1,7 @@
-"""Meshes one cell thick as plane meshes, whatever their thickness or opening angle.
+"""Meshes one cell thick, of any thickness or opening angle, as plane meshes.
 
-A motion is interpolated on the plane mesh, which has the nodes of the front, halfway between both sides. Each node of
-the back moves like its image.
+A motion is interpolated on the plane mesh: the nodes of the front, moved halfway to the back. Each node of the back
+moves like its image.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class MidPlane:
     Attributes
     ----------
     component, station : the coordinate along its normal, 0, 1 or 2, and its value there.
-    axis, outward : axis of a wedge, and the unit vector (3,) from it in the plane; None for parallel sides.
+    axis, outward : axis of a wedge, and unit vector (3,) in the plane at right angles to it; None for parallel sides.
     """
 
     component: int
@@ -70,7 +70,7 @@ class MidPlane:
 
     @property
     def numbers(self) -> FloatArray:
-        """Its attributes as numbers for a file: 2, or 11 for a wedge."""
+        """The attributes as numbers for a file: 2, or 11 for a wedge."""
         wedge = [*self.axis.point, *self.axis.direction] if self.axis else []
         return np.array([self.component, self.station, *wedge, *([] if self.outward is None else self.outward)])
 
@@ -107,7 +107,7 @@ class ThinMesh:
     ----------
     mesh : the plane mesh; nodes have the same indices, and those of the back are on no patch.
     points : (N, 3) nodes of the thin mesh.
-    nodes : (K, 2) each node of the front and its image on the back.
+    nodes : (K, 2) nodes of the front, and their images on the back.
     halfway : the plane between front and back.
     images : all nodes of the thin mesh that move like their images.
     """
@@ -160,7 +160,7 @@ class ThinMesh:
 
 
 def _outlines(mesh: Mesh, pair: Periodic, front: IntArray) -> tuple[Patch, ...] | None:
-    """Return the patches as lines between front nodes, given the front node (N,) of each; the sides have no lines.
+    """Return the patches as lines between front nodes; each node (N,) has its front node. The two sides have no lines.
 
     None if a face does not lead from front to back.
     """
@@ -179,7 +179,7 @@ def _outlines(mesh: Mesh, pair: Periodic, front: IntArray) -> tuple[Patch, ...] 
 
 
 def with_sides(mesh: Mesh, planes: Container[str]) -> Mesh:
-    """Return the mesh with its two sides as a pair, if it is one cell thick between two of these plane patches."""
+    """Return the mesh with two of these plane patches as a pair, if it is one cell thick between them."""
     sides = [patch for patch in mesh.patches if patch.name in planes and 2 * len(patch.nodes) == mesh.point_count]
     if len(sides) != 2 or any(pair.thin for pair in mesh.periodic):
         return mesh

@@ -1,1 +1,1 @@
-"""Cells that a deflection has spoiled are mended by moving nodes: connectivity, surfaces and far cells stay."""
+"""Repair of cells spoiled by a deflection: nodes move; connectivity, surfaces and far cells stay."""

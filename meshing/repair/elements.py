@@ -1,9 +1,7 @@
-"""Corner tetrahedra: cells of every shape as tetrahedra at their corners, with the shape that each should have.
+"""Corner tetrahedra, by which cells of every shape are repaired, and tracks, along which boundary nodes slide.
 
-The tetrahedron at a corner of a plane cell has the unit vector along z as its third edge; its last node is written as
-its first one.
-
-Tracks: curves on which two surfaces meet, and along which nodes on an edge of the boundary slide.
+A cell has a tetrahedron at each corner, with a target shape. At a corner of a plane cell its third edge is the unit
+vector along z, and its last node is stored as its first. A track is the curve on which two surfaces meet.
 """
 
 from __future__ import annotations
@@ -46,7 +44,7 @@ class RegionElements:
     nodes : (E, 4) rows of `used`.
     targets : (E, 10) inverse matrix of the target's edges, row by row, and the weight of the element.
     cells : (E,) cell of each element.
-    starts, corners : (U + 1,), (K,) the elements at each unknown node, as 4 times the element plus its corner.
+    starts, corners : (U + 1,), (K,) corners of elements at each unknown node, as 4 times the element plus the corner.
     """
 
     used: IntArray = field(repr=False)
@@ -151,7 +149,7 @@ class Tetrahedra:
 def corners_of(points: FloatArray, block: Volume, rows: IntArray) -> tuple[IntArray, IntArray]:
     """Return the nodes (E, 4) of the tetrahedra at the corners of rows of cells, and the place (E,) of each row.
 
-    A node of a polyhedron with three edges is one corner; with more edges, each three of them are one.
+    A polyhedron has one corner at a node with three edges; with more edges, each three are a corner.
     """
     if not isinstance(block, Polyhedra):
         corners = block.nodes[rows][:, np.array(CORNERS[block.shape])]
@@ -174,7 +172,7 @@ def corners_of(points: FloatArray, block: Volume, rows: IntArray) -> tuple[IntAr
 
 
 def _solidity(points: FloatArray, nodes: IntArray) -> FloatArray:
-    """Return the determinant (E,) of the edges at the first nodes of tetrahedra (E, 4), over the product of lengths."""
+    """Return the determinant (E,) of unit vectors along the edges at the first nodes of tetrahedra (E, 4)."""
     edges = _edges(points, nodes)
     lengths = np.prod(np.linalg.norm(edges, axis=1), axis=1)
     return np.asarray(np.linalg.det(edges) / np.maximum(lengths, np.finfo(np.float64).tiny))
@@ -215,7 +213,7 @@ class Tracks:
         return cls(*(np.concatenate([none, *(getattr(one, name) for one in some)]) for name in cls.__slots__))
 
     def projected(self, way: FloatArray) -> FloatArray:
-        """Return the displacements (K, 3) along the curves that are as far along the tangents as `way` (K, 3)."""
+        """Return displacements (K, 3) along the curves with the tangential components of `way` (K, 3)."""
         far = np.einsum("ij,ij->i", way, self.tangent)
         return np.asarray(far[:, None] * self.tangent + self._aside(far)[:, None] * self.inward)
 
@@ -249,7 +247,7 @@ class IntersectionCurve:
 
     @classmethod
     def of(cls, first: SlidingSurface | None, second: SlidingSurface | None) -> IntersectionCurve | None:
-        """Return the curve of two shapes; None if it is not well determined, so that nodes stay there."""
+        """Return the curve of two shapes; None if it is badly determined, and nodes stay there."""
         if isinstance(second, Plane) and not isinstance(first, Plane):
             first, second = second, first
         if isinstance(first, Plane) and isinstance(second, Plane):

@@ -6,11 +6,11 @@ f = tr(J'J) / 3 and d = det J, the energy is
     (weight f^3 / chi^2)^power,    chi = (d + sqrt(d^2 + eps^2)) / 2
 
 (Garanzha et al., "Foldover-free maps in 50 lines of code", 2021, eq. 3, to the power 3). For eps = 0 it is the mean
-ratio to the power -3, infinite for flat tetrahedra. For eps > 0 it is finite for inverted ones, too, and all weights
-are 1, so that no cell is given up while others are untangled.
+ratio to the power -3, infinite for flat tetrahedra. For eps > 0 it is finite for inverted tetrahedra, too. All weights
+are then 1, so that no cell is sacrificed while others are untangled.
 
-The third edge at a corner of a plane cell is the unit vector along z. The energy is then the right prism's over
-the cell, whose height stays, so it also weighs changes of the area.
+The third edge at a corner of a plane cell is the unit vector along z. The energy is that of a right prism over the
+cell with constant height, so it also measures changes of the area.
 """
 
 from collections.abc import Callable
@@ -72,7 +72,7 @@ class Energy:
     def curvature(self, points: FloatArray, eps: float, power: int) -> FloatArray:
         """Return a positive matrix for each unknown node (U, 6), as an upper triangle: its second derivative.
 
-        Parts of the second derivative that may be negative are left out; it scales a step.
+        Parts that may be negative are left out; the matrix only scales a step.
         """
         one, out = self.elements, np.empty((len(self.elements.nodes), 24))
         form = float(eps), int(power)
@@ -107,7 +107,7 @@ def _energies(
     out: FloatArray,
     rows: tuple[int, int],
 ) -> None:
-    """Write energies and determinants (2, E) and the energies' gradients by the four nodes (E, 12) of some rows."""
+    """Write energies and determinants (2, E) of some rows, and the gradients (E, 12) by their four nodes."""
     row = np.ones(LENGTH)
     eps, power = form
     for begin in range(rows[0], rows[1], LANES):
@@ -142,7 +142,7 @@ def _curvatures(
     out: FloatArray,
     rows: tuple[int, int],
 ) -> None:
-    """Write the positive parts of the second derivatives by each of the four nodes (E, 24) of some rows."""
+    """Write the positive parts of the second derivatives (E, 24) of some rows by each of their four nodes."""
     row = np.ones(LENGTH)
     eps, power = form
     for begin in range(rows[0], rows[1], LANES):
@@ -243,7 +243,7 @@ def _slope(row: FloatArray) -> None:
 def _bend(row: FloatArray, corner: int, power: float) -> None:
     """Write the positive part of the second derivative by one corner, over energy times power.
 
-    It consists of the parts of f, and of the squared gradients of log chi and of the whole logarithm.
+    It has three parts: from f, and from the squared gradients of log chi and of the whole logarithm.
     """
     for i in range(LANES):
         first, second, third = row[TARGET + i], row[TARGET + 3 * LANES + i], row[TARGET + 6 * LANES + i]
@@ -288,7 +288,7 @@ def _bend(row: FloatArray, corner: int, power: float) -> None:
 
 @compiled_exactly
 def _sums(starts: IntArray, corners: IntArray, values: FloatArray, out: FloatArray, rows: tuple[int, int]) -> None:
-    """Add the values (E, 4 w) at the corners of some nodes (U, w), in the order of the elements."""
+    """Add the values (E, 4 w) at the corners to their nodes (U, w), in the order of the elements."""
     width = out.shape[1]
     for n in range(rows[0], rows[1]):
         for k in range(width):

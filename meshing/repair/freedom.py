@@ -1,7 +1,7 @@
 """Nodes that a repair may move, and the shapes and columns that bind them.
 
-A column is the nodes of all layers over one node of a wall. Near the wall each node keeps its distance from the one
-below; farther out this distance is bounded.
+A column has the nodes of all layers over one wall node. Near the wall each node keeps its distance from the node below;
+farther out this distance is bounded.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Columns:
     ----------
     pairs : for each layer, from the wall outwards, its nodes and the node below each (K, 2).
     lengths : for each layer the least and the largest length (K, 2) of the edges of these pairs.
-    rigid : sorted nodes (R,) of layers that follow the wall rigidly. They stay while other nodes can help.
+    rigid : sorted nodes (R,) of layers that follow the wall rigidly. They stay while moves of other nodes suffice.
     """
 
     pairs: tuple[IntArray, ...] = field(default=(), repr=False)
@@ -50,10 +50,10 @@ class Columns:
 
     @classmethod
     def of(cls, levels: Sequence[IntArray], rigid: IntArray, before: FloatArray, now: FloatArray) -> Columns:
-        """Take pairs (K, 2) of nodes, at points (N, 3) before and now.
+        """Return the columns of pairs (K, 2) of nodes, at points (N, 3) before and now.
 
-        Edges to nodes of `rigid` (R,) keep their length. Others keep it within `BOUNDS` of the length before, or of
-        where it is now.
+        Edges to nodes of `rigid` (R,) keep their length. The length of others stays within `BOUNDS` of that before, or
+        of that now.
         """
         lengths = []
         for pairs in levels:
@@ -65,7 +65,7 @@ class Columns:
         return cls(tuple(levels), tuple(lengths), np.intersect1d(nodes, rigid, assume_unique=True))
 
     def without(self, nodes: IntArray) -> Columns:
-        """Return the same without some nodes (K,), which stay."""
+        """Return the columns without some nodes (K,), which stay."""
         stay = [np.isin(pairs[:, 0], nodes) for pairs in self.pairs]
         pairs = tuple(own[~rows] for own, rows in zip(self.pairs, stay, strict=True))
         lengths = tuple(own[~rows] for own, rows in zip(self.lengths, stay, strict=True))
@@ -82,11 +82,11 @@ class Columns:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Heights:
-    """Heights of layers that are kept while K of their nodes move, from the wall outwards.
+    """Heights of layers that are kept while their K nodes move; nodes are sorted from the wall outwards.
 
     Attributes
     ----------
-    rows, below : (K,) rows of the nodes, and of the nodes below; -1 for one that stays.
+    rows, below : (K,) rows of the nodes, and of the nodes below; -1 if the node below stays.
     fixed : (K, 3) places of the nodes below that stay.
     arms : (K, 3) vectors from the nodes below to the nodes, at first.
     lengths : (K, 2) least and largest length of an arm.
@@ -100,7 +100,7 @@ class Heights:
 
     @classmethod
     def of(cls, columns: Columns, points: FloatArray, nodes: IntArray) -> Heights:
-        """Take the heights over moving nodes (U,), at points (N, 3)."""
+        """Return the heights of columns for moving nodes (U,), at points (N, 3)."""
         place = np.full(len(points), -1, dtype=np.intp)
         place[nodes] = np.arange(len(nodes))
         pairs = np.concatenate([np.empty((0, 2), dtype=np.intp), *columns.pairs])
@@ -110,7 +110,7 @@ class Heights:
         return cls(place[above], place[below], points[below], points[above] - points[below], lengths)
 
     def keep(self, places: FloatArray) -> FloatArray:
-        """Move places (U, 3) along the line from the node below until lengths fit; return the arms (K, 3) before.
+        """Move places (U, 3) along the line from the node below until lengths fit; return the arms (K, 3) before that.
 
         Nodes with unchanged arms keep their bits.
         """
@@ -119,7 +119,7 @@ class Heights:
         return arms
 
     def pull(self, arms: FloatArray, gradient: FloatArray) -> None:
-        """Convert the gradient (U, 3) by places after `keep` to that by places before; `arms` are from `keep`."""
+        """Convert the gradient (U, 3) by the places after `keep` to that by places before; `arms` come from `keep`."""
         _pull(self.rows, self.below, self.lengths, arms, gradient)
 
 
@@ -168,7 +168,7 @@ class Slide:
 
 
 class SlidingPiece(NamedTuple):
-    """A part of the boundary with its shape; whether nodes may slide along its edges; its faces if it is plane."""
+    """A part of the boundary: its shape, whether nodes may slide along its edges, and its faces if it is plane."""
 
     shape: SlidingSurface | None
     edges: bool = False
@@ -177,9 +177,9 @@ class SlidingPiece(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FreeNodes:
-    """Nodes that may move: `free` (F,) in all directions, others on shapes; each occurs once.
+    """Nodes that may move: `free` (F,) in all directions, others on shapes; no node occurs twice.
 
-    Nodes of `columns` are also bound in their distances from the nodes below; groups of `images` move alike.
+    Distances between nodes of `columns` are bound; nodes of a group of `images` move alike.
     """
 
     free: IntArray = field(repr=False)
@@ -217,9 +217,9 @@ class FreeNodes:
         ----------
         points : (N, 3) coordinates of the nodes.
         inside : (N,) whether a node may move at all.
-        free : (F,) those of them inside the flow.
+        free : (F,) nodes inside the flow among them.
         shapes : For each patch a shape, or its name. ``"plane"`` is each part of the patch that was plane before the
-            deflection and still is. ``"surface"`` is each part between edges that were sharp, as it is at `points`, so
+            deflection and still is. ``"surface"`` is each part between sharp edges, as it is at `points`, so
             that a node of a thin body stays on its side. ``"cylinder"`` is fitted to the nodes of the whole patch.
         images : Free nodes that move like their images.
         within : Free nodes (K,) with the shape on which they stay.
@@ -251,7 +251,7 @@ class FreeNodes:
         return cls(free, tuple(slides), images=images or Images())
 
     def slides_left_by(self, start: FloatArray, points: FloatArray) -> tuple[Slide, ...]:
-        """Return the slides on plane faces that some nodes left on the way from `start` (N, 3) to `points` (N, 3).
+        """Return the slides on plane faces that nodes left between `start` (N, 3) and `points` (N, 3).
 
         While no polygon of a face is reversed, and its rim stays on its curves, all nodes are inside the rim.
         """
@@ -262,7 +262,7 @@ class FreeNodes:
         return tuple(one for one in self.slides if moved(one) and any(_folds(start, points, f) for f in one.faces))
 
     def without(self, some: tuple[Slide, ...]) -> FreeNodes:
-        """Return the same without some of the slides."""
+        """Return the free nodes without some of the slides."""
         return replace(self, slides=tuple(one for one in self.slides if one not in some))
 
     def closure(self, nodes: IntArray, size: int) -> IntArray:
@@ -276,14 +276,14 @@ class FreeNodes:
                 return found
             nodes = found
 
-    def holding(self, nodes: IntArray) -> FreeNodes:
-        """Return the same without some nodes (K,), which stay."""
+    def without_nodes(self, nodes: IntArray) -> FreeNodes:
+        """Return the free nodes without some nodes (K,), which stay."""
         slides = tuple(replace(one, nodes=np.setdiff1d(one.nodes, nodes, assume_unique=True)) for one in self.slides)
         free = np.setdiff1d(self.free, nodes, assume_unique=True)
         return replace(self, free=free, slides=slides, columns=self.columns.without(nodes))
 
     def with_columns(self, columns: LayerColumns, rigid: IntArray, before: FloatArray, points: FloatArray) -> FreeNodes:
-        """Return the same with the heights of layers bounded (`Columns.of`), given the nodes at points (N, 3).
+        """Return the free nodes with the heights of layers bounded (`Columns.of`), with the mesh at points (N, 3).
 
         A node of the first layer stays if it is over several wall nodes, or slides on a shape other than a plane
         through the node below. Nodes of further layers over it then follow their shape alone.
@@ -346,7 +346,7 @@ def _plane(mesh: Mesh, points: FloatArray, face: Polygons) -> SlidingPiece:
 
 
 def _folds(start: FloatArray, points: FloatArray, face: Polygons) -> bool:
-    """True if a polygon of a plane face is reversed on the way from `start` (N, 3) to `points` (N, 3)."""
+    """Return whether a polygon of a plane face is reversed between `start` (N, 3) and `points` (N, 3)."""
     before = area_vectors(start, face)
     normal = before.sum(axis=0)
     return bool(((area_vectors(points, face) @ normal <= 0.0) & (before @ normal > 0.0)).any())

@@ -1,8 +1,7 @@
 """A region of nodes that move together until the cells around them are good.
 
-The minimum is found by L-BFGS, started from the second derivative of each node by itself.
-
-`QualityGoal` says how good cells should be, `RepairResult` what a repair changed.
+The minimum is searched by L-BFGS; the first approximation has each node's second derivative alone. `QualityGoal`
+requires a quality of cells; `RepairResult` describes a repair.
 """
 
 from __future__ import annotations
@@ -58,13 +57,13 @@ elements before giving up."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class QualityGoal:
-    """Quality that some of the affected cells should reach.
+    """The quality that some of the affected cells should reach.
 
     Attributes
     ----------
     affected : the cells.
-    floor : (C,) least quality of the good cells of each one's type before; 0 for a cell that was not better itself. It
-        is -inf for a cell that was inverted or has no node that can move: nothing is required of it.
+    floor : (C,) for each cell the least quality of the good cells of its type before; 0 for a cell that was not better.
+        It is -inf for a cell that was inverted or has no node that can move: nothing is required of it.
     weights : (C,) weights of the cells' energies, so that cells of all types reach their floors together. The energy of
         a corner is at least the squared inverse of its relative scaled Jacobian; a tetrahedron's is the cubed
         inverse of its mean ratio.
@@ -76,7 +75,7 @@ class QualityGoal:
 
     @classmethod
     def of(cls, affected: AffectedCells, freedom: FreeNodes) -> QualityGoal:
-        """Require of cells with a node that may move the least quality of their type before."""
+        """Return the goal that cells with a node that may move reach the least quality of their type before."""
         movable = np.zeros(len(affected.mesh.points), dtype=np.bool_)
         movable[freedom.nodes] = True
         quality, inverted = affected.before
@@ -91,7 +90,7 @@ class QualityGoal:
         return cls(affected, floor, weights)
 
     def among(self, cells: BoolArray) -> QualityGoal:
-        """Return the goal of some of the cells, a mask (C,)."""
+        """Return the goal of the cells in a mask (C,)."""
         ends = np.cumsum([0, *(len(rows) for rows in self.affected.rows)])
         rows = tuple(own[cells[a:b]] for own, a, b in zip(self.affected.rows, ends, ends[1:], strict=False))
         return QualityGoal(replace(self.affected, rows=rows), self.floor[cells], self.weights[cells])
@@ -102,11 +101,11 @@ class QualityGoal:
         return np.array([[np.percentile(quality, 1.0), quality.mean()] for quality in by_type])
 
     def keeps(self, found: CellScores, spread: FloatArray | None) -> bool:
-        """Return whether cells keep a spread (T, 2) but for `LOST`; always True without a spread."""
+        """Return whether no value of a spread (T, 2) falls by more than `LOST`; True without a spread."""
         return spread is None or bool((self.spread(found) >= spread - LOST).all())
 
     def with_weights(self, found: CellScores, careful: bool) -> QualityGoal:
-        """Return the goal; if careful with weights by which each good cell keeps a share `CARE` of its quality."""
+        """Return the goal; if careful, with weights by which each good cell keeps a share `CARE` of its quality."""
         if not careful:
             return self
         weights = self.weights.copy()
@@ -130,7 +129,7 @@ class QualityGoal:
         return float((found.quality[own] / self.floor[own]).min(initial=1.0))
 
     def rank(self, found: CellScores) -> tuple[int, float]:
-        """Return what is larger for the better of two meshes: minus the inverted cells, then the least quality."""
+        """Return a rank, larger for a better mesh: minus the number of inverted cells, then the least quality."""
         return -int(self.misses(found, 0.0).sum()), self.least(found)
 
 
@@ -166,7 +165,7 @@ class RepairResult:
     def of(
         cls, start: FloatArray, points: FloatArray, affected: AffectedCells, freedom: FreeNodes, share: float
     ) -> RepairResult:
-        """Judge a mesh before and after a repair that is not carried out; parameters as for `repair_cells`."""
+        """Return the result of no repair, with the mesh judged; parameters as for `repair_cells`."""
         goal = QualityGoal.of(affected, freedom)
         before, after = goal.scores(start), goal.scores(points)
         moved = np.flatnonzero((points != start).any(axis=1))
@@ -187,7 +186,7 @@ def _with_any(affected: AffectedCells, mask: BoolArray) -> list[BoolArray]:
 
 
 class Minimum(NamedTuple):
-    """End of a search: place, value and number of steps."""
+    """The end of a search: place, value and number of steps."""
 
     place: FloatArray
     value: float
@@ -235,7 +234,7 @@ def minimise(function: Function, place: FloatArray, blocks: FloatArray, steps: i
 def _approximate_inverse(
     gradient: FloatArray, pairs: list[tuple[FloatArray, FloatArray, float]], solve: FloatArray
 ) -> FloatArray:
-    """Multiply a gradient (U, 3) by the inverse second derivative given by the pairs (Nocedal 1980)."""
+    """Multiply a gradient (U, 3) by the inverse second derivative that the pairs define (Nocedal 1980)."""
     out, shares = gradient.copy(), []
     for step, change, curve in reversed(pairs):
         shares.append(float(np.vdot(step, out)) / curve)
@@ -252,7 +251,7 @@ def _approximate_inverse(
 def _inverses(blocks: FloatArray) -> FloatArray:
     """Return the inverses (U, 3, 3) of symmetric matrices given as upper triangles (U, 6).
 
-    A node whose matrix underflows beside a nearly flat cell gets the stiffest one.
+    A node whose matrix underflows beside a nearly flat cell gets the stiffest matrix.
     """
     size = np.abs(blocks).max(axis=1, initial=0.0)
     scale = np.where(size > 0.0, size, 1.0)[:, None, None]  # determinants of very stiff matrices overflow
@@ -264,7 +263,7 @@ def _inverses(blocks: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FreeDisplacements:
-    """Places of unknown nodes as functions of free displacements: sliding nodes are projected onto their shapes.
+    """Places of unknown nodes as functions of free displacements; sliding nodes are projected onto their shapes.
 
     Attributes
     ----------
@@ -283,7 +282,7 @@ class FreeDisplacements:
 
     @classmethod
     def of(cls, points: FloatArray, nodes: IntArray, freedom: FreeNodes) -> FreeDisplacements:
-        """Take some of the free nodes (U,), at points (N, 3)."""
+        """Return the free displacements of some of the free nodes (U,), at points (N, 3)."""
         slides, edges, order = [], [], np.argsort(nodes)
         for one in freedom.slides:
             own = one.nodes[np.isin(one.nodes, nodes, assume_unique=True)]
@@ -331,9 +330,9 @@ class RepairRegion:
     ----------
     points : (N, 3) mesh at the start.
     unknown : (U,) moving nodes.
-    energy, chart : energy of the elements, and the places that nodes may have.
+    energy, chart : energy of the elements, and the places of nodes for free displacements.
     cells, goal : cells of the region, a mask (C,), and their goal.
-    local : (M, 3) last places of the elements' nodes, unknown ones first.
+    local : (M, 3) last places of the elements' nodes; unknown nodes come first.
     """
 
     points: FloatArray = field(repr=False)
@@ -348,7 +347,7 @@ class RepairRegion:
     def of(
         cls, points: FloatArray, tetrahedra: Tetrahedra, nodes: IntArray, freedom: FreeNodes, goal: QualityGoal
     ) -> RepairRegion:
-        """Let nodes (U,) move, with the mesh at points (N, 3)."""
+        """Return the region whose nodes (U,) move, with the mesh at points (N, 3)."""
         elements = RegionElements.of(tetrahedra, nodes, goal.affected.mesh.points, goal.weights)
         cells = np.zeros(len(goal.floor), dtype=np.bool_)
         cells[elements.cells] = True
@@ -377,7 +376,7 @@ class RepairRegion:
 
     @property
     def simple(self) -> bool:
-        """True if all cells are tetrahedra."""
+        """Whether all cells are tetrahedra."""
         parts = zip(self.goal.affected.mesh.cells, self.goal.affected.rows, strict=True)
         return {name for block, rows in parts for name, *_ in parts_of(block, rows)} <= {"tetra"}
 
@@ -404,8 +403,8 @@ class RepairRegion:
 def improve(region: RepairRegion, level: float, rest: float) -> tuple[FloatArray, int]:
     """Move a region until its cells reach a level or nothing more is gained; return points (N, 3) and the steps.
 
-    While cells are inverted, eps falls from twice the worst determinant; then the power grows. The region is left for
-    smaller ones when only a share `rest` of the inverted cells, or of those below the level, remains.
+    While cells are inverted, eps falls from twice the worst determinant; then the power grows. When only a share `rest`
+    of the inverted cells, or of those below the level, remains, the search ends: smaller regions follow.
     """
     way, steps = np.zeros((len(region.unknown), 3)), 0
     least, below = region.least(way), region.below(way, level)

@@ -1,4 +1,4 @@
-"""The repair: regions of nodes around spoiled cells, as large as necessary, move until these cells are good."""
+"""The repair: nodes in regions around spoiled cells move until these cells are good."""
 
 from __future__ import annotations
 
@@ -56,15 +56,15 @@ def repair_cells(
     """Repair cells that are inverted, or whose quality is below a share of their type's least quality before.
 
     Nodes around them move until all cells of the region are as good as the worst was before, or nothing more is gained.
-    While cells miss the share, the next region is larger. Once none is inverted or misses the limit, no type of cells
-    may lose more than `LOST` of its mean quality and of its 1st percentile, over the whole repair.
+    While cells miss the share, the next region is larger. Once no cell is inverted or misses the limit, no type of
+    cells may lose more than `LOST` of its mean quality and of its 1st percentile in the whole repair.
 
     Parameters
     ----------
     points : (N, 3) deflected mesh.
     affected : the affected cells, and the undeflected mesh.
     freedom : the nodes that may move.
-    share, limit : shares of their type's least quality before that cells should have, and must have.
+    share, limit : shares of the least quality of their type before, which cells should reach and must reach.
     """
     begin = perf_counter()
     with install_listener("numba:compile", TimingListener()) as compiling:
@@ -106,7 +106,7 @@ def _repair(
 
 
 def _without_layers(points: FloatArray, tetrahedra: Tetrahedra, freedom: FreeNodes, spoiled: BoolArray) -> FreeNodes:
-    """Hold the nodes of layers that follow the wall rigidly; those around spoiled cells without another node may move.
+    """Return free nodes without those of rigid layers, except around spoiled cells that have no other free node.
 
     `spoiled` (C,) are the spoiled cells.
     """
@@ -117,7 +117,7 @@ def _without_layers(points: FloatArray, tetrahedra: Tetrahedra, freedom: FreeNod
     helped = np.zeros(len(spoiled), dtype=np.bool_)
     helped[tetrahedra.cells[others[tetrahedra.nodes].any(axis=1)]] = True
     around = freedom.closure(_around(tetrahedra, spoiled & ~helped, movable, RINGS[0]), len(points))
-    return freedom.holding(np.setdiff1d(rigid, around, assume_unique=True))
+    return freedom.without_nodes(np.setdiff1d(rigid, around, assume_unique=True))
 
 
 class Target(NamedTuple):
@@ -126,9 +126,9 @@ class Target(NamedTuple):
     Attributes
     ----------
     share, rings : the share, and the sizes of regions in rings.
-    far : nodes of a region for each cell below the share, beyond which a region of more than `SMALL` is not tried.
-    spread : (T, 2) spread to keep (`QualityGoal.spread`); None to keep none.
-    progress : called with the work's name and the share done.
+    far : largest number of a region's nodes for each cell below the share, for regions of more than `SMALL` nodes.
+    spread : (T, 2) spread to keep (`QualityGoal.spread`), or None.
+    progress : called with the name of the work and the share done.
     """
 
     share: float
@@ -139,7 +139,7 @@ class Target(NamedTuple):
 
 
 def _levels(share: float, limit: float, points: int) -> Iterator[tuple[float, tuple[int, ...], float]]:
-    """Yield the levels in turn, the sizes of their regions, and how far these reach; the first level is no inversion.
+    """Yield the levels in turn, with the sizes of their regions and their reach; at the first no cell is inverted.
 
     `points` is the number of points.
     """
@@ -156,15 +156,16 @@ def _raise_quality(
     """Bring all cells to a level if possible; return all points (N, 3), the scores and the steps.
 
     A region is as small as the number of cells below the level allows. It grows while that number does not halve, until
-    nothing more is gained. To keep a spread, each region is first repaired with care for all its cells, and without if
-    that gains nothing. If a node leaves its plane face, the region is repaired again with the nodes of this face held.
+    nothing more is gained. To keep a spread, each region is first repaired with weights for all its cells, and without
+    them if that gains nothing. If a node leaves its plane face, the region is repaired again with this face's nodes
+    fixed.
     """
     level, sizes, far, spread, progress = wanted
     size, last, steps, vain, careful = 0, 0, 0, 0, spread is not None
     below = goal.misses(found, level)
     while below.any() and vain < VAIN:
         count = int(below.sum())
-        size, unknown = _patch_nodes(tetrahedra, below, freedom, len(points), sizes, (size, last))
+        size, unknown = _region_nodes(tetrahedra, below, freedom, len(points), sizes, (size, last))
         large = len(unknown) > SMALL
         if not len(unknown) or (large and len(unknown) > far * count):
             break
@@ -190,7 +191,7 @@ def _raise_quality(
     return points, found, steps
 
 
-def _patch_nodes(
+def _region_nodes(
     tetrahedra: Tetrahedra,
     spoiled: BoolArray,
     freedom: FreeNodes,
@@ -213,7 +214,7 @@ def _patch_nodes(
 
 
 def _is_better(fewer: bool, gain: float, level: float) -> bool:
-    """Return whether to keep a region: it has fewer cells below the level, or its worst cell gained enough."""
+    """Return whether a region's result is better: fewer cells below the level, or enough gain of its worst cell."""
     return (fewer and gain >= -LOSS) or gain > GAIN if level else fewer
 
 

@@ -1,1 +1,1 @@
-"""What all rooms of the engine stand on: compiled code, threads, errors, progress."""
+"""The base of all packages: arrays, compiled code, threads, files, settings, errors."""

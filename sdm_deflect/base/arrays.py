@@ -1,7 +1,7 @@
 """Types of arrays, sorted index sets, and selections of points.
 
-NumPy's `unique` and `union1d` use a hash table since 2.3, which takes forty times as long as sorting (3 million node
-indices: 6.1 s and .15 s). So large sets use neither.
+NumPy's `unique` and `union1d` have used a hash table since 2.3, which takes forty times as long as sorting (3 million
+node indices: 6.1 s and .15 s). So neither is used for large sets.
 """
 
 from typing import Any, TypeVar
@@ -55,7 +55,7 @@ def along_curve(points: FloatArray) -> IndexArray:
 
 
 def first_coincident(points: FloatArray, tol: float = 0.0) -> IndexArray:
-    """Return for each of points (N, 3) the lowest row within distance `tol`: its own, if no other is so near.
+    """Return for each of points (N, 3) the lowest row of a point within distance `tol`, which may be its own row.
 
     Points are sorted along a direction in which points of a lattice have distinct keys, so only neighbours in that
     order need comparing. Cost: one sort.
@@ -106,7 +106,7 @@ def farthest(points: FloatArray, n: int) -> IndexArray:
 
 
 def _farthest_of_many(points: FloatArray, n: int, chosen: list[int]) -> IndexArray:
-    """Continue like `farthest`, with the same result, but look only at blocks of points near each new one."""
+    """Continue like `farthest`, with the same result, but update only blocks of points near each new point."""
     rows = _blocks(points)
     x, y, z = np.ascontiguousarray(points[rows].transpose(2, 0, 1))
     low, high = np.array([(axis.min(axis=1), axis.max(axis=1)) for axis in (x, y, z)]).transpose(1, 0, 2)
@@ -129,7 +129,7 @@ def _farthest_of_many(points: FloatArray, n: int, chosen: list[int]) -> IndexArr
 
 
 def _blocks(points: FloatArray) -> IndexArray:
-    """Return rows (B, BLOCK) of points (N, 3), near ones in one block; repeated rows fill the last block."""
+    """Return rows (B, BLOCK) of points (N, 3), with near points in one block; repeated rows fill the last block."""
     low = points.min(axis=0)
     extent = float((points.max(axis=0) - low).max()) or 1.0
     cells = ((points - low) / extent * 1023.0).astype(np.intp)

@@ -1,4 +1,4 @@
-"""How loops are compiled, and where compiled code is kept."""
+"""Compilation of loops, and the folder of compiled code."""
 
 import hashlib
 import os
@@ -27,21 +27,21 @@ MARK = b"@compiled"
 
 
 def default_folder() -> Path:
-    """Folder of the environment variable SDM_DEFLECT_CACHE, or the user's cache folder."""
+    """Return the folder of the environment variable SDM_DEFLECT_CACHE, or the user's cache folder."""
     named = os.environ.get(FOLDER_VARIABLE)
     return Path(named) if named else Path(platformdirs.user_cache_dir("sdm-deflect", appauthor=False))
 
 
 def code_folder() -> Path:
-    """Folder of compiled code: Numba's variable NUMBA_CACHE_DIR, or `numba` in the cache folder."""
+    """Return the folder of compiled code: Numba's variable NUMBA_CACHE_DIR, or `numba` in the cache folder."""
     named = os.environ.get(CODE_VARIABLE)
     return Path(named) if named else default_folder() / "numba"
 
 
 def code_complaint() -> str:
-    """Make the folder of compiled code; return why no code can be kept there, or an empty text.
+    """Make the folder of compiled code; return why no code can be stored there, or an empty text.
 
-    Whoever can write to the folder can make us run code, so a folder that the user did not name must be private.
+    Anybody who can write to the folder can make this program run code, so the default folder must be private.
     """
     folder = code_folder()
     try:
@@ -56,7 +56,7 @@ def code_complaint() -> str:
 
 
 def code_files() -> list[Path]:
-    """Files of compiled code in the cache folder; empty if NUMBA_CACHE_DIR is set, because others share that folder."""
+    """Return the files of compiled code in the cache folder; none if NUMBA_CACHE_DIR is set, a shared folder."""
     return sorted((default_folder() / "numba").glob("*/*/*.nb[ci]"))
 
 
@@ -75,10 +75,10 @@ def compiled_exactly(function: Function) -> Function:
 
 
 def for_code(loop: Function, code: object) -> Function:
-    """Return `loop` compiled for the kernel that `code` selects; kept on disk if the kernel is ours.
+    """Return `loop` compiled for the kernel that `code` selects; stored on disk if the kernel is of this package.
 
     Numba's index on disk names the type of `code` by its module and is read completely. A kernel of another package
-    would stop every process that cannot import that package, and its machine code would not follow changes of its
+    would stop every process that cannot import that package, and its machine code would not follow edits of its
     formula.
     """
     ours = type(code).__module__.partition(".")[0] == PACKAGE
@@ -87,12 +87,12 @@ def for_code(loop: Function, code: object) -> Function:
 
 @cache
 def _in_memory(loop: Any) -> Any:
-    """Return a twin of a compiled loop whose machine code stays in this process."""
+    """Return a copy of a compiled loop whose machine code stays in this process."""
     return njit(**OPTIONS)(loop.py_func)
 
 
 class _OnDisk(FunctionCache):  # type: ignore[misc]
-    """Machine code on disk; if the disk is full, it stays in this process."""
+    """Storage of machine code on disk; if the disk is full, the code stays in this process."""
 
     def save_overload(self, sig: Any, data: Any) -> None:
         with suppress(OSError):
@@ -100,10 +100,10 @@ class _OnDisk(FunctionCache):  # type: ignore[misc]
 
 
 def _cache_code(loop: Any) -> Any:
-    """Keep the machine code of a compiled loop in the folder of compiled code, if possible.
+    """Store the machine code of a compiled loop in the folder of compiled code, if possible.
 
     Numba's default is the folder of the package, where pip neither expects nor removes it. Numba's environment variable
-    would affect all functions of the process, not ours alone.
+    would affect all functions of the process, not this package's alone.
     """
     if folder := _folder():
         elsewhere, config.CACHE_DIR = config.CACHE_DIR, folder
@@ -116,7 +116,7 @@ def _cache_code(loop: Any) -> Any:
 
 @cache
 def _folder() -> str:
-    """Return the folder for the present sources; empty if none can be written.
+    """Return the folder for the present sources; empty if no folder can be written.
 
     Numba notices a change of a function's own source, but not of the functions that it calls.
     """
@@ -129,7 +129,7 @@ def _folder() -> str:
 def _sources() -> Iterator[bytes]:
     """Yield the text of every source in the rooms with compiled functions.
 
-    A room is found as its import is: `rglob` from the package's folder would not follow the links of a clone.
+    Packages are found like their imports: `rglob` from one folder would not follow the links of a clone.
     """
     for room in ROOMS:
         found = find_spec(f"{PACKAGE}.{room}")

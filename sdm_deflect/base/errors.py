@@ -27,14 +27,14 @@ def sentence(text: str) -> str:
 
 
 class InputError(ValueError):
-    """An input cannot be used; the message says which value, and what would be right."""
+    """An input cannot be used; the message names the value and what would be right."""
 
     def __init__(self, message: str) -> None:
         super().__init__(sentence(message))
 
 
 class MeshFileError(RuntimeError):
-    """A mesh file is damaged, or holds what we cannot read; the message names the file and what is wrong."""
+    """A mesh file is damaged, or has unsupported content; the message names the file and the fault."""
 
     def __init__(self, message: str) -> None:
         super().__init__(sentence(message))
@@ -55,7 +55,7 @@ def shortened(value: object) -> str:
 
 
 def short_list(names: Iterable[object]) -> str:
-    """Return names with commas; a long list ends with the number of further names."""
+    """Return names with commas; a long list is cut and ends with the number of further names."""
     own = [str(name) for name in names]
     return ", ".join(own[:FEW]) + (f" and {len(own) - FEW} more" if len(own) > FEW else "")
 
@@ -68,7 +68,7 @@ def nearest(name: str, known: Collection[str], noun: str = "known are") -> str:
 
 @contextmanager
 def write_errors(out: Path) -> Iterator[None]:
-    """Name `out` in errors of writing it: WriteError in place of an OSError, as ``"out: cannot be written: why"``."""
+    """Turn an OSError of writing `out` into a WriteError: ``"out: cannot be written: why"``."""
     try:
         yield
     except OSError as error:
@@ -77,7 +77,7 @@ def write_errors(out: Path) -> Iterator[None]:
 
 @contextmanager
 def errors_for(beside: Path, out: Path) -> Iterator[None]:
-    """Name `out` in errors that name the temporary file `beside`, which takes its place."""
+    """Name `out` in errors that would name the temporary file `beside`, which takes its place."""
     try:
         yield
     except MeshFileError as error:

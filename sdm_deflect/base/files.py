@@ -1,7 +1,7 @@
-"""Files and folders that appear whole or not at all: written into a hidden folder beside their place, and renamed.
+"""Files and folders that appear completely or not at all: written to a hidden folder beside their place, then renamed.
 
-A folder that is there already is exchanged for the new one; where the system cannot do that, it is NAME.old meanwhile.
-No command but `sdm doctor` touches what another one made: a hidden folder's lock tells it whether its process lives.
+An existing folder is exchanged for the new one; if the system cannot do that, it is NAME.old meanwhile. No command but
+`sdm doctor` touches the hidden folder of another; its lock tells whether its process still runs.
 """
 
 import ctypes
@@ -31,7 +31,7 @@ _permitted = ContextVar("_permitted", default=0o7777)
 
 @contextmanager
 def permitted_as(*sources: Path | str | None) -> Iterator[None]:
-    """Give new files and folders in this block no more permissions than the sources have."""
+    """Limit the permissions of new files and folders in this block to those of the sources."""
     token = _permitted.set(reduce(and_, (_permissions(Path(one)) for one in sources if one), _permitted.get()))
     try:
         yield
@@ -40,7 +40,7 @@ def permitted_as(*sources: Path | str | None) -> Iterator[None]:
 
 
 def _permissions(source: Path) -> int:
-    """Return the permissions that a copy of a file, a folder or a case may have: any for its owner."""
+    """Return the permissions that a copy of a file, folder or case may have; its owner may have all."""
     mode = 0o7777
     for path in (source, *(path for pattern in MESHES for path in source.glob(pattern))):
         with suppress(OSError):
@@ -51,7 +51,7 @@ def _permissions(source: Path) -> int:
 
 @contextmanager
 def hidden_folder(beside: Path | None = None) -> Iterator[Path]:
-    """Give a hidden folder that only its owner can read, in the system's temporary one by default."""
+    """Yield a hidden folder that only its owner can read, by default in the system's temporary folder."""
     home, place = Path(os.path.realpath(beside or tempfile.gettempdir())), Path()
     home.mkdir(parents=True, exist_ok=True)
     try:
@@ -75,7 +75,7 @@ def hidden_folder(beside: Path | None = None) -> Iterator[Path]:
 
 @contextmanager
 def without_signals() -> Iterator[None]:
-    """Let signals that ask to end wait for the end of the block."""
+    """Delay signals that ask to end until the end of the block."""
     came, before = list[int](), {}
     with suppress(ValueError):  # not the main thread
         before = {one: signal.signal(one, lambda number, _: came.append(number)) for one in REQUESTS}
@@ -90,13 +90,13 @@ def without_signals() -> Iterator[None]:
 
 @contextmanager
 def fresh(out: Path, *sources: Path | None, earlier: Callable[[Path], bool] | None = None) -> Iterator[Path]:
-    """Give a path that becomes `out`, or what it links to, in the end; MeshFileError if that cannot be written.
+    """Yield a path that becomes `out`, or the target of that link, in the end; MeshFileError if it cannot be written.
 
     Parameters
     ----------
     out : The file to write.
-    sources : Files that are read: `out` must be none of them, and gets no more permissions than they have.
-    earlier : Tells whether a file is an earlier result, the only kind that may be replaced; None for any file.
+    sources : Input files; `out` must be none of them, and gets no more permissions than they have.
+    earlier : Returns whether a file is an earlier result; only such files may be replaced. None: any file may be.
     """
     if out.exists() and any(source is not None and source.exists() and out.samefile(source) for source in sources):
         raise MeshFileError(f"{out}: this is the mesh that is read; write to another file")
@@ -111,9 +111,9 @@ def fresh(out: Path, *sources: Path | None, earlier: Callable[[Path], bool] | No
 
 @contextmanager
 def fresh_folder(out: Path, source: Path | None = None) -> Iterator[Path]:
-    """Give an empty folder that becomes `out` once the block has ended well.
+    """Yield an empty folder that becomes `out` once the block has ended well.
 
-    MeshFileError if `out` is there and not empty, lies within the folder `source`, or cannot be made.
+    MeshFileError if `out` exists and is not empty, lies within the folder `source`, or cannot be made.
     """
     if source is not None and out.resolve().is_relative_to(source.resolve()):
         raise MeshFileError(f"{out}: lies in the case that is read; write to a folder outside it")
@@ -126,10 +126,10 @@ def fresh_folder(out: Path, source: Path | None = None) -> Iterator[Path]:
 
 @contextmanager
 def replacing(out: Path, stale: Sequence[str] = ()) -> Iterator[Path]:
-    """Give a path that replaces `out` when the block ends well; if `out` is in a hidden folder, it is `out` itself.
+    """Yield a path that replaces `out` when the block ends well; it is `out` itself if that is in a hidden folder.
 
-    Files of an old folder stay, unless the new one has such a name, or it matches a pattern in `stale`, such as
-    ``figures/slices*.png``. OSError or MeshFileError if it cannot be written.
+    Files of an old folder stay, unless the new folder has the same name, or the name matches a pattern in `stale`, such
+    as ``figures/slices*.png``. OSError or MeshFileError if it cannot be written.
     """
     target = Path(os.path.realpath(out))
     if not _hidden.isdisjoint(target.parents):
@@ -143,7 +143,7 @@ def replacing(out: Path, stale: Sequence[str] = ()) -> Iterator[Path]:
 
 @contextmanager
 def replacing_files(folder: Path, stale: Sequence[str]) -> Iterator[Path]:
-    """Give an empty folder whose files and folders replace those of `folder`, each as a whole, one after another.
+    """Yield an empty folder whose files and folders replace those of `folder` one after another, each as a whole.
 
     `stale` has patterns for `folder` and for each folder in it; errors are those of `replacing`.
     """
@@ -158,7 +158,7 @@ def replacing_files(folder: Path, stale: Sequence[str]) -> Iterator[Path]:
 
 @contextmanager
 def replacing_together(folder: Path) -> Iterator[tuple[Path, dict[Path, Path]]]:
-    """Give a hidden folder in `folder`, and a table to fill: each new file in it, and the place that it takes.
+    """Yield a hidden folder in `folder`, and a table to fill with each new file in it and its final place.
 
     At the end all take their places in the table's order; errors are those of `replacing`.
     """
@@ -170,7 +170,7 @@ def replacing_together(folder: Path) -> Iterator[tuple[Path, dict[Path, Path]]]:
 
 
 def _put(place: Path, moves: Mapping[Path, Path], stale: Sequence[str]) -> None:
-    """Put new files and folders in the places of old ones, once all are on the disk; OSError if that cannot be."""
+    """Put new files and folders in the places of old ones, once all are on the disk; OSError if impossible."""
     for new, old in moves.items():
         _prepare(new, old)
         if new.is_dir() and old.is_dir():
@@ -188,7 +188,7 @@ def _put(place: Path, moves: Mapping[Path, Path], stale: Sequence[str]) -> None:
 
 
 def _prepare(new: Path, old: Path) -> None:
-    """Give a new file or folder the permissions of the old one, or those permitted, and flush it to the disk."""
+    """Set a new file's or folder's permissions to the old one's, or those permitted, and flush it to the disk."""
     mode = _permitted.get() & (_permissions(old) if old.is_dir() else 0o7777)
     for path in (new, *new.rglob("*")):
         target = old / path.relative_to(new)
@@ -208,7 +208,7 @@ def _flush(path: Path) -> None:
 
 
 def _keep(new: Path, old: Path, stale: Sequence[str]) -> None:
-    """Give a new folder the user's files of the old one: those that are neither among the new ones nor stale."""
+    """Move the user's files from the old folder to the new: those that are neither among the new ones nor stale."""
     patterns = [*stale, *(str(Path(pattern).parent) for pattern in stale)]
     for path in sorted(old.rglob("*")):
         name, place = path.relative_to(old), new / path.relative_to(old)
@@ -225,7 +225,7 @@ def _keep(new: Path, old: Path, stale: Sequence[str]) -> None:
 
 
 def _exchange(new: Path, old: Path, note: Path) -> None:
-    """Exchange a new folder and an old one, or else rename both: the file `note` says what `sdm doctor` has to know."""
+    """Exchange a new folder and an old one, or else rename both; the file `note` is read by `sdm doctor`."""
     rename = getattr(ctypes.CDLL(None), "renameat2", None) if os.name == "posix" else None
     if rename and not rename(-100, os.fsencode(new), -100, os.fsencode(old), 2):  # AT_FDCWD; RENAME_EXCHANGE
         return

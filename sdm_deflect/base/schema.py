@@ -1,4 +1,4 @@
-"""Settings as annotated fields of dataclasses: the one place where each is written.
+"""Settings as annotated fields of dataclasses, each defined once.
 
     tolerance: Annotated[float, Doc("Accuracy", "Largest error at a data site, a length."), Range(0.0)] = 0.0
 
@@ -50,7 +50,7 @@ class Range:
 
     Attributes
     ----------
-    low, high : smallest and largest value.
+    low, high : least and largest value.
     above : whether `low` itself is excluded.
     unit : unit, for messages.
     """
@@ -132,7 +132,7 @@ class Setting:
 
     @property
     def spelling(self) -> Spelling:
-        """How users write it."""
+        """Its spelling by users."""
         return self.note(Spelling) or Spelling()
 
     @property
@@ -207,12 +207,12 @@ def check_settings(instance: Any) -> None:
 
 
 def kind_of(kind: Any) -> Any:
-    """Return a type, or the first type of a union: what text is converted to."""
+    """Return the type to which text is converted: the type itself, or the first of a union."""
     return get_args(kind)[0] if get_origin(kind) in (Union, UnionType) else kind
 
 
 def choices_of(kind: Any) -> tuple[str, ...]:
-    """Return the words that a text setting may have."""
+    """Return the allowed words of a text setting."""
     return get_args(kind_of(kind)) if get_origin(kind_of(kind)) is Literal else ()
 
 

@@ -1,4 +1,4 @@
-"""States of files: whether one has changed since it was read."""
+"""States of files, which show whether a file has changed since it was read."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress

@@ -115,7 +115,7 @@ def _pool(process: int, threads: int) -> ThreadPoolExecutor:
 
 @contextmanager
 def single_threaded_blas() -> Iterator[None]:
-    """Keep BLAS on one thread: its threads compete with ours, and its sums depend on their number."""
+    """Limit BLAS to one thread: its threads compete with the program's, and its sums depend on their number."""
     with _controller().limit(limits=1, user_api="blas"):
         yield
 

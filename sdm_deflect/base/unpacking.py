@@ -1,4 +1,4 @@
-"""Reading packed arrays safely: how much memory a file may take, and errors that name the file."""
+"""Safe reading of packed arrays: limits of memory, and errors that name the file."""
 
 import csv
 import lzma
@@ -37,7 +37,7 @@ DAMAGED = (
 
 
 def unpack_limit(stored: int) -> int:
-    """Return the bytes of memory that data of a file of `stored` bytes may take; InputError as for `check_unpacked`.
+    """Return the largest size in memory of data in a file of `stored` bytes; InputError as for `check_unpacked`.
 
     Packed meshes seldom take less than a tenth of their size in memory, but a damaged file may claim anything.
     """
@@ -49,9 +49,9 @@ def unpack_limit(stored: int) -> int:
 
 
 def check_unpacked(size: int, stored: int, what: str) -> None:
-    """Raise InputError if `what` takes `size` bytes of memory, too many for a file of `stored` bytes.
+    """Raise InputError if `size` bytes in memory are too many for `what` from a file of `stored` bytes.
 
-    Also if the ratio in the environment is not a number.
+    Also if the ratio in the environment is no number.
     """
     if size > unpack_limit(stored):
         raise InputError(
@@ -62,7 +62,7 @@ def check_unpacked(size: int, stored: int, what: str) -> None:
 
 @contextmanager
 def damaged(path: Path, what: str) -> Iterator[None]:
-    """Turn any error or warning in the block into an InputError that names the file and `what` it should be."""
+    """Turn any error or warning in the block into an InputError that names the file and the expected content `what`."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -78,7 +78,7 @@ def damaged(path: Path, what: str) -> Iterator[None]:
 
 
 def refuse_device(path: Path) -> None:
-    """Raise InputError for a device or a pipe, which may have no end."""
+    """Raise InputError for a device or a pipe, which may be endless."""
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise InputError(f"{path}: a device or a pipe is no file to read")
 
@@ -101,7 +101,7 @@ def read_titles(text: TextIO, example: str) -> list[str]:
 
 
 def read_rows(path: Path, what: str, example: str) -> tuple[list[str], NDArray[np.float64]]:
-    """Return the titles and the numbers (rows, columns) of a .csv with a title line; InputError if it is no `what`.
+    """Return titles and numbers (rows, columns) of a .csv with a title line; InputError if it is no `what`.
 
     `example` is a line of titles, for the message.
     """
@@ -116,8 +116,8 @@ def read_rows(path: Path, what: str, example: str) -> tuple[list[str], NDArray[n
 def columns_of(titles: Sequence[str], names: Mapping[str, Sequence[str]]) -> dict[str, int]:
     """Return the index of the column that has each name; names without a column are left out.
 
-    A title is one of the spellings of a name, but the letters' case, spaces and ``_ : . -`` do not matter:
-    ``Points:0``, ``Points_0`` and ``points 0`` are alike. Of titles that are alike the one to the letter is taken.
+    A title is one of the spellings of a name; case, spaces and ``_ : . -`` do not matter: ``Points:0``, ``Points_0``
+    and ``points 0`` are alike. An exact spelling comes before others.
 
     Raises InputError if a name has two columns.
     """
