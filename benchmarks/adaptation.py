@@ -15,8 +15,10 @@ from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.rbf.rules import GreedyOptions, Rule, Separated, Worst
 from studies.loop import DirectBasis, Gmres
 
-UNREACHABLE = 1e-12  # m: the adaptation ends at its limit of centres
-Z = 2  # the direction that needs most centres
+# Tolerance (m) that no fit reaches, so that the adaptation ends at its limit of centres.
+UNREACHABLE = 1e-12
+# The direction that needs most centres.
+Z = 2
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,10 +27,11 @@ from sdm_deflect.meshing.mesh.cells import Cells, Patch
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from studies.machine import machine
 
+# Corners of the flap in the unit cube; it is one box thick.
 LOWER, UPPER = (0.4, 0.3, 0.5), (0.6, 0.7, 0.5)
-"""Corners of the flap in the unit cube; it is one box thick."""
 TETS = 3_000_000
 ANGLE = 10.0
+# What a version says of its own adaptations: the second smallest of four times, the first of which loads code.
 ADAPTATIONS = """
 import json
 from time import perf_counter
@@ -51,10 +52,9 @@ def seconds(action):
     return perf_counter() - start
 print(json.dumps({name: sorted(seconds(adapt) for _ in range(4))[1] for name, adapt in several.items()}))
 """
-"""What a version says of its own adaptations: the second smallest of four times, the first of which loads code."""
 
+# Seconds by the name of the figure.
 Taken = dict[str, float]
-"""Seconds by the name of the figure."""
 
 
 @dataclass(frozen=True, slots=True)

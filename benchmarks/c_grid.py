@@ -8,10 +8,10 @@ from sdm_deflect.meshing.mesh.cells import Cells, Patch
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.meshing.formats.wing import boundary_faces
 
+# Half the nose's radius: where the parabolas z = `FOCUS` + w**2 of a plane w have their focus.
 FOCUS = 0.0079
-"""Half the nose's radius: where the parabolas z = `FOCUS` + w**2 of a plane w have their focus."""
+# Chords to the far field; cells along each side of the airfoil, along the wake, and outwards.
 FAR, AROUND, WAKE, LAYERS = 10.0, 60, 24, 48
-"""Chords to the far field; cells along each side of the airfoil, along the wake, and outwards."""
 
 
 def c_grid(hinge: float, flap: tuple[float, float], first_height: float, span: FloatArray) -> Mesh:

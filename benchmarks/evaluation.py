@@ -17,10 +17,11 @@ from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 
 CENTERS, INSIDE, WHOLE = 2_200, 80_261, 623_387
 SITES = 25_896
-FEW = 256  # centres
+# Number of centres of a small interpolant.
+FEW = 256
 OURS = "this package"
+# Seconds of each sum before it is timed: threads of another's OpenBLAS or OpenMP spin for 0.1 s after their work.
 SETTLING = 0.2
-"""Seconds of each sum before it is timed: threads of another's OpenBLAS or OpenMP spin for 0.1 s after their work."""
 
 
 def results(rounds: int, peers: Iterable[str]) -> Iterator[Result]:

@@ -22,10 +22,10 @@ from sdm_deflect.meshing.formats.openfoam import boundary_text, header
 from sdm_deflect.meshing.formats.openfoam_files import MESH, FoamPatch
 from sdm_deflect.meshing.mesh.faces import FACES
 
+# Where the flap begins and ends along x and y.
 LOW, HIGH = 0.45, 0.55
-"""Where the flap begins and ends along x and y."""
+# Width of the flap's edges, in which its displacement falls to nothing.
 SIDE = 0.025
-"""Width of the flap's edges, in which its displacement falls to nothing."""
 DEGREES = 15.0
 KIND = np.int32
 

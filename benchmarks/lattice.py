@@ -18,10 +18,10 @@ from sdm_deflect.geometry.datum import hinge_line
 from sdm_deflect.geometry.parameters import Fighter, reference_values
 from studies.flow.reference import surface_reference
 
+# Width (m) of the strip beside the closed rib over which a blended aileron rises; half of it is lost.
 STRIP = 0.02
-"""Width (m) of the strip beside the closed rib over which a blended aileron rises; half of it is lost."""
+# Panels along the chord, of which the flap's hinge is an edge (19 of 21).
 CHORDWISE = (21, 42, 63)
-"""Panels along the chord, of which the flap's hinge is an edge (19 of 21)."""
 
 
 def derivatives(mach: float, chordwise: int, strip: float = STRIP, spanwise: int = 12) -> dict[str, float]:

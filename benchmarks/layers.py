@@ -37,8 +37,8 @@ from tests.cases import snappy
 from tests.meshing.formats.blunt_wing import blunt_wing
 from tests.meshing.formats.wing import wing
 
+# Layers in the table, from the wall.
 LAYERS = (1, 2, 5, 8, 10)
-"""Layers in the table, from the wall."""
 ROOT = Path(__file__).parents[1]
 HEAD = (
     "| angle | repair | version | least | 1 % | inverted | " + " | ".join(f"layer {k}" for k in LAYERS)

@@ -14,7 +14,8 @@ from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 
 DIRECTIONS = 3
 RESET = Path("/proc/self/clear_refs")
-UNIT = 1024 if sys.platform.startswith("linux") else 1  # of ru_maxrss, in bytes
+# Bytes in the unit of ru_maxrss.
+UNIT = 1024 if sys.platform.startswith("linux") else 1
 
 
 def peak_above_arrays(points: int, centers: int) -> float:

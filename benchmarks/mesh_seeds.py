@@ -24,13 +24,13 @@ from sdm_deflect.meshing.child import MeshingError
 from sdm_deflect.meshing.generate.generation import Generated
 from sdm_deflect.meshing.mesh.labelled import tets_of
 
+# The meshes, and the cases that are deflected in them, at their own angles.
 MESHES = {
     "aircraft": ("aileron", "tail", "rudder", "all"),
     "notch": ("aileron-free",),
     "block": ("aileron-chimera",),
     "background": (),
 }
-"""The meshes, and the cases that are deflected in them, at their own angles."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,8 +35,10 @@ void kernel_sum(const double *x, const double *y, const double *z, size_t n, con
 }
 """
 C_FLAGS = ("-O3", "-march=native", "-ffast-math", "-fopenmp", "-fPIC", "-c")
-LINK_FLAGS = ("-shared", "-fopenmp", "-lmvec", "-lm")  # no -ffast-math: linked in, it switches off subnormals at load
-BLOCK = 256  # rows of NumPy's blocks: phi stays in the cache
+# Without -ffast-math: linked in, it switches off subnormals at load.
+LINK_FLAGS = ("-shared", "-fopenmp", "-lmvec", "-lm")
+# Rows of NumPy's blocks: phi stays in the cache.
+BLOCK = 256
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,7 +11,8 @@ from sdm_deflect.base.arrays import first_coincident
 from sdm_deflect.meshing.mesh.quality import mean_ratio
 
 MILLION = 1_000_000
-TOLERANCE = 1e-9  # m
+# Tolerance (m) of the fit.
+TOLERANCE = 1e-9
 
 
 def results(rounds: int) -> Iterator[Result]:

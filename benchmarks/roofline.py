@@ -21,9 +21,11 @@ void multiply_add(size_t rounds, double factor, double *sum) {
     *sum = total;
 }
 """
-CHAINS = 12  # independent ones: as many as hide the time that one FMA takes
+# Independent chains: as many as hide the latency of one FMA.
+CHAINS = 12
 ROUNDS = 20_000_000
-PER_PAIR = 15  # of a thin plate spline in three directions: distance 3, logarithm 8, times r**2 1, directions 3
+# Operations of a thin plate spline in three directions: distance 3, logarithm 8, times r**2 1, directions 3.
+PER_PAIR = 15
 
 
 def multiply_adds() -> float:

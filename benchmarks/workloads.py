@@ -10,7 +10,8 @@ from sdm_deflect.deform.box.hexahedron import Hexahedron, box
 from sdm_deflect.deform.rbf.data_sites import DataSites, fixed_sites, join
 from sdm_deflect.meshing.mesh.axis import Axis
 
-GOLDEN = (1.2207440846057596, 1.324717957244746, 1.618033988749895)  # of the R sequence in 3, 2 and 1 dimensions
+# Generators of the R sequence in 3, 2 and 1 dimensions.
+GOLDEN = (1.2207440846057596, 1.324717957244746, 1.618033988749895)
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,17 +19,17 @@ from sdm_deflect.meshing.mesh.mesh import Mesh
 
 from .finished import read_run
 
+# Numbers of runs that are compared.
 FEWEST, MOST = 2, 8
-"""Numbers of runs that are compared."""
 Value = float | int | str | None
+# Numbers that differ by no more than this share are the same.
 SAME = 1e-9
-"""Numbers that differ by no more than this share are the same."""
+# Least ratio that is shown as a factor; smaller changes are percentages.
 FACTOR = 2.0
-"""Least ratio that is shown as a factor; smaller changes are percentages."""
+# Smallest change that is shown as a percentage.
 LEAST = 5e-4
-"""Smallest change that is shown as a percentage."""
+# Letters of a text that is shown.
 LONGEST = 60
-"""Letters of a text that is shown."""
 DIRECTIONS = "xyz"
 
 

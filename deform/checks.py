@@ -28,15 +28,23 @@ from sdm_deflect.meshing.mesh.precision import EVERY_BIT
 from sdm_deflect.meshing.mesh.quality import inverted_of
 from sdm_deflect.meshing.mesh.standard import type_of
 
-ROUNDED = 0.01  # of an edge's length: largest change by rounding
-ON_SHAPE = 1e-9  # of the moving surface's size: largest distance of sliding nodes from their shape
-ON_IMAGE = 1e-14  # of a pair's size: largest distance of nodes from their images
-WORSE = 4.0  # times the distance before: allowed in files with fewer digits
-SAME_PLACE = 1e-9  # of the box: nearer nodes are at the same place
+# Largest change of a coordinate by rounding, as a share of an edge's length.
+ROUNDED = 0.01
+# Largest distance of sliding nodes from their shape, as a share of the moving surface's size.
+ON_SHAPE = 1e-9
+# Largest distance of nodes from their images, as a share of the pair's size: rounding.
+ON_IMAGE = 1e-14
+# Allowed ratio of such a distance to that before, in files with fewer digits.
+WORSE = 4.0
+# Nodes nearer than this share of the box's size are at the same place.
+SAME_PLACE = 1e-9
 
-LAYER_CHANGE = 0.1  # largest relative change of a layer's height: half of a usual growth from layer to layer
-FEW, FEW_CHANGE = 0.005, 0.25  # share of columns that may change by more, such as those at a corner, and by how much
+# Largest relative change of a layer's height: half of a usual growth from layer to layer.
+LAYER_CHANGE = 0.1
+# Share of columns that may change by more, such as those at a corner, and by how much.
+FEW, FEW_CHANGE = 0.005, 0.25
 
+# Why layers change their heights, by a key that tells what helps.
 CAUSES = {
     "rounding": "the file has too few digits",
     "repair": "the repair moved them",
@@ -44,7 +52,6 @@ CAUSES = {
     "shear": "the motion shears the wall",
     "gap": "another wall is near, or the wall ends",
 }
-"""Why layers change their heights, by a key that tells what helps."""
 
 Judgement = Literal["at most", "at least", "information"]
 Verdict = Literal["passed", "poor", "FAILED", "information", "not applicable"]

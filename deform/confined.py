@@ -21,8 +21,8 @@ from .rbf.interpolant import Interpolant
 from .rbf.kernels import Kernel
 from .rbf.rules import GreedyOptions, Rule, Separated, Worst
 
+# Least distance of a zero site from a known node, as a share of the spacing of zero sites.
 APART = 0.5
-"""Least distance of a zero site from a known node, as a share of the spacing of zero sites."""
 GROUPINGS: dict[Strategy, Callable[[Sequence[DataSites]], tuple[DataSites, ...]]] = {
     "squv": univariate,
     "mv": multivariate,

@@ -34,8 +34,8 @@ from .checks import Check, checks_of
 from .motion_fields import write_motion
 from .plan_file import Measured, StoredPlan, read_plan, write_plan
 
+# Number of amounts of each surface at which the mesh is checked.
 MEASURED = 9
-"""Number of amounts of each surface at which the mesh is checked."""
 NO_MIRROR = "a plan holds no mirrored surface: leave mirror out, and give each surface its own hinge"
 NO_MESH = (
     "a plan from a file has no mesh: give the undeflected points (N, 3) to MeshMotion.load, or take plan.on(points)"

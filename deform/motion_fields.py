@@ -18,21 +18,21 @@ from sdm_deflect.base.files import replacing_together
 from .surface.motions import Fixed, Powers, Turn
 from .volume.controls import ControlRange
 
+# Rows of a table of functions between the stops of a track: cubics between them are exact to 1e-15.
 ROWS = 2000
-"""Rows of a table of functions between the stops of a track: cubics between them are exact to 1e-15."""
 HEADER = """FoamFile
 {{
     version 2.0; format {}; arch "LSB;label=32;scalar=64"; class {}; location "{}"; object {};
 }}
 // Written by sdm-deflect.
 """
+# OpenFOAM takes a patch's own type where `calculated` is not allowed, as on planes of symmetry.
 FIELD = """dimensions [0 1 0 0 0 0 0];
 boundaryField
 {
     ".*" { type calculated; }
 }
 internalField nonuniform List<vector> """
-"""OpenFOAM takes a patch's own type where `calculated` is not allowed, as on planes of symmetry."""
 SOLVER = """dynamicFvMesh dynamicMotionSolverFvMesh;
 motionSolverLibs ("libsdmMotion.so");
 solver sdmMotion;

@@ -8,10 +8,10 @@ from sdm_deflect.base.schema import INLINE, ONLY_SET, Doc, Option, Range, Spelli
 from .rbf.fitting import Fitting
 
 RepairMode = Literal["auto", "off", "always"]
+# Degrees: beyond, a surface turns past its parent.
 LARGEST_ANGLE = 90.0
-"""Degrees: beyond, a surface turns past its parent."""
+# Relative difference of a cell's quality that turning it may cause.
 ROUNDING = 1e-9
-"""Relative difference of a cell's quality that turning it may cause."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,10 +26,10 @@ from sdm_deflect.meshing.mesh.thin import MidPlane
 
 FILE = "plan of sdm-deflect, 3"
 EARLIER = ("plan of sdm-deflect, 1", "plan of sdm-deflect, 2")
+# Functions of the amount by their names in a file.
 KINDS: dict[str, Any] = {"turn": Turn, "powers": Powers, "fixed": Fixed, "places": Places}
-"""Functions of the amount by their names in a file."""
+# Arrays of the file beside places, fields and boxes.
 KIND, PLAN, DIGEST = "kind", "plan", "digest"
-"""Arrays of the file beside places, fields and boxes."""
 
 
 @dataclass(frozen=True, slots=True)

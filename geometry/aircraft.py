@@ -166,8 +166,8 @@ def _exceptions(module: ModuleType) -> tuple[type[Exception], ...]:
     return tuple(kind for kind in vars(module).values() if isinstance(kind, type) and issubclass(kind, Exception))
 
 
+# The kernel's exceptions have no common base; CadQuery and NumPy raise the last two for shapes without extent.
 KERNEL: tuple[type[Exception], ...] = (*_exceptions(Standard), *_exceptions(StdFail), ValueError, ArithmeticError)
-"""The kernel's exceptions have no common base; CadQuery and NumPy raise the last two for shapes without extent."""
 
 
 @contextmanager

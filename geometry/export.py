@@ -29,14 +29,15 @@ from .parameters import FloatArray
 from .projection import coordinates
 from .quantity import CadError
 
+# The faces of a solid by patch.
 Named = Mapping[str, Sequence[Face]]
-"""The faces of a solid by patch."""
 
 # Largest angle in radians between neighbouring chords on a curved face.
 ANGLE = 0.3
 
 # Chord error in metres and angle in radians of tessellated files.
 STL_TOLERANCE = 1e-4
+# Angle (rad) between neighbouring triangles of an STL.
 STL_ANGLE = 0.1
 
 FACET = """facet normal {:.9g} {:.9g} {:.9g}

@@ -22,8 +22,8 @@ from .quantity import Checked, quantity
 
 FloatArray = NDArray[np.float64]
 
+# Largest angle (deg) of a control surface: the kernel builds the deflected aircraft up to it, not at 90.
 LARGEST_TURN = 85.0
-"""Largest angle (deg) of a control surface: the kernel builds the deflected aircraft up to it, not at 90."""
 
 # Positions of a section's points, once around from the leading edge.
 LE, FRONT_UPPER, HINGE_UPPER, TE, HINGE_LOWER, FRONT_LOWER = range(6)

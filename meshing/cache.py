@@ -24,6 +24,7 @@ RECIPE = 2
 
 _MAKERS = ("cadquery-ocp", "gmsh", "pytetwild")
 _ARRAYS = ("points", "tets", "triangles", "patch", "face")
+# Bytes of a SHA-256.
 _CHECKSUM = 32
 
 

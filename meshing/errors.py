@@ -9,11 +9,11 @@ import numpy as np
 from sdm_deflect.base.arrays import FloatArray
 from sdm_deflect.base.errors import FULL, MeshFileError, WriteError
 
+# What to do with Fluent's older files.
 FLUENT = (
     "write it as .cas.h5 or .msh.h5 in Fluent, or convert it, as text, to an OpenFOAM case: fluentMeshToFoam "
     "(fluent3DMeshToFoam for hanging nodes)"
 )
-"""What to do with Fluent's older files."""
 
 
 @contextmanager

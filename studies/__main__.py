@@ -12,8 +12,8 @@ from sdm_deflect.cases.cli.commands import carry_out
 from sdm_deflect.cases.run.progress import Stopwatch
 
 TABLES = ("table1", "table2", "table3", "table4")
+# Writes the files of a study into a folder, and returns what to print and whether all is as it should be.
 Writer = Callable[[Path, Stopwatch], tuple[str, bool]]
-"""Writes the files of a study into a folder, and returns what to print and whether all is as it should be."""
 
 out_option = click.option("--out", type=options.FILE, help="Output folder (default: runs/NAME).")
 angles_option = click.option("--angles", metavar="A,B,...", help="Angles in degrees.")

@@ -30,25 +30,25 @@ from studies.measure import SiteGroups, scaled, sites_of, table_case, with_sites
 from studies.paper import Row, Table, paper
 
 TABLES = ("table1", "table3", "table4")
+# The tolerance is divided by them: as good as a model that is so many times larger, with all its displacements.
 FACTORS = (1.0, 2.0, 4.0, 8.0, 16.0)
-"""The tolerance is divided by them: as good as a model that is so many times larger, with all its displacements."""
+# Iterations of GMRES between restarts and in all, of which the paper says nothing.
 SOLVERS = ((20, 300), (30, 300), (50, 300), (30, 900))
-"""Iterations of GMRES between restarts and in all, of which the paper says nothing."""
+# Relative residual at which it stops earlier.
 ACCURACY = 1e-10
-"""Relative residual at which it stops earlier."""
+# With GMRES an adaptation ends after so many times the paper's iterations.
 PATIENCE = 2
-"""With GMRES an adaptation ends after so many times the paper's iterations."""
+# Step (5) of section 4: as here, and as the paper writes it.
 CHOICES: dict[str, Choice] = {"": worst_free, ", centres may come twice": worst}
-"""Step (5) of section 4: as here, and as the paper writes it."""
+# Margins of a smaller hexahedron, over those of the case.
 SHARES = (0.7, 0.5, 0.35, 0.25)
-"""Margins of a smaller hexahedron, over those of the case."""
+# Metres by which each node of the fuselage panel is displaced at random, beside what it should be.
 ROUGHNESS = (1e-4, 2e-4)
-"""Metres by which each node of the fuselage panel is displaced at random, beside what it should be."""
+# Degrees of a facet, if the cylinder of the panel is a polygon: the projection then moves nodes by up to 0.21 mm.
 FACET = 9.0
-"""Degrees of a facet, if the cylinder of the panel is a polygon: the projection then moves nodes by up to 0.21 mm."""
 SEED = 1
+# Names of changes.
 NOTHING, TOLERANCE, GMRES = "nothing changed", "tolerance", "GMRES"
-"""Names of changes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +75,7 @@ class Trial:
         return (self.change, self.value, self.table, setting.columns, f"{setting.angle:g}")
 
 
+# Columns of centres.csv: those of the key, the paper's number of centres, and what came of the trial.
 HEADS = (
     "scale",
     "change",
@@ -88,7 +89,6 @@ HEADS = (
     "max_error",
     "stop",
 )
-"""Columns of centres.csv: those of the key, the paper's number of centres, and what came of the trial."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,15 +9,15 @@ from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.output import write_table
 from sdm_deflect.cases.run.progress import Stopwatch
 
+# Cases, and their angles in degrees.
 ROWS = (
     ("aileron-free", (-30.0, 15.0)), ("aileron", (-12.0, -30.0, 20.0)), ("aileron-chimera", (-12.0, -30.0, 20.0)),
     ("tail", (12.0, -12.0, 24.0)), ("rudder", (15.0, -30.0, 30.0)), ("all", (12.0, -12.0, 20.0)),
 )  # fmt: skip
-"""Cases, and their angles in degrees."""
+# Parts of a surface that `rigid_cad_predicted` measures, in the order of the table.
 PARTS = ("whole", "strip", "hinge_edges", "faces", "trailing_edge", "root", "beyond_root", "cad_to_surface")
-"""Parts of a surface that `rigid_cad_predicted` measures, in the order of the table."""
+# Distances (m) below this are rounding, and shown as 0.
 ROUNDING = 1e-12
-"""Distances (m) below this are rounding, and shown as 0."""
 CSV, TABLE = "distances.csv", "distances.md"
 
 

@@ -41,8 +41,8 @@ from studies.rendering import Picture, figure_of
 from studies.trends import verdicts
 
 FILE = "page.json"
+# Share of the cells at the box that count as the worst: 1,740 of a mesh as large as the paper's, 18 of a small one.
 WORST = 1e-3
-"""Share of the cells at the box that count as the worst: 1,740 of a mesh as large as the paper's, 18 of a small one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +75,8 @@ class Sources:
             return run_case(case, Stopwatch(self.show), Path(scratch), self.cache, report=False)
 
 
+# Measures a section into numbers, and writes its pictures and tables into a folder.
 Measure = Callable[[Sources, Numbers, Path], None]
-"""Measures a section into numbers, and writes its pictures and tables into a folder."""
 
 
 def write_page(scale: str, folder: Path, show: Stage, cache: bool = True) -> Numbers:
@@ -285,6 +285,7 @@ _CHIMERA: Wanted = tuple(("aileron-chimera", angle, "squv", f"{angle:+g} deg") f
 _TAIL: Wanted = (("tail", 12.0, "squv", "+12 deg"),)
 
 
+# The sections of the page, in the order in which they are measured.
 SECTIONS: dict[str, Measure] = {
     **{f"table{number}": partial(table, name=f"table{number}") for number in (1, 2, 3, 4)},
     "figure1": figure1,
@@ -298,4 +299,3 @@ SECTIONS: dict[str, Measure] = {
     "timings": timings,
     "centres": reasons,
 }
-"""The sections of the page, in the order in which they are measured."""

@@ -9,10 +9,10 @@ from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.output import write_table
 from sdm_deflect.cases.run.progress import Stopwatch
 
+# Cases with one surface each.
 CASES = ("aileron", "rudder", "tail")
-"""Cases with one surface each."""
+# Smallest acceptable mean ratio of a cell that may change, and to how many degrees the limits are found.
 LEAST, RESOLUTION = 0.25, 1.0
-"""Smallest acceptable mean ratio of a cell that may change, and to how many degrees the limits are found."""
 HEADS = ("case", "repair", "angle_deg", "quality", "ends")
 FILE = "limits.csv"
 

@@ -19,8 +19,8 @@ from sdm_deflect.deform.rbf.kernels import ThinPlateSpline, kernel_sum
 from sdm_deflect.deform.rbf.problem import Coefficients, Problem
 from sdm_deflect.deform.rbf.rules import GreedyOptions
 
+# Step (5): the sites that become centres, by residuals (N,), the rows of the centres so far, and the options.
 Choice = Callable[[FloatArray, IndexArray, GreedyOptions], IndexArray]
-"""Step (5): the sites that become centres, by residuals (N,), the rows of the centres so far, and the options."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,8 +30,8 @@ from sdm_deflect.meshing.mesh.mesh import Mesh
 from studies.loop import DirectBasis, Gmres
 from studies.paper import Evaluation, Row, Setting, Size, Table, paper
 
+# Number of adaptations or evaluations, of which the one of median time counts.
 REPETITIONS = 3
-"""Number of adaptations or evaluations, of which the one of median time counts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,23 +43,23 @@ class Loop:
     basis: Callable[[Problem, IndexArray], Basis] = CholeskyBasis.of
 
 
+# The paper's rule, with one factor for all directions that grows with the centres.
 GROWN = Loop("grown", Worst())
-"""The paper's rule, with one factor for all directions that grows with the centres."""
+# The paper's loop: its rule; GMRES solves each direction again in every iteration.
 GMRES = Loop("gmres", Worst(look_ahead=1), partial(DirectBasis.of, solve=Gmres()))
-"""The paper's loop: its rule; GMRES solves each direction again in every iteration."""
+# What `sdm run` does: blocks of separated sites, growing factor.
 DEFAULT = Loop("default", Separated())
-"""What `sdm run` does: blocks of separated sites, growing factor."""
 ALL = (GROWN, GMRES, DEFAULT)
+# Without GMRES, which takes long where a problem is large.
 DIRECT = (GROWN, DEFAULT)
-"""Without GMRES, which takes long where a problem is large."""
+# Which loops to time for the rows of a table.
 LOOPS = {"table1": ALL, "table2": ALL, "table3": DIRECT, "table4": DIRECT}
-"""Which loops to time for the rows of a table."""
+# Tables for which the hexahedron is smaller than that of the case.
 SMALL_BOX = ("table1", "table2")
-"""Tables for which the hexahedron is smaller than that of the case."""
+# Its margins over those of the case: fitted to f_z of table 1 on one mesh, whose window is 0.24 to 0.28.
 MARGINS = 0.25
-"""Its margins over those of the case: fitted to f_z of table 1 on one mesh, whose window is 0.24 to 0.28."""
+# Distances of zero sites that are tried, over the one that is estimated.
 TRIED = np.linspace(0.9, 1.1, 101)
-"""Distances of zero sites that are tried, over the one that is estimated."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,28 +11,28 @@ from studies.paper import Row, Size, paper
 from studies.trends import Verdict, three_digits, title
 
 Numbers = dict[str, Any]
+# Sections of the page that have a table of trends, by the tables and figures of the paper that they are about.
 SECTIONS = (
     ("table1", "figure2"), ("table2",), ("figure3",), ("table3",), ("figure4",), ("figure5",), ("table4",),
     ("figure7",), ("timings",),
 )  # fmt: skip
-"""Sections of the page that have a table of trends, by the tables and figures of the paper that they are about."""
+# Heads of iterations and centres at the end.
 ENDS = ("t_end paper", "here", "N_c,end paper", "here")
-"""Heads of iterations and centres at the end."""
+# Changes of centres.csv that the page shows.
 CHANGES = (
     (NOTHING, ""), ("margins", "x 0.25, zero sites as far apart"),
     ("margins", "x 0.25, the paper's number of zero sites"), ("distance of zero sites", "x 0.5"),
     ("fuselage panel", "does not move"), ("fuselage panel", "rough by 0.1 mm"), ("fuselage panel", "rough by 0.2 mm"),
     ("fuselage panel", "of facets of 9 deg"),
 )  # fmt: skip
-"""Changes of centres.csv that the page shows."""
+# Adaptations for which it shows them.
 CHANGED = (("table1", "x"), ("table1", "z"), ("table4", "x"), ("table4", "y"), ("table4", "z"))
-"""Adaptations for which it shows them."""
+# Adaptations for which it shows what a smaller tolerance does.
 TOLERANCES = (
     ("aileron, small hexahedron -12°, f_z", "table1", "z", "-12"), ("Chimera block -12°, f_z", "table3", "z", "-12"),
     ("Chimera block -30°, f_z", "table3", "z", "-30"), ("tail +12°, f_x", "table4", "x", "12"),
     ("tail +12°, f_z", "table4", "z", "12"),
 )  # fmt: skip
-"""Adaptations for which it shows what a smaller tolerance does."""
 
 
 def blocks(tables: Path, numbers: Numbers) -> Iterator[str]:

@@ -8,8 +8,8 @@ from typing import Literal
 
 from cattrs import structure
 
+# Uni-variate adaptations for one direction, and the multi-variate one for all three.
 COLUMNS = ("x", "y", "z", "xyz")
-"""Uni-variate adaptations for one direction, and the multi-variate one for all three."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,12 +22,12 @@ from studies import rendering
 from studies.rendering import Layer, Picture, View, components_of, quality_rgb
 
 BINS = np.linspace(0.0, 1.0, 51)
+# Width and height in pixels of each view.
 WHOLE, GAP, TAIL = (900, 620), (900, 700), (900, 640)
-"""Width and height in pixels of each view."""
+# Extent of the portion outboard of the aileron's end, and above and below it, by the distance to the block's face.
 OUTBOARD, ALONG = 4.0, 4.5
-"""Extent of the portion outboard of the aileron's end, and above and below it, by the distance to the block's face."""
+# Where the mesh is cut for figure 8: share of the span from root to tip.
 CUT = 0.35
-"""Where the mesh is cut for figure 8: share of the span from root to tip."""
 
 
 def blocks(aircraft: Run, chimera: Run) -> Picture:

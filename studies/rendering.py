@@ -31,16 +31,16 @@ from sdm_deflect.cases.report.slices import (
 from sdm_deflect.meshing.mesh.mesh import Mesh
 
 Image = NDArray[np.uint8]
+# Width of one image.
 INCHES = 5.2
-"""Width of one image."""
+# Inches above it.
 TITLE = 0.35
-"""Inches above it."""
 
 
+# Size of a picture over what it frames.
 MARGIN = 1.08
-"""Size of a picture over what it frames."""
+# Edges of faces shorter than so many pixels are not drawn.
 FINEST = 4.0
-"""Edges of faces shorter than so many pixels are not drawn."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

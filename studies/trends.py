@@ -13,18 +13,18 @@ from typing import Any
 from studies.paper import COLUMNS, Evaluation, QualityStatement, Row, paper
 
 Rows = Sequence[Row]
+# The largest residual (m) at each number of centres.
 Curve = Sequence[tuple[int, float]]
-"""The largest residual (m) at each number of centres."""
+# Measures of a cost, as attributes of a row.
 BOTH = ("seconds", "pairs")
-"""Measures of a cost, as attributes of a row."""
+# Costs differ little if the largest is at most so many times the smallest; the paper's own differ by up to 1.22.
 SAME = 1.25
-"""Costs differ little if the largest is at most so many times the smallest; the paper's own differ by up to 1.22."""
+# Relative difference of two residuals that count as identical: no plot over two decades shows it.
 IDENTICAL = 1e-3
-"""Relative difference of two residuals that count as identical: no plot over two decades shows it."""
+# Share of the hexahedron's height within which a cell is near the aileron, or near a face of the hexahedron.
 NEAR = 0.25
-"""Share of the hexahedron's height within which a cell is near the aileron, or near a face of the hexahedron."""
+# Largest relative difference of our number of centres from the paper's in a row of table 2.
 ROW_LIMIT = 0.15
-"""Largest relative difference of our number of centres from the paper's in a row of table 2."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,6 +186,7 @@ def _ends(rows: Rows, measure: str) -> str:
     return f"{_ITERATIONS(rows, measure)}; {_CENTERS(rows, measure)}"
 
 
+# What the paper says of its tables.
 TRENDS = (
     Trend("table1", "More initial centres mean fewer iterations.", _ITERATIONS,
           lambda rows, _: all(not any(own) or all(_rises(own[::-1])) for own in by(rows, "iterations").values())),
@@ -225,7 +226,6 @@ TRENDS = (
     Trend("table4", "The largest error is smallest for f_y, followed by f_x.",
           listing("max_error", "largest error, m", "{:.2e}".format), lambda rows, _: least_error_in_y(rows)),
 )  # fmt: skip
-"""What the paper says of its tables."""
 
 
 def off(rows: Rows) -> list[str]:

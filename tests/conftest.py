@@ -16,11 +16,11 @@ from tests import calls, kept_meshes
 from tests.deform.blocks import annulus_with_fin, block_with_body
 from tests.meshing.formats.wing import FLAP, wing
 
+# Environment variable: a folder in which meshes are kept from one test run to the next.
 KEPT_MESHES = "SDM_DEFLECT_TEST_MESHES"
-"""Environment variable: a folder in which meshes are kept from one test run to the next."""
 
+# Folders whose tests need neither a run of a case nor a browser nor a solver.
 UNIT = {"deform", "frozen", "geometry", "meshing"}
-"""Folders whose tests need neither a run of a case nor a browser nor a solver."""
 
 # A shared machine may pause a test: no example of a property fails by the clock.
 settings.register_profile("untimed", deadline=None)

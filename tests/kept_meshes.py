@@ -26,8 +26,8 @@ from sdm_deflect.meshing.mesh.mesh import Mesh
 
 FOLDER = Path(__file__).parent / "kept"
 NAMES = ("aileron", "aileron-free", "aileron-chimera", "background")
+# The kept mesh that users get as well, and where.
 FIGHTER, EXAMPLE = "aileron", Path(__file__).parents[1] / "cases" / "fighter.su2.xz"
-"""The kept mesh that users get as well, and where."""
 LABELS = {CAD_FACE: "i2", ROW: "i4"}
 ARRAYS = {"points": "f8", "tets": "i4", "triangles": "i4", "patch": "i1", "face": "i2"}
 

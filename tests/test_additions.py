@@ -11,6 +11,7 @@ import pytest
 
 from sdm_deflect.meshing.formats.registry import FORMATS
 
+# Carries out a command with another text in place of a line of one module.
 CHANGED = """
 import sys
 from importlib import import_module, util
@@ -25,7 +26,6 @@ setattr(import_module(spec.parent), name.rpartition(".")[2], module)
 sys.argv[1:] = sys.argv[4:]
 import_module("sdm_deflect.cases.cli").main()
 """
-"""Carries out a command with another text in place of a line of one module."""
 
 
 @pytest.fixture(scope="module")

@@ -28,6 +28,7 @@ SUMS = "kernels, fits and the greedy choice know no mesh"
 MESHING = "meshing in layers: formats beside generate, then repair, then mesh"
 GENERAL = "what serves any mesh knows no case of the aircraft"
 CADQUERY = "only geometry knows CadQuery"
+# Contract, a file, and what it may not import.
 PLANTED = [
     (ROOMS, "geometry/datum.py", "sdm_deflect.meshing.mesh.mesh"),
     (ROOMS, "meshing/formats/adapters.py", "sdm_deflect.cases.errors"),
@@ -53,7 +54,6 @@ PLANTED = [
     (CADQUERY, "cases/aircraft/cad.py", "cadquery"),
     (CADQUERY, "meshing/generate/volume.py", "OCP.gp"),
 ]
-"""Contract, a file, and what it may not import."""
 
 
 def linted(folder):

@@ -12,10 +12,10 @@ from tests import calls
 from tests.deform.blocks import two_bodies
 from tests.deform.test_mesh_motion import AROUND_BOTH, SLAT_AND_FLAP
 
+# Amounts of two surfaces, called left.1 and right#2: OpenMDAO refuses points in names.
 AT = {"left_1": 6.0, "right#2": -3.0}
-"""Amounts of two surfaces, called left.1 and right#2: OpenMDAO refuses points in names."""
+# Largest error per degree of central differences, with steps of 1e-3 degrees, of coordinates up to 4.
 ROUNDING = 1e-10
-"""Largest error per degree of central differences, with steps of 1e-3 degrees, of coordinates up to 4."""
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,8 @@ from sdm_deflect.cases.api import deflect, read
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 
 ROOT = Path(__file__).parents[1]
+# Modules that hand values to processes of the same command, or to the user's workers.
 OWN_PICKLES = {"cases/run/cluster.py", "cases/aircraft/reference.py"}
-"""Modules that hand values to processes of the same command, or to the user's workers."""
 
 
 class Touch:

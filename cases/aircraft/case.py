@@ -15,14 +15,12 @@ from sdm_deflect.geometry.parameters import LARGEST_TURN, Fighter, check_notch
 from sdm_deflect.geometry.quantity import Checked, quantity
 from sdm_deflect.meshing.generate.parameters import SCALES, MeshParameters
 
+# What is meshed: the flow around the aircraft, or a Chimera block around the (one) aileron.
 Domain = Literal["aircraft", "block"]
-"""What is meshed: the flow around the aircraft, or a Chimera block around the (one) aileron."""
+# How a surface moves.
+# "blended": its trailing edge turns and its hinge edges stay; "rigid": all of it turns; "rooted": a tail turns, and its
+# root stays on the fuselage.
 Law = Literal["blended", "rigid", "rooted"]
-"""How a surface moves.
-
-"blended": its trailing edge turns and its hinge edges stay; "rigid": all of it turns; "rooted": a tail turns, and its
-root stays on the fuselage.
-"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,7 @@ class KnownMesh(NamedTuple):
     hash: str
 
 
+# Libraries whose versions decide the bits of a mesh, and those of the guide.
 VERSIONS = {
     "cadquery": "2.8.0",
     "cadquery-ocp": "7.9.3.1.1",
@@ -29,8 +30,8 @@ VERSIONS = {
     "pytetwild": "0.4.2",
     "scipy": "1.17.1",
 }
-"""Libraries whose versions decide the bits of a mesh, and those of the guide."""
 
+# The undeflected meshes of the guide, by the name in `mesh_name` and the scale.
 GUIDE = {
     ("aircraft", "small"): KnownMesh(24473, 127459, "a575e86351a20995"),
     ("notch", "small"): KnownMesh(28126, 146652, "6163686cebea35f6"),
@@ -41,7 +42,6 @@ GUIDE = {
     ("aircraft", "paper"): KnownMesh(612380, 3315112, "538996a1795609da"),
     ("block", "paper"): KnownMesh(937082, 5248472, "91453af7a0e30600"),
 }
-"""The undeflected meshes of the guide, by the name in `mesh_name` and the scale."""
 
 
 def mesh_name(case: Case) -> str:

@@ -27,12 +27,12 @@ from sdm_deflect.meshing.mesh.mesh import Mesh
 
 from .case import Case, SurfaceTurn
 
+# Patch of a Chimera block's outer faces.
 BLOCK = "chimera"
-"""Patch of a Chimera block's outer faces."""
+# Settings of the size of a control surface's hexahedron.
 CONFINEMENT = "confinement.up, down, aft, outboard, or corners"
-"""Settings of the size of a control surface's hexahedron."""
+# Nodes within this distance (m) of a datum line are on it: boundary nodes lie on the CAD to 1e-7 m.
 ON_LINE = 1e-6
-"""Nodes within this distance (m) of a datum line are on it: boundary nodes lie on the CAD to 1e-7 m."""
 
 
 def plan_of(case: Case, mesh: Mesh, angles: Sequence[float] = (), progress: Progress = silent) -> Plan:

@@ -16,8 +16,8 @@ from sdm_deflect.meshing.mesh.quality import Quality, mean_ratio, summarise
 from .case import Case
 from .guide_meshes import guide_text
 
+# Names of the shown figures of the whole mesh's quality.
 SHOWN = ("min", "p01", "mean", "below_0_2", "below_0_4")
-"""Names of the shown figures of the whole mesh's quality."""
 
 
 @dataclass(frozen=True, slots=True)

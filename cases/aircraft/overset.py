@@ -15,16 +15,16 @@ from sdm_deflect.meshing.mesh.mesh import Mesh
 from .case import Case
 from .job import BLOCK, block_stations
 
+# A node within this distance (m) of a plane is in it: boundary nodes are on the CAD to that.
 ON_FACE = 1e-7
-"""A node within this distance (m) of a plane is in it: boundary nodes are on the CAD to that."""
+# Cells handled at a time: temporaries of millions of cells in little memory.
 ROWS = 1 << 16
-"""Cells handled at a time: temporaries of millions of cells in little memory."""
+# Half height of the hole, in longest chords: an aileron turned by up to 36 deg stays inside.
 ROOM = 0.6
-"""Half height of the hole, in longest chords: an aileron turned by up to 36 deg stays inside."""
+# Reach of the hole beyond trailing edge and tip, in longest chords.
 BEYOND = 0.15
-"""Reach of the hole beyond trailing edge and tip, in longest chords."""
+# Cells of the background between the hole and the block's face in a gap: the hole's fringe lies there.
 CELLS_TO_BLOCK_FACE = 2.5
-"""Cells of the background between the hole and the block's face in a gap: the hole's fringe lies there."""
 
 
 def orphans(block: Mesh, background: Mesh, low: FloatArray, high: FloatArray) -> Check:

@@ -30,10 +30,10 @@ if TYPE_CHECKING:
 
     from .case import Case
 
+# Longest time of the CAD kernel, in seconds.
 SECONDS = 600.0
-"""Longest time of the CAD kernel, in seconds."""
+# Deflection (m) of the triangles of curved faces, and of planar ones at curved edges: the kernel's least.
 CURVED, EDGE = 1e-5, 1e-7
-"""Deflection (m) of the triangles of curved faces, and of planar ones at curved edges: the kernel's least."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,11 +12,12 @@ from sdm_deflect.meshing.generate.parameters import BACKGROUND_SCALES, BLOCK_SCA
 
 from .case import Case, Confinement, SurfaceTurn, adaptation
 
+# Case 5.1: blended chordwise and, beside the wing, spanwise.
 AILERON = Case(
     name="aileron", title="left aileron, no gap (section 5.1)", deflections=(SurfaceTurn("aileron_left"),), angle=-12.0
 )
-"""Case 5.1: blended chordwise and, beside the wing, spanwise."""
 
+# Case 5.2: behind a spanwise gap, in a Chimera block of its own.
 AILERON_CHIMERA = Case(
     name="aileron-chimera",
     title="left aileron with spanwise gap in a Chimera block (section 5.2)",
@@ -26,8 +27,8 @@ AILERON_CHIMERA = Case(
     fighter=Fighter(aileron=Aileron(gap=0.014 * 0.3048)),
     adaptation=adaptation(initial_surface=20, initial_hexahedron=20, n_add=8, spacing_edges=1.2),
 )
-"""Case 5.2: behind a spanwise gap, in a Chimera block of its own."""
 
+# No node touches the wing, so that the surface is rigidly rotated CAD to rounding. Both ailerons are free.
 AILERON_FREE = Case(
     name="aileron-free",
     title="left aileron with gaps all around, turned rigidly",
@@ -37,8 +38,8 @@ AILERON_FREE = Case(
     notch=0.005,
     confinement=Confinement(ahead=0.005),
 )
-"""No node touches the wing, so that the surface is rigidly rotated CAD to rounding. Both ailerons are free."""
 
+# Case 5.3: turns on the cylindrical rear fuselage (appendix A).
 TAIL = Case(
     name="tail",
     title="left horizontal tail on the fuselage cylinder (section 5.3)",
@@ -47,13 +48,13 @@ TAIL = Case(
     confinement=Confinement(aft=0.080),
     adaptation=adaptation(initial_surface=100, initial_hexahedron=100, n_add=12, max_centers=2200),
 )
-"""Case 5.3: turns on the cylindrical rear fuselage (appendix A)."""
 
+# The fin's trailing-edge wedge, treated as an aileron.
 RUDDER = Case(
     name="rudder", title="rudder, no gap, trailing edge to port", deflections=(SurfaceTurn("rudder"),), angle=15.0
 )
-"""The fin's trailing-edge wedge, treated as an aileron."""
 
+# Every control surface at once, each in a box of its own.
 ALL = Case(
     name="all",
     title="both ailerons (-/+), both tails and the rudder at once",
@@ -66,14 +67,13 @@ ALL = Case(
     ),
     angle=12.0,
 )
-"""Every control surface at once, each in a box of its own."""
 
 CASES: dict[str, Case] = {case.name: case for case in (AILERON_FREE, AILERON, AILERON_CHIMERA, TAIL, RUDDER, ALL)}
 
+# Settings of the interpolation that may be given without the name of their table.
 KERNEL = ("kernel", "kernel_radius", "polynomial")
-"""Settings of the interpolation that may be given without the name of their table."""
+# Spacing of zero sites, over edges of the moving surface, that gives the paper's meshes its number of sites.
 PAPER_SPACING = {"aileron-chimera": 8.0, "tail": 3.25}
-"""Spacing of zero sites, over edges of the moving surface, that gives the paper's meshes its number of sites."""
 
 
 def case_named(name: str, scale: str = "small") -> Case:

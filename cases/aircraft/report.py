@@ -27,14 +27,14 @@ from .job import BLOCK
 from .metrics import case_toml
 
 MAP = "viridis"
+# Smallest drawn distance (m), and least ratio of the largest one to it on the colour scale.
 LEAST, TOP = 1e-17, 1e2
-"""Smallest drawn distance (m), and least ratio of the largest one to it on the colour scale."""
+# Distances (m) are shown in mm if the largest is above this.
 SEEN = 1e-6
-"""Distances (m) are shown in mm if the largest is above this."""
+# Distances (m) below this are rounding; a surface with no larger ones gets no map.
 ROUNDING = 1e-12
-"""Distances (m) below this are rounding; a surface with no larger ones gets no map."""
+# The checks whose distances each map shows.
 COMPARED = {"cad_map": ("surface_to_cad", "root_on_cylinder"), "rigid_cad_map": ("surface_to_rigid_cad",)}
-"""The checks whose distances each map shows."""
 DEFLECTED, RIGID = "the deflected CAD, built again", "its CAD faces turned rigidly"
 
 

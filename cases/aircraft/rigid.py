@@ -26,14 +26,15 @@ from .case import Case, Law
 from .job import Wedge, apex_of, axis_of, fuselage_cylinder, panel_of
 from .reference import Faces, ReferenceFace
 
+# Largest difference (m) of a measured distance from the predicted one.
 PREDICTED = 1e-9
-"""Largest difference (m) of a measured distance from the predicted one."""
+# Distances (m) up to this are rounding.
 ROUNDING = 1e-12
-"""Distances (m) up to this are rounding."""
+# Factor of lengths for trimesh, which confuses squared distances within 1e-8: 0.03 mm, if in metres.
 SCALE = 1e6
-"""Factor of lengths for trimesh, which confuses squared distances within 1e-8: 0.03 mm, if in metres."""
+# Points on the CAD faces from which the way back to the mesh is measured: about half the square of this number.
 SAMPLES = 60
-"""Points on the CAD faces from which the way back to the mesh is measured: about half the square of this number."""
+# The parts of a surface, and how each differs from a rigid turn.
 WORDS = {
     "strip": "beside the closed rib, where the angle falls to zero",
     "hinge_edges": "at the hinge edges, which stay",
@@ -45,7 +46,6 @@ WORDS = {
     "beyond_root": "beyond the root",
     "cad_to_surface": "from the CAD back to the surface",
 }
-"""The parts of a surface, and how each differs from a rigid turn."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -253,8 +253,8 @@ def rigid_law(shape: Shape) -> FloatArray:
     return shape.axis.displacement(shape.mesh.points[shape.nodes], shape.angle)
 
 
+# Displacement of a surface, by law.
 LAWS: dict[Law, Callable[[Shape], FloatArray]] = {"blended": blended_law, "rigid": rigid_law, "rooted": tail_law}
-"""Displacement of a surface, by law."""
 
 
 def root_of(shape: Shape) -> BoolArray:

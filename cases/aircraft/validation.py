@@ -25,12 +25,12 @@ from .rigid import Shape, closest, corners_of, distance, plane_normal, predictio
 if TYPE_CHECKING:
     from sdm_deflect.geometry.model import CadModel
 
+# Largest distance (m) of nodes that slid on a planar CAD face from it.
 ON_PLANE = 1e-9
-"""Largest distance (m) of nodes that slid on a planar CAD face from it."""
+# Largest deviation (deg) of the trailing edge from its angle: rounding only.
 ANGLE_LIMIT = 1e-9
-"""Largest deviation (deg) of the trailing edge from its angle: rounding only."""
+# Largest distance (m) of panel nodes from the cylinder: rounding only.
 ON_CYLINDER = 1e-12
-"""Largest distance (m) of panel nodes from the cylinder: rounding only."""
 
 
 def validate(

@@ -16,10 +16,10 @@ from . import options
 from .deflect import apply, convert, deflect, example, gradient, limit, quality
 from .run import compare, export, geometry, list_cases, report, run, validate, view
 
+# Number of new objects before a garbage collection: libraries create many while loading, and all stay.
 OBJECTS = 100_000
-"""Number of new objects before a garbage collection: libraries create many while loading, and all stay."""
+# Largest number of letters of a path in a message.
 LONGEST = 200
-"""Largest number of letters of a path in a message."""
 
 
 class InOrder(click.Group):
@@ -107,13 +107,13 @@ def help_on(topic: str) -> None:
         click.echo(deflect.topic(ctx, options.TOPICS[topic]))
 
 
+# The commands that the help lists.
 SUBJECTS = {
     "Your mesh": (example, quality, deflect, limit, apply, gradient, view, convert),
     "The SDM, an aircraft": (list_cases, run, geometry, validate),
     "Results": (report, compare, export),
     "This machine": (doctor, cache, completion, help_on),
 }
-"""The commands that the help lists."""
 for command in chain.from_iterable(SUBJECTS.values()):
     cli.add_command(command)
 

@@ -38,8 +38,8 @@ if TYPE_CHECKING:
 
     from .examination import Finding
 
+# Width of a table in a file or a pipe, unless the environment variable COLUMNS gives another.
 WIDTH = 160
-"""Width of a table in a file or a pipe, unless the environment variable COLUMNS gives another."""
 
 
 def console() -> Console:

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from sdm_deflect.deform.options import RepairMode
     from sdm_deflect.deform.volume.plan import Plan
 
+# What each mesh of `sdm example` is, and how to deflect it.
 EXAMPLES = {
     "naca.su2": (
         "a half wing of 37,000 cells with a flap",
@@ -54,11 +55,10 @@ EXAMPLES = {
         ),
     ),
 }
-"""What each mesh of `sdm example` is, and how to deflect it."""
 """Options of work that others do."""
 moved = partial(click.option, cls=options.Grouped, group="What moves")
+# What is tried, how cells are repaired, where the files go, and figures of it.
 Found = tuple["Search", "RepairMode", Path, dict[str, Any]]
-"""What is tried, how cells are repaired, where the files go, and figures of it."""
 
 
 @click.command(cls=options.DeflectCommand, params=options.settings_options(BY_NAME.values()))

@@ -24,12 +24,12 @@ from sdm_deflect.meshing.cache import MeshCache
 
 PACKAGES = "libgl1 libegl1 libopengl0 libgomp1 libglu1-mesa libxcursor1 libxft2 libxinerama1 libxrender1"
 INSTALL = f"on Debian or Ubuntu: apt-get install -y --no-install-recommends {PACKAGES}"
+# Libraries with compiled parts that need others of the system, by the names under which they are imported.
 COMPILED = ("cadquery", "gmsh", "pymeshlab", "pytetwild", "pyvista", "numba")
-"""Libraries with compiled parts that need others of the system, by the names under which they are imported."""
+# An import that takes longer has failed.
 SECONDS = 120.0
-"""An import that takes longer has failed."""
+# Seconds within which a command locks the folder that it has made, and bytes of a note in it, at most.
 YOUNG, LONGEST = 60.0, 1 << 16
-"""Seconds within which a command locks the folder that it has made, and bytes of a note in it, at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,5 +190,5 @@ def _remove(place: Path, handle: int) -> None:
     place.rmdir()
 
 
+# Everything that is looked at, in order.
 EXAMINATIONS: tuple[Callable[[], Finding], ...] = (libraries, extras, compiled_libraries, cache, compiled_code)
-"""Everything that is looked at, in order."""

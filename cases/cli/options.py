@@ -22,20 +22,21 @@ if TYPE_CHECKING:
     from sdm_deflect.cases.run.progress import Stopwatch
 
 OUTPUT, CLUSTER = "Output", "Cluster"
+# Exit codes: a check failed, an input is unusable, and, as in shells, the reader of the output has gone.
 FAILED, UNUSABLE, PIPE_CLOSED = 1, 2, 141
 FILE = click.Path(path_type=Path)
 SCALES = click.Choice(("small", "medium", "paper"))
 FORMATS = click.Choice(writable())
 
+# Options of `sdm deflect` that its help shows first.
 BASIC = ("patches", "fixed", "hinge", "angle", "motion", "dry_run", "out")
-"""Options of `sdm deflect` that its help shows first."""
+# Settings whose options the help of `sdm deflect` shows: those that most runs need; `sdm help` has all.
 SHOWN = (
     *BASIC, "device", "down", "up", "vertical", "range", "select", "table", "force", "slide", "periodic", "margin",
     "repair", "min_quality", "tolerance",
 )  # fmt: skip
-"""Settings whose options the help of `sdm deflect` shows: those that most runs need; `sdm help` has all."""
+# What `sdm help` explains: groups of settings by their words.
 TOPICS = {group.lower(): group for group in (*GROUPS[1:6], *GROUPS[7:], CLUSTER)}
-"""What `sdm help` explains: groups of settings by their words."""
 
 Command = Callable[..., Any]
 

@@ -33,14 +33,14 @@ from sdm_deflect.meshing.mesh.standard import parts_of
 
 from .near import with_near_cells
 
+# Name, value, unit and meaning of settings.
 Rows = list[tuple[str, str, str, str]]
-"""Name, value, unit and meaning of settings."""
+# What a folder is not whose files are damaged.
 RUN = "whole folder of a run"
-"""What a folder is not whose files are damaged."""
+# Margin around a box of what slices show, by its size.
 AROUND = 0.13
-"""Margin around a box of what slices show, by its size."""
+# Patches larger than this multiple of the moving and fixed ones together are hidden at first.
 LARGER = 3.0
-"""Patches larger than this multiple of the moving and fixed ones together are hidden at first."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,16 +11,16 @@ from sdm_deflect.meshing.mesh.quality import MEASURES
 
 from .data import Box, ReportData, qualities
 
+# Lines of the directions x, y, z; dashes and markers tell them apart without colour.
 STYLES = (
     {"color": "#0072b2", "ls": "-", "marker": "o"},
     {"color": "#d55e00", "ls": "--", "marker": "s"},
     {"color": "#333333", "ls": ":", "marker": "^"},
 )
-"""Lines of the directions x, y, z; dashes and markers tell them apart without colour."""
+# Inches to the left, to the right, below and above each panel.
 MARGINS = 0.75, 0.12, 0.52, 0.32
-"""Inches to the left, to the right, below and above each panel."""
+# Residuals below this share of the tolerance are drawn there: an axis of logarithms has no zero.
 SMALLEST = 1e-3
-"""Residuals below this share of the tolerance are drawn there: an axis of logarithms has no zero."""
 
 
 def panels(count: int) -> tuple[Figure, list[Axes]]:

@@ -58,8 +58,8 @@ from .data import MESH_UNITS, Box, FitRows, ReportData, before_repair, in_view, 
 from .near import some_cells
 
 PLAN = "plan.npz"
+# Largest bytes of a plan's arrays in the folder of a report: it should fit into a message.
 LARGEST_PLAN = 20e6
-"""Largest bytes of a plan's arrays in the folder of a report: it should fit into a message."""
 PART = "deflected.vtu holds only the {cells:,} cells with a node that may move; its array node numbers their nodes"
 
 

@@ -10,12 +10,12 @@ from .data import MESH_UNITS, ReportData, diagonal
 from .page import HERE, picture, templates
 from .scene3d import turnable
 
+# Patches of more are thinned.
 MOST_TRIANGLES = 100_000
-"""Patches of more are thinned."""
+# Mark of our pages, and the number of bytes in which it stands; the policy before it has fewer than a thousand.
 MARK, BEGIN = b'<meta name="generator" content="sdm-deflect">', 1 << 12
-"""Mark of our pages, and the number of bytes in which it stands; the policy before it has fewer than a thousand."""
+# Patches that reach over more of the mesh are hidden at first, if others remain: they are far fields.
 HALF = 0.5
-"""Patches that reach over more of the mesh are hidden at first, if others remain: they are far fields."""
 
 
 def page_of(mesh: Mesh) -> str:

@@ -11,6 +11,7 @@ from sdm_deflect.meshing.mesh.affected import AffectedCells
 from sdm_deflect.meshing.mesh.cells import Cells, Polyhedra, Volume, take_faces
 from sdm_deflect.meshing.mesh.mesh import Mesh
 
+# A bit for each side of a box.
 EVERY_SIDE = 0b111111
 
 

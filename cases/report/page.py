@@ -25,12 +25,12 @@ from .pictures import Exhibit, Gallery
 from .scene3d import pack, turnable
 
 HERE = "sdm_deflect.cases.report"
+# What the picture needs of three.js, made by `npm ci && npm run build` in the folder ``.ci/three``.
 LIBRARY = "three.min.js.gz"
-"""What the picture needs of three.js, made by `npm ci && npm run build` in the folder ``.ci/three``."""
+# Bytes of a page.
 LARGEST = 4_000_000
-"""Bytes of a page."""
+# Width of its pictures, by their own: the first with which the page is small enough.
 SHARES = (1.0, 0.7, 0.5, 0.35)
-"""Width of its pictures, by their own: the first with which the page is small enough."""
 CHECKS = {
     "slid_on_surfaces": "nodes of fixed surfaces that the repair moved, from the undeflected surface",
     "outside_moved": "largest displacement outside the boxes",
@@ -59,14 +59,16 @@ CHECKS = {
     "chimera_face_in_plane": "nodes of the Chimera face from its plane",
     "orphans": "nodes of the overset meshes without a donor cell",
 }
+# What a check measures that ends with the name of a patch, or of a pair.
 OF_PATCHES = {
     "on": "nodes of a sliding patch from its shape",
     "periodic": "nodes of a periodic pair from the images of their partners, over the largest coordinate",
     "plane": "nodes on the sides of a case one cell thick from their partners' images and their side, the same",
 }
-"""What a check measures that ends with the name of a patch, or of a pair."""
 WIDER = "a wider one"
 LARGER_BOX = ("a smaller angle", "a larger --margin")
+# What to try where a check of the deflected mesh fails, by its cause or its name.
+# `WIDER` stands for the widths of its surfaces.
 REMEDIES = {
     "inverted_cells": (*LARGER_BOX, WIDER),
     "surfaces_crossed": ("a smaller angle", "a hinge farther from the other surface"),
@@ -78,17 +80,13 @@ REMEDIES = {
     "repair": ("--repair off",),
     "following": ("near_wall = true",),
 }
-"""What to try where a check of the deflected mesh fails, by its cause or its name.
-
-`WIDER` stands for the widths of its surfaces.
-"""
+# What helps where a check of the settings, the patches or the file fails.
 OTHER_REMEDIES = {
     "left_behind": "Name the other patch or zone, too.",
     "nodes_parted": "Name both patches in fixed, or pair them by --periodic.",
     "site_error": "Raise max_centers, or the tolerance.",
     "rounding": "Write a format of double precision.",
 }
-"""What helps where a check of the settings, the patches or the file fails."""
 STATES = {
     "before": "undeflected",
     "interpolated": "deflected, before the repair",

@@ -16,18 +16,18 @@ from PIL import Image as ImageFile
 from . import figures, slices
 from .data import ReportData
 
+# Bytes that a picture should not exceed.
 LARGEST = 300_000
-"""Bytes that a picture should not exceed."""
+# Dots per inch, and colours (0 to 255) rounded to multiples: the first that makes the file small enough counts.
 LADDER = ((110, 1), (110, 4), (95, 4), (80, 4), (65, 4))
-"""Dots per inch, and colours (0 to 255) rounded to multiples: the first that makes the file small enough counts."""
+# Dots per inch of a picture for a paper.
 SHOWN = 300
-"""Dots per inch of a picture for a paper."""
+# Dots per inch of a picture for a page that may be printed.
 SHARP = 92
-"""Dots per inch of a picture for a page that may be printed."""
+# Colours (0 to 255) from which on white was meant.
 WHITE = 252
-"""Colours (0 to 255) from which on white was meant."""
+# Part of the page, name of a surface, figure, and what it shows in words.
 Drawn = tuple[str, str, Figure, str]
-"""Part of the page, name of a surface, figure, and what it shows in words."""
 
 
 def write_png(figure: Figure, path: Path) -> None:

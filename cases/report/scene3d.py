@@ -41,45 +41,46 @@ from .slices import (
     triangles_of,
 )
 
+# Largest number of cells in the page, the worst of all boxes, in space and in a plane: a browser draws them.
 MOST_CELLS, MOST_PLANE = 6_500, 25_000
-"""Largest number of cells in the page, the worst of all boxes, in space and in a plane: a browser draws them."""
+# Largest number of triangles of a patch; outside of the boxes larger ones are thinned to about that.
 MOST_TRIANGLES = 4_000
-"""Largest number of triangles of a patch; outside of the boxes larger ones are thinned to about that."""
+# Largest number of sites, or of centres, of one kind in the page.
 MOST_DOTS = 3_000
-"""Largest number of sites, or of centres, of one kind in the page."""
+# Margin around the hexahedron of a view, as a share of its largest extent.
 MARGIN = 0.2
-"""Margin around the hexahedron of a view, as a share of its largest extent."""
+# Margin around the scene, as a share of its largest extent: without it, what touches the end of an axis is clipped.
 EDGE = 0.02
-"""Margin around the scene, as a share of its largest extent: without it, what touches the end of an axis is clipped."""
+# Drawn height of the hexahedron around a plane mesh, as a share of its own.
 FLAT = 1e-3
-"""Drawn height of the hexahedron around a plane mesh, as a share of its own."""
+# Share of the largest displacement that a trailing edge has.
 AT_LEAST = 0.5
-"""Share of the largest displacement that a trailing edge has."""
+# Length of an arrow, as a share of the surface's largest extent.
 ARROW = 0.25
-"""Length of an arrow, as a share of the surface's largest extent."""
+# Corners of an arrow's shaft and head, along and across it, as shares of its length.
 SHAPE = np.array([[0.0, -0.03], [0.0, 0.03], [0.7, 0.03], [0.7, -0.03], [0.7, -0.12], [0.7, 0.12], [1.0, 0.0]])
-"""Corners of an arrow's shaft and head, along and across it, as shares of its length."""
+# Number of amounts at which a page stores a track's functions; it interpolates between them.
 SAMPLES = 501
-"""Number of amounts at which a page stores a track's functions; it interpolates between them."""
+# Number of colours by which a colour map is sent to the page.
 SHADES = 9
+# Edges at which faces turn by more degrees stay as they are in thinned patches.
 CREASE = 20.0
-"""Edges at which faces turn by more degrees stay as they are in thinned patches."""
+# Corners of the triangles on the outside of each shape.
 TABLES = {
     shape: [k for face in faces for i in range(1, len(face) - 1) for k in (face[0], face[i], face[i + 1])]
     for shape, faces in FACES.items()
 } | {"triangle": [0, 1, 2], "quad": [0, 1, 2, 0, 2, 3]}
-"""Corners of the triangles on the outside of each shape."""
+# Names of the arrays, and lists of arrays, in a scene.
 ARRAYS = frozenset((
     "points", "points_low", "at", "fields", "fields_low", "rest", "rest_low", "unrepaired", "faces", "edges", "cell",
     "rows", "qualities", "segments",
 ))  # fmt: skip
-"""Names of the arrays, and lists of arrays, in a scene."""
+# Arrays that a page does not get: nodes of the mesh.
 KEPT = frozenset(("nodes",))
-"""Arrays that a page does not get: nodes of the mesh."""
+# Shares of the coordinates: smaller differences from what the page computes are left out, of patches and of cells.
 SEEN, EXACT = 2.0**-24, 1e-13
-"""Shares of the coordinates: smaller differences from what the page computes are left out, of patches and of cells."""
+# Where single precision is coarser than this share of the surfaces' size, patches store remainders, too.
 COARSE = 5e-7
-"""Where single precision is coarser than this share of the surfaces' size, patches store remainders, too."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,10 +31,11 @@ from .data import Box, MovedSurface, ReportData, measure_in_words
 Colour = tuple[int, int, int]
 Direction = tuple[float, float, float]
 QUALITY_MAP = "cividis"
+# Cells of a quality below 0.4 get the darkest colour.
 QUALITY_RANGE = Normalize(0.4, 1.0)
-"""Cells of a quality below 0.4 get the darkest colour."""
 
 BOX_COLOUR = "#cc00cc"
+# After Paul Tol's muted scheme.
 COMPONENTS = {
     "fuselage": "#bbbbbb",
     "canopy": "#332288",
@@ -49,38 +50,38 @@ COMPONENTS = {
     "rudder": "#882255",
     "chimera": BOX_COLOUR,
 }
-"""After Paul Tol's muted scheme."""
 
+# Colours of patches that are no component of our aircraft, chosen by the letters of the name.
 OTHERS = ("#bbbbbb", "#88ccee", "#44aa99", "#dddddd", "#ddcc77", "#999933", "#6699cc", "#b8b8d8")
-"""Colours of patches that are no component of our aircraft, chosen by the letters of the name."""
+# Colour of such patches if they move.
 MOVING = COMPONENTS["aileron"]
-"""Colour of such patches if they move."""
 
 DARK: Colour = (90, 90, 90)
 GREY: Colour = (190, 190, 190)
-MAGENTA: Colour = (204, 0, 204)  # of boxes, too
+# Also the colour of boxes.
+MAGENTA: Colour = (204, 0, 204)
 ORANGE: Colour = (213, 94, 0)
 BLUE: Colour = (0, 114, 178)
 CHANGE_MAP = "RdBu"
+# Colours of the change of quality: red for a loss, blue for a gain.
 CHANGE_RANGE = Normalize(-0.2, 0.2)
-"""Colours of the change of quality: red for a loss, blue for a gain."""
+# Colours of the displacement: pale for none, dark for the largest.
 MOVED_MAP = "YlOrRd"
-"""Colours of the displacement: pale for none, dark for the largest."""
 BOX_EDGES = np.array(hexahedron.EDGES)
 AXES = "xyz"
+# Margin around the box, as a share of its size.
 AROUND = 0.06
-"""Margin around the box, as a share of its size."""
+# Largest distance of a section's nodes from it, as a share of the span.
 BESIDE = 0.03
-"""Largest distance of a section's nodes from it, as a share of the span."""
+# Half the width and height of the view of the hinge, as a share of the box's size.
 CLOSE = 0.128
-"""Half the width and height of the view of the hinge, as a share of the box's size."""
+# Position of the colour bar in the figure: left, bottom, width, height.
 BAR = (0.89, 0.2, 0.025, 0.6)
-"""Position of the colour bar in the figure: left, bottom, width, height."""
+# Edges of each shape.
 EDGES = {
     shape: sorted({(min(ends), max(ends)) for face in faces for ends in zip(face, face[1:] + face[:1], strict=True)})
     for shape, faces in FACES.items()
 }
-"""Edges of each shape."""
 
 
 def component(patch: str) -> str:

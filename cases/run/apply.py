@@ -23,8 +23,8 @@ from sdm_deflect.meshing.mesh.precision import DOUBLE
 from .mesh_files import OutputFiles
 from .output import output_files
 
+# Writes a mesh with other points (N, 3); returns where it is, and where it will be.
 Write = Callable[[Path, FloatArray], tuple[Path, Path]]
-"""Writes a mesh with other points (N, 3); returns where it is, and where it will be."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,14 +25,15 @@ from sdm_deflect.base.threads import Runner
 from .output import check_installed
 from .progress import Stopwatch
 
+# Pieces per worker thread that are out, or done and not taken; workers that may be lost over the same piece.
 AHEAD, LOSSES = 3, 10
-"""Pieces per worker thread that are out, or done and not taken; workers that may be lost over the same piece."""
+# Seconds in which a scheduler must answer, and its first worker arrive.
 ANSWER, ARRIVAL = 15, 60
-"""Seconds in which a scheduler must answer, and its first worker arrive."""
+# Bytes of memory that a worker needs; its libraries take 200 MB.
 LEAST = 400_000_000
-"""Bytes of memory that a worker needs; its libraries take 200 MB."""
+# Packages of which workers must have our version.
 SAME = ("sdm-deflect", "numpy", "numba")
-"""Packages of which workers must have our version."""
+# Dask's own settings; it reads most where workers are started here.
 SETTINGS: dict[str, Any] = {
     "logging": dict.fromkeys(("distributed", "distributed.client", "tornado"), "critical"),
     "distributed.scheduler.allowed-failures": LOSSES,
@@ -45,7 +46,6 @@ SETTINGS: dict[str, Any] = {
         "DASK_LOGGING__DISTRIBUTED": "critical",
     },
 }
-"""Dask's own settings; it reads most where workers are started here."""
 
 
 class Cluster:

@@ -17,18 +17,18 @@ from sdm_deflect.meshing.mesh.cells import Zone
 
 from .apply import compare, located, points_of
 
+# Rows of a table that are read at a time.
 POINTS_AT_A_TIME = 1 << 18
-"""Rows of a table that are read at a time."""
+# Largest distance of a table's points from the plan's, as a share of the mesh's size: tables have seven digits.
 NEAR = 1e-6
-"""Largest distance of a table's points from the plan's, as a share of the mesh's size: tables have seven digits."""
+# Bound of a sensitivity: sums of larger ones overflow.
 LARGEST = 1e300
-"""Bound of a sensitivity: sums of larger ones overflow."""
+# Titles of components: those of SU2, and those of ParaView.
 TITLES = {f"Sensitivity_{name}": (f"Sensitivity_{name}", f"Sensitivity:{i}") for i, name in enumerate("xyz")}
-"""Titles of components: those of SU2, and those of ParaView."""
 NUMBER = "PointID"
 EXAMPLE = '"PointID","x","y","z","Sensitivity_x","Sensitivity_y","Sensitivity_z"'
+# Nodes (M,) and their sensitivities (M, 3); further columns, up to three, are deflected coordinates.
 Piece = tuple[IntArray, FloatArray]
-"""Nodes (M,) and their sensitivities (M, 3); further columns, up to three, are deflected coordinates."""
 
 
 @dataclass(frozen=True, slots=True)

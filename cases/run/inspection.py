@@ -22,8 +22,8 @@ from sdm_deflect.meshing.mesh.standard import POLYHEDRON
 Json = dict[str, Any]
 
 NOTHING: Mapping[str, str] = {}
+# Components of a patch that are listed.
 MOST = 50
-"""Components of a patch that are listed."""
 NAMES = {
     "triangle": "triangles",
     "quad": "quadrilaterals",
@@ -33,10 +33,10 @@ NAMES = {
     "pyramid": "pyramids",
     POLYHEDRON: "polyhedra",
 }
+# Share of a patch's size within which two hinges are one line.
 SAME_LINE = 0.01
-"""Share of a patch's size within which two hinges are one line."""
+# Names of zones that are listed.
 SHOWN = 20
-"""Names of zones that are listed."""
 
 
 def inspect(path: Path, select: Mapping[str, str] = NOTHING, slot: tuple[str, ...] = ()) -> str:

@@ -27,12 +27,12 @@ from .output import lacks, write_table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+# Largest factor by which a table's amount is scaled.
 BEYOND = 3.0
-"""Largest factor by which a table's amount is scaled."""
+# Spacing of the curve's amounts, in units of the resolution.
 STEPS = 3
-"""Spacing of the curve's amounts, in units of the resolution."""
+# Colours of the curves without and with repair.
 COLOURS = ("#0072b2", "#d55e00")
-"""Colours of the curves without and with repair."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +59,8 @@ class Trial:
     failed: tuple[str, ...] = ()
 
 
+# Is called with each trial, as soon as it is made.
 Told = Callable[[RepairMode, Trial], None]
-"""Is called with each trial, as soon as it is made."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,10 +25,10 @@ from sdm_deflect.meshing.mesh.pieces import gather_points
 from sdm_deflect.meshing.mesh.precision import DOUBLE, EVERY_BIT, Precision
 
 SENSITIVITY = "d_points_d_angle"
+# File that marks the folder of a report.
 SETTINGS = "settings.toml"
-"""File that marks the folder of a report."""
+# Beginning of the table of several poses.
 HEAD = b"file,verdict,least_quality,"
-"""Beginning of the table of several poses."""
 DIFFERS = "{}: what was written does not read back as what was judged, and is discarded: {}"
 
 

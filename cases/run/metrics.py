@@ -22,8 +22,9 @@ from sdm_deflect.meshing.mesh.mesh import Warned
 from sdm_deflect.meshing.mesh.quality import SEVERE, SKEW, Quality
 
 Json = dict[str, Any]
+# Mean turn over the span, as a share of the angle, below which there is a warning.
 REACHED = 0.9
-"""Mean turn over the span, as a share of the angle, below which there is a warning."""
+# What the figures of faces are called, and their format.
 FACES = {
     "non_orthogonality_max": ("largest non-orthogonality, deg", ".2f"),
     "non_orthogonality_mean": ("mean non-orthogonality, deg", ".2f"),
@@ -31,7 +32,6 @@ FACES = {
     "skewness_max": ("largest skewness", ".3f"),
     "highly_skew": (f"faces of a skewness above {SKEW:g}", ",d"),
 }
-"""What the figures of faces are called, and their format."""
 
 
 def mesh_figures(plan: Plan) -> Json:

@@ -18,39 +18,39 @@ from sdm_deflect.deform.rbf.data_sites import DIRECTIONS
 from sdm_deflect.deform.rbf.kernels import arrays_of
 from sdm_deflect.deform.volume.deflection import BoxDeflection
 
+# Parts of the page, with which the names of its pictures begin.
 PARTS = ("convergence", "quality", "slices", "cad_map", "rigid_cad_map")
-"""Parts of the page, with which the names of its pictures begin."""
+# What text begins with that a spreadsheet runs, and our mark of it.
 FORMULA = ("=", "+", "-", "@", "\t", "\r", "'")
-"""What text begins with that a spreadsheet runs, and our mark of it."""
+# What every command needs.
 LIBRARIES = ("numpy", "scipy", "numba", "h5py", "click", "rich", "threadpoolctl", "tomli-w", "platformdirs")
-"""What every command needs."""
+# What extras bring.
 OPTIONAL = (
     "cadquery", "cadquery-ocp", "gmsh", "pymeshlab", "pytetwild", "trimesh", "rtree", "vtk", "pyvista", "meshio",
     "matplotlib", "pillow", "jinja2",
 )  # fmt: skip
-"""What extras bring."""
+# Modules that an installation may lack, by the extra that brings them.
 EXTRAS = {
     "report": ("jinja2", "markupsafe", "matplotlib", "PIL"),
     "aircraft": ("cadquery", "OCP", "gmsh", "meshio", "pymeshlab", "pytetwild", "pyvista", "rtree", "trimesh"),
     "cluster": ("cryptography", "dask", "distributed"),
 }
-"""Modules that an installation may lack, by the extra that brings them."""
+# What needs an extra.
 BRINGS = {
     "report": "a report, or a page of sdm view",
     "aircraft": "making and measuring the SDM's CAD and meshes (sdm run, geometry, limit CASE)",
     "cluster": "work by others (--workers, --scheduler)",
 }
-"""What needs an extra."""
+# A page and its pictures, as patterns.
 PAGE = ("report.html", *(f"figures/{part}*.{form}" for part in PARTS for form in ("png", "pdf", "svg")))
-"""A page and its pictures, as patterns."""
+# Files of settings: one of them marks a folder as a run's.
 SETTINGS_FILES = ("case.toml", "settings.toml")
-"""Files of settings: one of them marks a folder as a run's."""
+# Everything that a run folder may hold of ours.
 RUN = (
     *SETTINGS_FILES, "metrics.json", "convergence.csv", "interpolant.npz", "plan.npz", "table_[0-9]*.npz",
     "track_[0-9]*.csv",
     "undeflected.vtu", "deflected.vtu", "background.vtu", *PAGE,
 )  # fmt: skip
-"""Everything that a run folder may hold of ours."""
 
 
 class OutputError(ValueError):

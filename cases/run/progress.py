@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
+# Seconds after which a stage shows progress in a notebook, a file or a pipe.
 PATIENCE = 2.0
-"""Seconds after which a stage shows progress in a notebook, a file or a pipe."""
+# Seconds between further lines in a file or a pipe: an hour makes 120.
 PAUSE = 30.0
-"""Seconds between further lines in a file or a pipe: an hour makes 120."""
 
 
 def lines(console: "Console", every: bool = True) -> Stage:

@@ -22,12 +22,12 @@ from sdm_deflect.base.schema import Setting, inline_in, settings_in
 
 T = TypeVar("T")
 Nested = dict[str, Any]
+# Converts a value to a type; the text names its place in messages.
 Reader = Callable[[Any, Any, str], Any]
-"""Converts a value to a type; the text names its place in messages."""
+# Largest size of a settings file: it may list all nodes of a large surface.
 MOST_BYTES = 10**7
-"""Largest size of a settings file: it may list all nodes of a large surface."""
+# Whole numbers lie below.
 LARGEST = 2**31
-"""Whole numbers lie below."""
 
 
 def structure(table: Any, kind: type[T], place: str = "") -> T:
@@ -269,8 +269,8 @@ def _items(value: Any, kind: Any, place: str) -> tuple[Any, ...]:
     return tuple(_of_kind(item, of, f"{place}[{i}]") for i, (item, of) in enumerate(zip(value, each, strict=False)))
 
 
+# Converters by the type of a setting, or a base of that type.
 READERS: dict[Any, Reader] = {
     float: _number, int: _whole, bool: _truth, str: _text, Literal: _choice, tuple: _items, dict: _mapping,
     Union: _either, UnionType: _either,
 }  # fmt: skip
-"""Converters by the type of a setting, or a base of that type."""

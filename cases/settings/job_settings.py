@@ -39,13 +39,14 @@ else:  # known by what they have: settings are read, and help is shown, before a
 
 
 Point = tuple[float, float, float]
+# A point, or two coordinates in a plane mesh.
 Corner = tuple[float, ...]
-"""A point, or two coordinates in a plane mesh."""
 Shape = Literal["plane", "cylinder", "surface"]
+# Largest number of angles of a sweep; more are probably a mistake in the step.
 MOST_ANGLES = 1000
 SHAPES = "NAME:plane|cylinder|surface"
+# Settings of files that are arguments of another name.
 IN_PYTHON = {"surface": "surfaces", "patches": "surfaces", "amount": "angle"}
-"""Settings of files that are arguments of another name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,12 +243,12 @@ class _Angles:
 
 
 OF_SURFACE, OF_JOB = settings_in(SurfaceSettings), settings_in(JobSettings)
+# All settings of a job with one surface, whose box is that of the job.
 BY_NAME = OF_SURFACE | {name: setting for name, setting in OF_JOB.items() if name != "surface"}
-"""All settings of a job with one surface, whose box is that of the job."""
+# Settings of earlier versions and their names now.
 RENAMED = {"corners": "box"}
-"""Settings of earlier versions and their names now."""
+# Settings of a surface that not every motion has a use for.
 IDLE = {name: only for name, setting in OF_SURFACE.items() if (only := setting.note(Only))}
-"""Settings of a surface that not every motion has a use for."""
 
 
 def job_settings(nested: Mapping[str, Any]) -> JobSettings:

@@ -48,8 +48,8 @@ if TYPE_CHECKING:
 
 Point = tuple[float, float, float]
 SHARP = "sharp"
+# Distance over a length of one, below which two hinges are the same.
 SAME = 1e-6
-"""Distance over a length of one, below which two hinges are the same."""
 NUMBERS = {"box": "two opposite corners, box:x,y,z,x,y,z", "side": "a point and a normal, side:x,y,z,nx,ny,nz"}
 
 

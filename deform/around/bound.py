@@ -15,8 +15,8 @@ from sdm_deflect.meshing.mesh.sliding import Plane, SlidingSurface
 
 from .modifier import Modifier, ModifierAtStep, NodesOnShape
 
+# How often nodes on several shapes are projected onto each in turn.
 ROUNDS = 8
-"""How often nodes on several shapes are projected onto each in turn."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,8 +10,8 @@ import numpy as np
 
 from sdm_deflect.base.arrays import FloatArray, IntArray
 
+# Ratio of the second singular value to the first, below which the edges determine no rotation.
 DEGENERATE = 1e-6
-"""Ratio of the second singular value to the first, below which the edges determine no rotation."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

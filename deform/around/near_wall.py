@@ -46,11 +46,16 @@ RIGID = 0.2
 # Least and largest distance of layer sites, in edges of the surface. Structured wings are alike from .4 to .5, and
 # worse below; a coarse wing, whose strip is two cells wide, has fewest inverted cells at .41.
 NEAR, FAR = 0.08, 0.41
-ALONE = 0.5  # of the distance to another part of the boundary: a layer site is nearer than this to its own part
-MOST_LAYER_SITES = 30_000  # larger sets are thinned
-AROUND, POWER = 32, 5  # number of boundary nodes that carry a point, and the power of their weights
-LEAST = 2.0**-100  # least distance; a power of two, so that a point on a node moves exactly with it
-BEYOND = 1.001  # times the distance of the first node that is left out: there the weight is zero
+# A layer site is nearer to its part of the boundary than this share of its distance to any other part.
+ALONE = 0.5
+# Largest number of layer sites; larger sets are thinned.
+MOST_LAYER_SITES = 30_000
+# Number of boundary nodes that carry a point, and the power of their weights.
+AROUND, POWER = 32, 5
+# Least distance in a weight; a power of two, so that a point on a node moves exactly with it.
+LEAST = 2.0**-100
+# A weight is zero at this multiple of the distance to the first node that is left out.
+BEYOND = 1.001
 
 
 class Nearby(NamedTuple):

@@ -12,9 +12,12 @@ from sdm_deflect.meshing.mesh.cells import LARGEST, bounded
 
 from .hexahedron import FACES, Hexahedron, box
 
-GROWTH = 3.0  # margins are at least this many times the largest displacement
-GAP = 0.9  # of the distance to a patch in the way: the margin of a face that gives way to it
-LEAST = 0.05  # of the wanted margin: least margin of a face that gives way
+# Least margin of the box, in largest displacements: cells in between are compressed by a third on average.
+GROWTH = 3.0
+# Margin of a face that gives way to a patch, as a share of the distance to the patch, which stays outside.
+GAP = 0.9
+# Least margin of a face that gives way, as a share of the wanted margin; beyond that the patch is in the box.
+LEAST = 0.05
 BITS = np.array([[i & 1, i >> 1 & 1, i >> 2 & 1] for i in range(8)], dtype=np.float64)
 
 

@@ -4,7 +4,8 @@ import numpy as np
 
 from sdm_deflect.base.arrays import FloatArray
 
-CLEARANCE = 0.5  # of the spacing: inner points nearer to an edge are left out
+# Inner points nearer to an edge than this share of the spacing are left out, because the edge has its sites.
+CLEARANCE = 0.5
 
 
 def polygon_sites(polygon: FloatArray, spacing: float) -> FloatArray:

@@ -15,6 +15,7 @@ from sdm_deflect.meshing.mesh.cells import bounded
 
 from .face_sites import border_sites, inner_sites, polygon_sites
 
+# Corners of each face, in the order that gives outward normals.
 FACES = {
     "x-": (0, 4, 6, 2),
     "x+": (1, 3, 7, 5),
@@ -23,16 +24,21 @@ FACES = {
     "z-": (0, 2, 3, 1),
     "z+": (4, 5, 7, 6),
 }
-"""Corners of each face, in the order that gives outward normals."""
 
 EDGES = tuple((i, i | bit) for bit in (1, 2, 4) for i in range(8) if not i & bit)
 
-PLANAR = 1e-6  # largest distance of a corner from its face's plane, as a share of the hexahedron's size
-COINCIDENT = 1e-9  # least distance of two corners, as the same share
-MOST_SITES = 12_000  # about the largest number of sites on all faces
-MOST_ON_EDGE = 3_000  # largest number on one edge, for a box like a needle
-FINEST = 0.1  # of the spacing that these two allow: least spacing that a user may give
-SAME_SITE = 1e-6  # of the spacing: sites of two faces on their common edge coincide within this
+# Largest distance of a corner from its face's plane, as a share of the hexahedron's size: files of six digits.
+PLANAR = 1e-6
+# Least distance of two corners, as a share of the hexahedron's size.
+COINCIDENT = 1e-9
+# Approximate largest number of sites on all faces; a spacing that gives more is widened.
+MOST_SITES = 12_000
+# Largest number of sites on one edge, for a box like a needle.
+MOST_ON_EDGE = 3_000
+# Least spacing that a user may give, as a share of the spacing that both limits allow.
+FINEST = 0.1
+# Sites of two faces on their common edge coincide within this share of the spacing.
+SAME_SITE = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -18,7 +18,8 @@ from sdm_deflect.base.arrays import FloatArray, IndexArray
 from .interpolant import SolveError
 from .problem import Coefficients, Problem, ReducedKernel
 
-WIDTH = 256  # columns of a panel; a larger block has a panel of its own
+# Number of columns of a panel; a larger block has its own panel.
+WIDTH = 256
 
 
 class NotPositiveDefiniteError(ArithmeticError):

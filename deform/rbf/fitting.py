@@ -10,8 +10,8 @@ Strategy = Literal["squv", "mv"]
 RuleName = Literal["separated", "worst"]
 KernelName = Literal["tps", "mq", "wendland", "cubic"]
 Polynomial = Literal["linear", "constant", "none"]
+# Largest order of the kernels that each polynomial supports.
 ORDERS: dict[Polynomial, int] = {"linear": 2, "constant": 1, "none": 0}
-"""Largest order of the kernels that each polynomial supports."""
 
 
 class Needs(NamedTuple):

@@ -17,8 +17,8 @@ from .kernels import Kernel
 from .problem import Basis, Problem
 from .rules import GreedyOptions, Rule, Separated, row_norms
 
+# The default rule.
 SEPARATED = Separated()
-"""The default rule."""
 
 
 class Stop(Enum):

@@ -13,10 +13,12 @@ from sdm_deflect.base.threads import Progress, silent, single_threaded_blas
 from .fitting import Polynomial
 from .kernels import Kernel, kernel_matrix, kernel_sum
 
-FLAT = 1e-9  # a smaller share of the largest extent counts as zero extent
+# An extent below this share of the largest one counts as zero.
+FLAT = 1e-9
+# Maps a symmetric matrix (n, n) and right-hand sides (n, k) to solutions (n, k).
 Solve = Callable[[FloatArray, FloatArray], FloatArray]
-"""Maps a symmetric matrix (n, n) and right-hand sides (n, k) to solutions (n, k)."""
-BLOCK = 64  # of the factorisation; without work space for it LAPACK uses a method five times as slow
+# Block size of the factorisation; without work space for it LAPACK uses a method five times as slow.
+BLOCK = 64
 
 
 @dataclass(frozen=True, slots=True, eq=False)

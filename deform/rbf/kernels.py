@@ -25,17 +25,19 @@ from sdm_deflect.base.threads import Progress, in_chunks, silent
 
 from .fitting import KernelName
 
+# Numbers of columns for which loops are compiled; the narrowest that fits is used.
 WIDTHS = (1, 3, 8)
-"""Numbers of columns for which loops are compiled; the narrowest that fits is used."""
+# The centres are padded with weight zero to a multiple of this: whole vectors, no remainder loop.
 PADDING = 32
-"""The centres are padded with weight zero to a multiple of this: whole vectors, no remainder loop."""
+# Number of centres summed at a time: they and their weights fit into a core's own cache.
 BLOCK = 8_192
-"""Number of centres summed at a time: they and their weights fit into a core's own cache."""
+# log x = LOG_UNIT * scaled_log(x); callers take the constant out of their loops.
 LOG_UNIT = float(np.log(2.0)) / 2.0**52
-"""log x = LOG_UNIT * scaled_log(x); callers take the constant out of their loops."""
 
-SQRT_HALF_BITS = np.int64(0x3FE6A09E667F3BCD)  # the double sqrt(1/2) read as an integer
-EXPONENT_BITS = np.int64(-(2**52))  # a mask without the 52 bits of the mantissa
+# The double sqrt(1/2) read as an integer.
+SQRT_HALF_BITS = np.int64(0x3FE6A09E667F3BCD)
+# A mask without the 52 bits of the mantissa.
+EXPONENT_BITS = np.int64(-(2**52))
 
 # Chebyshev interpolation of 2 artanh(t) / t in s = t**2 on [0, 0.02945]: relative error 1.8e-16.
 C0, C1, C2, C3, C4, C5, C6 = (
@@ -50,10 +52,10 @@ C0, C1, C2, C3, C4, C5, C6 = (
         0.16837811516924603,
     )
 )
+# Compiled formulas by the type of their numbers.
 FORMULAS: dict[Any, Callable[[Any, Any], Any]] = {}
-"""Compiled formulas by the type of their numbers."""
+# Name of the array in a file that holds the kernel's name.
 KERNEL = "kernel"
-"""Name of the array in a file that holds the kernel's name."""
 
 
 @compiled

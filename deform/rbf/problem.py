@@ -24,8 +24,10 @@ from .fitting import Polynomial
 from .interpolant import Interpolant, UnitBox
 from .kernels import Kernel, kernel_matrix, kernel_sum
 
-NEIGHBOURS = 80  # sites around a new centre where the residual may grow
-UNISOLVENT = 1e-7  # smallest ratio of pivots for four points that count as not coplanar
+# Number of sites around a new centre at which the residual may grow.
+NEIGHBOURS = 80
+# Smallest ratio of pivots for four points that count as not coplanar.
+UNISOLVENT = 1e-7
 
 
 class Coefficients(NamedTuple):

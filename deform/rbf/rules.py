@@ -14,12 +14,12 @@ from sdm_deflect.base.compiled import compiled
 from .fitting import Polynomial
 from .problem import Basis, Coefficients, Problem
 
+# Share of `tol_stop` below which residuals count as equal; these are ordered by row, not by rounding.
 TIE = 1e-6
-"""Share of `tol_stop` below which residuals count as equal; these are ordered by row, not by rounding."""
+# Number of pairs below which a sweep costs no more than a guess.
 WORTH_GUESSING = 400_000
-"""Number of pairs below which a sweep costs no more than a guess."""
+# Share of the last block's residuals, above which a guess looks at a site.
 BAD = 0.5
-"""Share of the last block's residuals, above which a guess looks at a site."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,10 +12,13 @@ from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import Kernel, Multiquadric, ThinPlateSpline
 from sdm_deflect.meshing.mesh.axis import Cylinder
 
-LINEAR = Multiquadric(1e4)  # the paper's value, in 1/m: linear in r down to 0.1 mm
+# The paper's shape parameter, in 1/m: the multiquadric is linear in r down to 0.1 mm.
+LINEAR = Multiquadric(1e4)
 DEFAULT_PANEL = ThinPlateSpline()
-SAME_POINT = 1e-9  # m
-STRIP_SITES = 1500  # enough for the edge of a strip; a direct solve takes less than a second
+# Distance (m) below which two points are one.
+SAME_POINT = 1e-9
+# Largest number of sites on the edge of a strip: enough for its shape, solved in less than a second.
+STRIP_SITES = 1500
 
 
 def blend(

@@ -14,11 +14,16 @@ from .appendix_a import blend, blend_strip
 from .motions import Functions, Motion, MotionLaw, SoughtHinge
 from .surface import NodeSet, OnPatches, Surface, TrailingEdge
 
-MOST = 800  # largest number of nodes of either kind for a direct solve
-NEAR = 0.35  # of the largest distance from the hinge: held nodes beyond are on a rib
-LINEAR = 1e5  # shape parameter times the surface's size: the multiquadric is then linear in r
-SHEAR = 35.0  # degrees by which a chosen strip shears cells at the trailing edge, at the largest angle
-ROUNDING = 1e-9  # of a surface's length: nodes nearer to a rib are on it; a chosen strip holds the next row
+# Largest number of held, and of moving, nodes in a direct solve.
+MOST = 800
+# Held nodes farther from the hinge than this share of the largest distance are on a rib.
+NEAR = 0.35
+# Shape parameter times the surface's size: the multiquadric is then linear in r.
+LINEAR = 1e5
+# Degrees by which a chosen strip shears cells at the trailing edge, at the largest angle.
+SHEAR = 35.0
+# Nodes nearer to a rib than this share of the surface's length are on it; a chosen strip holds the next row.
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,20 +13,20 @@ from sdm_deflect.meshing.mesh.edges import Joints, are_lines, area_vectors, edge
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.selection import Before, Selection
 
+# Degrees: two skins that meet at a smaller angle go on across a hinge; a root or a gap turns by more.
 SMOOTH = 40.0
-"""Degrees: two skins that meet at a smaller angle go on across a hinge; a root or a gap turns by more."""
+# Least cosine between an edge on a hinge and the flap's longest axis.
 ALONG = 0.9
-"""Least cosine between an edge on a hinge and the flap's longest axis."""
+# Coordinates that are smaller, as shares of the largest, are shown as 0.
 ROUNDING = 1e-9
-"""Coordinates that are smaller, as shares of the largest, are shown as 0."""
+# Length of the mean unit normal beside a line, above which there is one skin: a flap has two, which face apart.
 ONE_SKIN = 0.7
-"""Length of the mean unit normal beside a line, above which there is one skin: a flap has two, which face apart."""
+# Least share of its speed with which a point aft of the hinge rises or falls; below, down and up mean nothing.
 LEVER = 0.2
-"""Least share of its speed with which a point aft of the hinge rises or falls; below, down and up mean nothing."""
+# Share of the span from an end of a wing at which its last section is taken: at the very end there is none.
 ENDS = 0.01
-"""Share of the span from an end of a wing at which its last section is taken: at the very end there is none."""
+# Least length of a hinge, in spans of the flap; largest distance of its edges from the line, in chords.
 COVERED, STRAIGHT = 0.5, 0.15
-"""Least length of a hinge, in spans of the flap; largest distance of its edges from the line, in chords."""
 
 
 def candidates(mesh: Mesh, names: Sequence[str]) -> Iterator[FloatArray]:

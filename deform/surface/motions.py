@@ -24,14 +24,18 @@ from sdm_deflect.meshing.mesh.cells import bounded
 
 from .surface import Surface
 
-TRACK_UNIT = "of the track"  # unit of a track's parameter
+# Unit of a track's parameter.
+TRACK_UNIT = "of the track"
 TABLE = "table of points and displacements"
 TITLES = "x,y,z,dx,dy,dz"
+# Titles of displacements: ours, and those of ParaView.
 VECTORS = {f"d{name}": (f"d{name}", f"displacement:{i}", f"displacement{name}") for i, name in enumerate("xyz")}
-"""Titles of displacements: ours, and those of ParaView."""
-MOST_FUNCTIONS = 6  # most functions of one amount
-MOST = 3000  # most points of a table for a direct solve
-OWN = 1e-6  # of the surface's size, as files of six digits round: a node this near to a point of a table moves with it
+# Largest number of functions of one amount.
+MOST_FUNCTIONS = 6
+# Largest number of points of a table in a direct solve.
+MOST = 3000
+# A node this near to a point of a table moves with it; a share of the surface's size, as files of six digits round.
+OWN = 1e-6
 
 
 class Functions:

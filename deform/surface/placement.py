@@ -13,22 +13,20 @@ from sdm_deflect.meshing.mesh.axis import Axis
 from .motions import MOST, OWN, Table
 from .surface import Surface
 
+# Ratios of metres, millimetres, inches and feet.
 UNITS = (1000.0, 0.001, 25.4, 1.0 / 25.4, 0.3048, 1.0 / 0.3048, 39.37, 1.0 / 39.37)
-"""Ratios of metres, millimetres, inches and feet."""
+# Least share of the surface's span between the hinge points; share of its width from which a hinge is far.
 HALF, QUARTER = 0.5, 0.25
-"""Least share of the surface's span between the hinge points; share of its width from which a hinge is far."""
+# Largest angle without nodes as seen from a hinge between two skins: half a turn with some allowance.
 HALF_TURN = 1.1 * np.pi
-"""Largest angle without nodes as seen from a hinge between two skins: half a turn with some allowance."""
+# Share of a surface's extent along the flow that must lie aft of its hinge, for it to have a trailing edge there.
 AFT = 0.1
-"""Share of a surface's extent along the flow that must lie aft of its hinge, for it to have a trailing edge there."""
+# Pairs: by which ratio another unit must make table and surface coincide better, and how well they must then.
+# Feet are off by 3.3 only, so that a ratio of 3 must do where the fit is nearly perfect. A table of a part of the
+# surface fits less well; inches and millimetres make it better by 20 and more.
 BETTER = ((20.0, 0.3), (3.0, 0.9))
-"""Pairs: by which ratio another unit must make table and surface coincide better, and how well they must then.
-
-Feet are off by 3.3 only, so that a ratio of 3 must do where the fit is nearly perfect. A table of a part of the surface
-fits less well; inches and millimetres make it better by 20 and more.
-"""
+# Extents below this share of the largest one are zero.
 FLAT = 1e-9
-"""Extents below this share of the largest one are zero."""
 MEANT = "correct it, or say --force (force = true) if it is meant"
 
 

@@ -11,16 +11,16 @@ from .blended import BlendedLaw
 from .motions import MotionLaw
 from .tail_root import RootLaw, SkinLaw
 
+# Share of the angle that counts as the full angle.
 FULL = 0.99
-"""Share of the angle that counts as the full angle."""
+# Share of the trailing edge's distance from the hinge, beyond which held nodes are its ends.
 OUTER = 0.9
-"""Share of the trailing edge's distance from the hinge, beyond which held nodes are its ends."""
+# Share of the largest distance from the hinge, beyond which nodes are on the trailing edge of an unblended surface.
 FAR_FROM_ITS_WAY = 0.5
-"""Share of the largest distance from the hinge, beyond which nodes are on the trailing edge of an unblended surface."""
+# Distance from a rigid turn, in chords, that is rounding.
 NO_DISTANCE = 1e-9
-"""Distance from a rigid turn, in chords, that is rounding."""
+# Number of stations along the span at which the angle is averaged; nodes are placed 1000 times as finely.
 STATIONS = 2001
-"""Number of stations along the span at which the angle is averaged; nodes are placed 1000 times as finely."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,14 +20,14 @@ from .motions import TRACK_UNIT, Hinged
 from .surface import Surface
 from .tracks import Track, TrackLaw
 
+# Degrees by which lines turn at a corner of a trailing edge.
 CORNER = 30.0
-"""Degrees by which lines turn at a corner of a trailing edge."""
+# Share of an element's extent along x, from its rearmost point, in which the corners of its trailing edge lie.
 REAR = 0.02
-"""Share of an element's extent along x, from its rearmost point, in which the corners of its trailing edge lie."""
+# Newton steps before a setting is given up; error of a setting that is solved, over the size of the skin.
 MOST_ROUNDS, SOLVED = 50, 1e-14
-"""Newton steps before a setting is given up; error of a setting that is solved, over the size of the skin."""
+# Largest Newton step, as a share of the skin's extent along x.
 LONGEST_STEP = 0.25
-"""Largest Newton step, as a share of the skin's extent along x."""
 
 
 class GapOverlap(NamedTuple):

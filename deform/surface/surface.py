@@ -17,8 +17,10 @@ from sdm_deflect.meshing.mesh.cells import whole
 from sdm_deflect.meshing.mesh.edges import polygons_of, sharp_edges
 from sdm_deflect.meshing.mesh.mesh import REGION, Mesh
 
-FAR = 0.5  # of the largest distance from the hinge: sharp edges beyond are on the trailing edge
-ALONG = 0.5  # cosine between an edge and the hinge, above which the edge runs along it
+# Sharp edges farther from the hinge than this share of the largest distance are on the trailing edge.
+FAR = 0.5
+# Cosine between an edge and the hinge, above which the edge runs along it.
+ALONG = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)

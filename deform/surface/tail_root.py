@@ -27,18 +27,20 @@ from .surface import Surface
 if TYPE_CHECKING:
     from sdm_deflect.meshing.mesh.selection import Part
 
+# Reach of the panel beyond the root, and depth of the lengthened part of a tail, in chords of the root.
 CHORDS = 0.5
-"""Reach of the panel beyond the root, and depth of the lengthened part of a tail, in chords of the root."""
+# Share of the largest singular value of a tail's normals, below which its planes have one direction in common.
 PARALLEL = 1e-4
-"""Share of the largest singular value of a tail's normals, below which its planes have one direction in common."""
+# Cosine between a normal and the hinge, above which a face is the tail's tip.
 ACROSS = 0.7
-"""Cosine between a normal and the hinge, above which a face is the tail's tip."""
+# Least cosine between the mean normal at the root and that of a face: for the skin's spline, and for the panel.
 SKIN, PANEL = 0.5, 0.7
-"""Least cosine between the mean normal at the root and that of a face: for the skin's spline, and for the panel."""
+# Largest number of nodes of a skin in its spline; larger sets are thinned.
 MOST_SITES = 3000
-"""Largest number of nodes of a skin in its spline; larger sets are thinned."""
-POWERS = 6  # powers of the angle for displacements up to 15 degrees; they miss by 0.014 of the usual tolerance
-SCALE = 15.0  # degrees at which these powers are 1
+# Number of powers of the angle for displacements up to 15 degrees; they miss by 0.014 of the usual tolerance.
+POWERS = 6
+# Angle in degrees at which these powers are 1.
+SCALE = 15.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -23,14 +23,14 @@ from sdm_deflect.meshing.mesh.cells import bounded
 from .motions import TRACK_UNIT, Functions, Hinged, Smooth
 from .surface import Surface
 
+# First title of a file with the steps of a CPACS control surface, between which CPACS interpolates linearly.
 CPACS = "controlParameter"
-"""First title of a file with the steps of a CPACS control surface, between which CPACS interpolates linearly."""
+# Titles of a file: dx2 to dz2 shift the second hinge point; files for plane meshes have no dz.
 TITLES = ("parameter", "angle", "dx", "dy", "dz", "dx2", "dy2", "dz2")
-"""Titles of a file: dx2 to dz2 shift the second hinge point; files for plane meshes have no dz."""
+# Amounts at which the entries of a motion are compared with one another.
 SAMPLES = 201
-"""Amounts at which the entries of a motion are compared with one another."""
+# Least singular value of independent entries, as a share of the largest one.
 INDEPENDENT = 1e-11
-"""Least singular value of independent entries, as a share of the largest one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

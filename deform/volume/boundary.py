@@ -26,13 +26,20 @@ from .job import Amounts, Job
 if TYPE_CHECKING:
     from sdm_deflect.meshing.mesh.thin import ThinMesh
 
-ZERO_LENGTH = 1e-9  # of the moving surfaces' size: lengths below are zero
-LEAST = 1e-8  # length of the moving surfaces, as a share of the largest coordinate or of 1
-ON_SHAPE = 1e-6  # of the same: a moving node this near to a sliding shape is put on it
-ALIKE = 0.01  # of the largest displacement: images that differ by less move by their mean, and stay in their plane
-ACROSS = 0.1  # cosine between a hinge and the normal of a plane, below which the surface turns across the plane
-TOLERANCE = 0.01  # of the surface's median edge: default of the largest error at a site
-COARSE = 0.1  # of the moving surface's median edge: a larger tolerance is probably a mistake
+# Lengths below this share of the moving surfaces' size are zero.
+ZERO_LENGTH = 1e-9
+# Least size of the moving surfaces, as a share of the largest coordinate or of 1.
+LEAST = 1e-8
+# A moving node this near to a sliding shape is moved onto it; a share of the moving surfaces' size.
+ON_SHAPE = 1e-6
+# Images that differ by less than this share of the largest displacement move by their mean and stay in their plane.
+ALIKE = 0.01
+# Cosine between a hinge and the normal of a plane, below which the surface turns across the plane.
+ACROSS = 0.1
+# Default of the largest error at a site, as a share of the surface's median edge.
+TOLERANCE = 0.01
+# A tolerance above this share of the moving surface's median edge is probably a mistake.
+COARSE = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)

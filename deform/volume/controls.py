@@ -12,10 +12,10 @@ from sdm_deflect.deform.surface.motions import Fixed, Functions
 
 from .job import Amounts
 
+# Largest number of rows of a track at which a plan is measured: one takes about as long as a deflection's checks.
 MOST_ROWS = 60
-"""Largest number of rows of a track at which a plan is measured: one takes about as long as a deflection's checks."""
+# Amounts: of the only surface; by name, 0 where left out; or of all surfaces in order.
 Wanted = float | Mapping[str, float] | Sequence[float]
-"""Amounts: of the only surface; by name, 0 where left out; or of all surfaces in order."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,12 +28,12 @@ from .step import Step, take
 if TYPE_CHECKING:
     from sdm_deflect.meshing.mesh.orthogonality import State
 
+# Step of the fourth-order difference, in degrees or as a share of a table; relative error of the derivative 1e-11.
 DEGREES, SHARE = 0.05, 1e-3
-"""Step of the fourth-order difference, in degrees or as a share of a table; relative error of the derivative 1e-11."""
+# A worst cell is poor if newly below this quality, or below this share of its own quality before.
 POOR, POOR_SHARE = 0.1, 0.5
-"""A worst cell is poor if newly below this quality, or below this share of its own quality before."""
+# Largest number of sample points; larger sets are thinned evenly.
 MOST_MIDPOINTS = 20_000
-"""Largest number of sample points; larger sets are thinned evenly."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from sdm_deflect.meshing.mesh.selection import Selection
 
 
+# A pose: the amount of each moving surface, in degrees or as a share of a table.
 Amounts = tuple[float, ...]
-"""A pose: the amount of each moving surface, in degrees or as a share of a table."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,12 +16,12 @@ from sdm_deflect.meshing.mesh.sliding import Triangulated
 
 from .job import Job
 
+# Reflects a point, or a displacement, in the plane y = 0.
 FLIP = np.array([1.0, -1.0, 1.0])
-"""Reflects a point, or a displacement, in the plane y = 0."""
+# Share of a surface's size within which two meshes of one shape differ: by rounding, and by how faces cut curves.
 ALIKE = 1e-3
-"""Share of a surface's size within which two meshes of one shape differ: by rounding, and by how faces cut curves."""
+# Corners of a reflected hexahedron in the order of `Hexahedron`.
 SWAPPED = [2, 3, 0, 1, 6, 7, 4, 5]
-"""Corners of a reflected hexahedron in the order of `Hexahedron`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,13 +19,11 @@ from sdm_deflect.meshing.mesh.thin import MidPlane
 
 from .plan import Plan
 
+# Shifts and factors of SplitMix64 (Steele, Lea and Flood 2014), which mix all bits of a number with all others.
 MIXING = ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB), (31, 1))
-"""Shifts and factors of SplitMix64 (Steele, Lea and Flood 2014), which mix all bits of a number with all others."""
+# Share of the distance between places, below which a point is a rounded copy of a place.
+# Of a million nodes of an overlapping zone about 4e-6 are so near to a place by chance.
 NEAR = 1e-4
-"""Share of the distance between places, below which a point is a rounded copy of a place.
-
-Of a million nodes of an overlapping zone about 4e-6 are so near to a place by chance.
-"""
 ANOTHER = "measured on another mesh"
 
 

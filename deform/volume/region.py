@@ -19,9 +19,12 @@ from sdm_deflect.meshing.mesh.mesh import Mesh
 from .boundary import ZERO_LENGTH, PrescribedMotion
 from .job import Amounts, Section
 
-POSES = 4  # positions between rest and the full angle that the box must contain
-ON_FACE = 1e-6  # of the moving surfaces' size: nodes this near to a face of the box are on it
-TOUCHING = 1e-9  # of a box's size: boxes that overlap by less only touch
+# Number of positions between rest and the full angle that the box must contain.
+POSES = 4
+# Nodes this near to a face of the box are on it; a share of the moving surfaces' size.
+ON_FACE = 1e-6
+# Boxes that overlap by less than this share of a box's size only touch.
+TOUCHING = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)

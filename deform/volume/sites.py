@@ -28,12 +28,18 @@ if TYPE_CHECKING:
     from sdm_deflect.deform.around.bound import ConstrainedNodes
 
 NO_ROWS = np.empty(0, dtype=np.intp)
+# Number of nodes, itself included, to which a node is joined by edges if patches have no faces.
 NEIGHBOURS = 7
-MOST_FIXED = 30_000  # sites on fixed patches; larger sets are thinned, and checked as a whole
-MOST_RADIUS = 1e4  # of a kernel: diagonals of the box; the radius is at least a median edge divided by this
-HALVINGS = 6  # how often the spacing on the box is halved at most, while no site is left
-SHEARED = 0.01  # strain times the surface's size over its largest displacement: above, the motion shears the surface
-SMALL = 0.01  # degrees, or share of a table, at which the shear is measured: up to there it changes by 1e-4 of itself
+# Largest number of sites on fixed patches; larger sets are thinned, and checked completely.
+MOST_FIXED = 30_000
+# Largest radius of a kernel, in diagonals of the box; the least is a median edge over the same number.
+MOST_RADIUS = 1e4
+# Largest number of times that the spacing on the box is halved while no site is left.
+HALVINGS = 6
+# Strain times the surface's size over its largest displacement, above which the motion shears the surface.
+SHEARED = 0.01
+# Degrees, or share of a table, at which the shear is measured: up to there it changes by 1e-4 of itself.
+SMALL = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)

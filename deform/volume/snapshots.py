@@ -22,10 +22,10 @@ from .job import Amounts
 from .plan import BoxPlan
 from .step import take
 
+# Amounts at which the growth of errors between separate readings is sampled, and the largest that is allowed for.
 SAMPLES, MOST_GROWTH = 101, 5.0
-"""Amounts at which the growth of errors between separate readings is sampled, and the largest that is allowed for."""
+# Share of the tolerance by which fields may miss a deflection on the same centres between the ends.
 MISSED = 0.1
-"""Share of the tolerance by which fields may miss a deflection on the same centres between the ends."""
 
 
 class Snapshots(NamedTuple):

@@ -38,10 +38,10 @@ from .region import confining_box
 if TYPE_CHECKING:
     from sdm_deflect.meshing.mesh.thin import MidPlane
 
+# Number of places in a block of cells where their numbering is tested, and cells at each.
 PROBES, PROBED = 8, 1 << 14
-"""Number of places in a block of cells where their numbering is tested, and cells at each."""
+# Ratio of the memory that judging a polyhedron takes to that of another cell.
 LARGER = 4
-"""Ratio of the memory that judging a polyhedron takes to that of another cell."""
 Block = TypeVar("Block", bound=Faces)
 
 

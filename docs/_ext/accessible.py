@@ -15,8 +15,8 @@ MENDED = {
     '<div class="output text_html">': '<div tabindex="0" class="output text_html">',
     '<div role="list" class="citation-list">': "<div>",
 }
+# Parameters of a signature on lines of their own: a list of descriptions without what they describe.
 PARAMETERS = re.compile(r"<dl>\n((?:<dd><em class=\"sig-param.*?</dd>\n)+)</dl>")
-"""Parameters of a signature on lines of their own: a list of descriptions without what they describe."""
 
 
 def reachable(body: str) -> str:

@@ -18,8 +18,8 @@ from sdm_deflect.cases.report.pictures import write_png
 from sdm_deflect.meshing.mesh.quality import quality_of
 
 SHADES = Normalize(0.4, 1.0)
+# What is seen of each mesh: x from and to, y from and to.
 WINDOWS = {"naca0012": (0.6, 1.1, -0.16, 0.14), "three_elements": (0.62, 1.12, -0.26, 0.04)}
-"""What is seen of each mesh: x from and to, y from and to."""
 
 
 def deflected(folder: Path) -> dict[str, Result]:

@@ -17,12 +17,12 @@ HINGE, FAR = 0.75, 10.0
 LAYER, THICKNESS, GROWTH = 4e-4, 6e-3, 1.25
 FACTORS = (0.2969, -0.1260, -0.3516, 0.2843, -0.1036)
 POWERS = (0.5, 1.0, 2.0, 3.0, 4.0)
+# Of each element its chord, thickness over chord, leading edge, and degrees by which it is turned nose up.
 ELEMENTS = {
     "slat": (0.15, 0.16, (-0.130, -0.045), -36.0),
     "main": (0.80, 0.13, (0.0, 0.0), 2.0),
     "flap": (0.28, 0.14, (0.775, -0.050), 22.0),
 }
-"""Of each element its chord, thickness over chord, leading edge, and degrees by which it is turned nose up."""
 
 
 def half_thickness(x: np.ndarray, thickness: float) -> np.ndarray:

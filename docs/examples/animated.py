@@ -25,8 +25,8 @@ from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.meshing.formats.adapters import to_pyvista
 
+# Largest angles, degrees.
 AIRCRAFT, AIRFOIL = 15.0, 25.0
-"""Largest angles, degrees."""
 RED, GREY, PERIOD, COLOURS, MILLISECONDS = "#CC6677", "#B8B8B8", 28, 64, 80
 EYE, FOCUS, SCALE = (1.76, -1.35, 0.80), (0.80, -0.11, 0.01), 0.255
 BAR = {

@@ -13,10 +13,10 @@ from pathlib import Path
 from packaging.requirements import Requirement
 
 PROJECT = Path(__file__).parents[2] / "pyproject.toml"
+# A longer text in `License` is the licence itself, and no name of one.
 LONGEST = 60
-"""A longer text in `License` is the licence itself, and no name of one."""
+# Extras that the list leaves out: what only developers and teachers install.
 OURS = ("notebook", "test")
-"""Extras that the list leaves out: what only developers and teachers install."""
 BEGIN, END = "<!-- made by docs/examples/licences.py -->", "<!-- end -->"
 
 

@@ -21,8 +21,8 @@ from sdm_deflect.meshing.mesh.cells import Cells, Patch, Zone
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.pieces import MeshOnDisk
 
+# Mark of the format, then how many points, tetrahedra, boundary triangles and letters of names there are.
 HEADER = np.dtype([("mark", "S4"), ("points", "<i4"), ("tets", "<i4"), ("faces", "<i4"), ("names", "<i4")])
-"""Mark of the format, then how many points, tetrahedra, boundary triangles and letters of names there are."""
 
 
 @registered

@@ -25,8 +25,8 @@ from sdm_deflect.meshing.mesh.labelled import tets_of
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.quality import mean_ratio, signed_volumes
 
+# Heights (m) above which the fin bends, and of its tip.
 BEND, TOP = 0.125, 0.2133
-"""Heights (m) above which the fin bends, and of its tip."""
 REGION = box(np.array([0.70, -0.06, BEND]), np.array([1.00, 0.06, 0.27]))
 
 

@@ -10,8 +10,8 @@ import numpy as np
 import sdm_deflect
 
 ANGLE, FIRST, SECOND = -12.0, np.array([0.69180885, -0.3048, 0.0]), np.array([0.676698453, -0.1162672, 0.0])
+# Triangles of the skin that are tried for each node, and points along each of their edges.
 NEAR, SHARES = 12, 201
-"""Triangles of the skin that are tried for each node, and points along each of their edges."""
 
 
 def turned(points: np.ndarray) -> np.ndarray:

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import gmsh
 
+# Edges at the aircraft in metres, how much longer they get in a metre, and half the side of the far field.
 NEAR, GROWTH, FAR = 0.03, 0.35, 3.0
-"""Edges at the aircraft in metres, how much longer they get in a metre, and half the side of the far field."""
 
 
 def flow(step: Path) -> dict[str, list[int]]:

@@ -1,8 +1,8 @@
 """A CPACS file of a wing with a flap, whose parts can be replaced."""
 
 X = [1.0, 0.5, 0.0, 0.5, 1.0]
+# A profile of four straight sides, 2 % thick at the trailing edge.
 Z = [-0.01, -0.06, 0.0, 0.06, 0.01]
-"""A profile of four straight sides, 2 % thick at the trailing edge."""
 
 
 def transformation(scaling=(1, 1, 1), rotation=(0, 0, 0), translation=(0, 0, 0), kind="absLocal"):

@@ -16,8 +16,8 @@ from tests.pictures import inked, pixels
 
 FOLDER = ROOT / "docs" / "tutorials"
 PAGES = sorted(page for page in FOLDER.glob("*.md") if is_notebook(page))
+# Modules that bear another name than what installs them.
 MODULES = {"mpl_toolkits": "matplotlib"}
-"""Modules that bear another name than what installs them."""
 
 
 def code(page):

@@ -38,11 +38,11 @@ if TYPE_CHECKING:
     from _typeshed import ReadableBuffer as Buffer
 
 
+# A version between CGNS 3.0 and later ones; 3.0 numbers the types of elements otherwise.
 RENUMBERED = 3.05
-"""A version between CGNS 3.0 and later ones; 3.0 numbers the types of elements otherwise."""
 CELLS = {number: shape for number, shape in SHAPES.items() if shape in VOLUMES}
+# Mark at the beginning of files in ADF.
 ADF = b"ADF Database"
-"""Mark at the beginning of files in ADF."""
 
 
 def in_pieces(path: Path, file: Any) -> MeshOnDisk | None:

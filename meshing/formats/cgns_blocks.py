@@ -23,17 +23,17 @@ from .zones import common_constraints
 Size = tuple[int, ...]
 Indices = Sequence[int] | IntArray
 AXES = "ijk"
+# The axis normal to the faces, by the location that a condition names.
 LOCATIONS = {"IFaceCenter": 0, "JFaceCenter": 1, "KFaceCenter": 2}
-"""The axis normal to the faces, by the location that a condition names."""
+# Cells and faces by the number of axes.
 SHAPES = {2: ("quad", "line"), 3: ("hexahedron", "quad")}
-"""Cells and faces by the number of axes."""
+# Corners of a cell from its first one, in VTK's order; those of a face are the same with one axis less.
 CORNERS = {
     2: ((0, 0), (1, 0), (1, 1), (0, 1)),
     3: ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)),
 }
-"""Corners of a cell from its first one, in VTK's order; those of a face are the same with one axis less."""
+# Masks of the outer faces that are on no patch yet, by axis and plane number.
 Sides = dict[tuple[int, int], BoolArray]
-"""Masks of the outer faces that are on no patch yet, by axis and plane number."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,14 +16,14 @@ from .cgns_nodes import child, children, has, integers, text
 from .shapes import all_of, chosen
 from .zones import common_constraints
 
+# Gmsh and older writers say CellCenter where they mean the boundary's faces.
 ON_FACES = ("FaceCenter", "CellCenter")
-"""Gmsh and older writers say CellCenter where they mean the boundary's faces."""
 PLACES = ("PointRange", "PointList", "ElementRange", "ElementList")
+# Name of the remaining faces of a patch that could only be read in part.
 PART = "part of {}"
-"""Name of the remaining faces of a patch that could only be read in part."""
 UNNAMED = "faces without a condition"
+# Notes of one file.
 SHOWN = 20
-"""Notes of one file."""
 
 
 class NoFacesError(MeshFileError):

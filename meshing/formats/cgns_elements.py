@@ -15,14 +15,15 @@ from .cgns_nodes import child, children, has, integers
 from .shapes import mirror_nodes, places, polygons, turn_faces
 
 SHAPES = {3: "line", 5: "triangle", 7: "quad", 10: "tetra", 12: "pyramid", 14: "wedge", 17: "hexahedron"}
+# Kinds of elements that are neither cells nor faces.
 POINT = 2
-"""Kinds of elements that are neither cells nor faces."""
+# Cells and faces by the dimension of cells.
 KINDS = {3: (VOLUMES, ("triangle", "quad")), 2: (PLANE, ("line",))}
-"""Cells and faces by the dimension of cells."""
+# SIDS' numbers of sections with several shapes, of polygons, and of polyhedra.
 MIXED, NGON, NFACE = 20, 22, 23
 SIZES = {number: CORNERS[shape] for number, shape in SHAPES.items()} | {POINT: 1}
+# Owner (F,), neighbour (F,) or -1, and whether the face's normal points into its owner.
 Sides = tuple[IntArray, IntArray, BoolArray]
-"""Owner (F,), neighbour (F,) or -1, and whether the face's normal points into its owner."""
 
 
 @dataclass(frozen=True, slots=True)

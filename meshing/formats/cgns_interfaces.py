@@ -29,8 +29,8 @@ from .zones import pairs_to_write
 
 PROPERTY, PERIODIC = "GridConnectivityProperty_t", "Periodic_t"
 VECTORS = ("RotationCenter", "RotationAngle", "Translation")
+# Largest distance of equal points, as a share of the distance from the origin; single precision keeps it.
 NEAR = 2e-6
-"""Largest distance of equal points, as a share of the distance from the origin; single precision keeps it."""
 LABELS = ("GridConnectivity1to1_t", "GridConnectivity_t")
 
 

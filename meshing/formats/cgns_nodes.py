@@ -14,8 +14,9 @@ from sdm_deflect.base.unpacking import check_unpacked
 from .hdf5 import check_stored, is_real
 
 DATA = " data"
+# CGNS names of NumPy's types.
 KINDS = {"int8": "C1", "int32": "I4", "int64": "I8", "float32": "R4", "float64": "R8"}
-"""CGNS names of NumPy's types."""
+# Bytes of a node's name by the SIDS.
 NAME_LENGTH = 32
 Array = NDArray[Any]
 Integer = type[np.int32] | type[np.int64]

@@ -25,8 +25,8 @@ from .hdf5 import is_real
 from .shapes import all_of, check_faces, chosen, orient
 from .zones import Listed, with_pairs
 
+# Dimensions of the cells and of the points; those of points in a plane mesh may be three, with one z.
 DIMENSIONS = (3, 3), (2, 2), (2, 3)
-"""Dimensions of the cells and of the points; those of points in a plane mesh may be three, with one z."""
 NONE = np.empty((0, 2), dtype=np.intp)
 TYPES = ("Structured", "Unstructured")
 UNPAIRED = "zone {}: interface {} is periodic, and not every point has an image in zone {}; the pair is left out"

@@ -19,10 +19,11 @@ from .cgns_nodes import AXES, Integer, create, create_sized, describe, node_name
 from .shapes import mirror_nodes, places, polygons, simple_faces
 from .zones import pairs_to_write, part, unwritten
 
+# The oldest CGNS with offsets of mixed elements and of faces, which every later library reads.
 VERSION = 3.4
-"""The oldest CGNS with offsets of mixed elements and of faces, which every later library reads."""
+# Numbers up to this one take four bytes.
 FITS = np.iinfo(np.int32).max
-"""Numbers up to this one take four bytes."""
+# Kind of boundary condition by the first pattern that is in the patch's name; all others are walls.
 CONDITIONS = (
     (r"far.?field|freestream", "BCFarfield"),
     (r"symm", "BCSymmetryPlane"),
@@ -30,9 +31,8 @@ CONDITIONS = (
     (r"out(let|flow)", "BCOutflow"),
     (r"chimera|overset|overlap", "UserDefined"),
 )
-"""Kind of boundary condition by the first pattern that is in the patch's name; all others are walls."""
+# Elements written at a time.
 ROWS = 1 << 18
-"""Elements written at a time."""
 ELEMENTS = {shape: kind for kind, shape in SHAPES.items()}
 
 

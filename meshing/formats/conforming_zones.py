@@ -28,12 +28,12 @@ EDGES = {
         (0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7),
     ),
 }  # fmt: skip
+# A shape, pairs of corners of a hexahedron that are one point in it, and those that are its corners in VTK's order.
 FORMS = (
     ("wedge", ((0, 1), (4, 5)), (0, 3, 2, 4, 7, 6)),
     ("pyramid", ((4, 5), (4, 6), (4, 7)), (0, 1, 2, 3, 4)),
     ("tetra", ((2, 3), (4, 5), (4, 6), (4, 7)), (0, 1, 2, 4)),
 )
-"""A shape, pairs of corners of a hexahedron that are one point in it, and those that are its corners in VTK's order."""
 
 
 def _turns() -> IntArray:

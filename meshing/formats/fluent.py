@@ -27,10 +27,10 @@ from .polyhedra import check_cells, faces_by_cell
 from .shapes import orient, polygons, turn_faces
 
 MESH = "meshes/1"
+# Type of a zone of interior faces.
 INTERIOR = 2
-"""Type of a zone of interior faces."""
+# Types of zones of faces that are images of one another; the appendix calls them periodic and periodic-shadow.
 TWINS = 12, 8
-"""Types of zones of faces that are images of one another; the appendix calls them periodic and periodic-shadow."""
 INTERFACES = (
     "the file holds mesh interfaces that are cut into common faces; delete them in Fluent, write the file, and create "
     "them anew for the deflected mesh"
@@ -39,8 +39,8 @@ ADAPTED = (
     "the mesh is adapted with hanging nodes; convert them to polyhedra in Fluent "
     "(mesh/polyhedra/convert-hanging-nodes) and write the file again"
 )
+# Groups of a file that make its mesh unreadable here, with what to do.
 REFUSED = (("faces", "interface", INTERFACES), ("faces", "tree", ADAPTED), ("cells", "tree", ADAPTED))
-"""Groups of a file that make its mesh unreadable here, with what to do."""
 KIND = "a mesh of this name"
 
 

@@ -31,14 +31,14 @@ from .table_pieces import CellTable, PointRange, TablePieces
 from .tables import FileTable, Joined, MemoryTable
 from .zones import Listed, pairs_of, pairs_to_write, unwritten
 
+# Number of nodes of each type of element: point, line, triangle, quad, tetrahedron, hexahedron, prism, pyramid.
 CORNERS = {15: 1, 1: 2, 2: 3, 3: 4, 4: 4, 5: 8, 6: 6, 7: 5}
-"""Number of nodes of each type of element: point, line, triangle, quad, tetrahedron, hexahedron, prism, pyramid."""
+# Largest number of blocks of elements; files with more are read as a whole.
 MOST = 10_000
-"""Largest number of blocks of elements; files with more are read as a whole."""
 SOLIDS = {4: "tetra", 5: "hexahedron", 6: "wedge", 7: "pyramid"}
 FACES = {2: "triangle", 3: "quad"}
+# Cells and boundary faces, by the mesh's dimension.
 KINDS = {3: (SOLIDS, FACES), 2: (FACES, {1: "line"})}
-"""Cells and boundary faces, by the mesh's dimension."""
 PHYSICAL = re.compile(rb'^[ \t]*(\d+)\s+(\d+)\s+"(.*)"\s*$', re.MULTILINE)
 
 

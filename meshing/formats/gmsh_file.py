@@ -22,16 +22,16 @@ from .tables import FileTable, MemoryTable
 
 REAL = "f8"
 CONVERT = "`gmsh FILE -save -format msh22 -o NEW.msh` converts it"
+# Bytes from the beginning that contain the version.
 HEAD = 4096
-"""Bytes from the beginning that contain the version."""
+# Numbers of nodes compared at a time.
 ROWS = 1 << 20
-"""Numbers of nodes compared at a time."""
+# A transformation in version 2.2; Gmsh breaks its line after 255 letters where it copies it, within a number.
 AFFINE = re.compile(rb"^[ \t]*Affine[^\n]*\n(?:[^\n]*\.[^\n]*\n)*", re.MULTILINE)
-"""A transformation in version 2.2; Gmsh breaks its line after 255 letters where it copies it, within a number."""
 NAME = re.compile(rb"\s*\$(\w+)[ \t\r]*\n")
 VERSIONS = {"2": 22, "2.0": 22, "2.1": 22, "2.2": 22, "4.1": 41}
+# Dimension of two entities, tag of the one and of its source; numbers (K, 2) of its nodes and those of the source.
 Link = tuple[list[int], IntArray]
-"""Dimension of two entities, tag of the one and of its source; numbers (K, 2) of its nodes and those of the source."""
 
 
 class TextCursor:

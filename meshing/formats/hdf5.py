@@ -24,11 +24,11 @@ from sdm_deflect.meshing.mesh.precision import fewest_bits
 
 from .rewriting import check_large
 
+# What h5py raises for a damaged file.
 DAMAGE = (ArithmeticError, AttributeError, LookupError, OSError, RuntimeError, TypeError, ValueError)
-"""What h5py raises for a damaged file."""
 Array = NDArray[Any]
+# Byte at which the numbers first to last - 1 of an array begin.
 Span = tuple[int, int, int]
-"""Byte at which the numbers first to last - 1 of an array begin."""
 
 
 @contextmanager

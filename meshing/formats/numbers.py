@@ -21,25 +21,28 @@ from sdm_deflect.base.compiled import compiled_exactly
 from sdm_deflect.base.errors import MeshFileError
 from sdm_deflect.base.threads import available_threads
 
+# Bytes up to this one separate numbers.
 SPACE = 32
-"""Bytes up to this one separate numbers."""
 COMMENT = re.compile(rb"%[^\r\n]*")
+# Bytes of text handled at a time.
 CHUNK = 1 << 18
-"""Bytes of text handled at a time."""
+# Lines written at a time.
 ROWS = 1 << 15
-"""Lines written at a time."""
 Bytes = NDArray[np.uint8]
 Result = TypeVar("Result")
+# Largest number of digits of a whole number below 2^64; one digit fewer is below 2^63.
 MOST_DIGITS = 19
-"""Largest number of digits of a whole number below 2^64; one digit fewer is below 2^63."""
+# Largest power of ten that is parsed; words with larger ones are left to `float`.
 MOST_POWER = 9999
+# Largest power of ten in the table of `_scaled`; numbers beyond are left to `float`.
 LARGEST_POWER = 64
+# Factor that splits a double into two halves of 26 bits (Dekker 1971).
 SPLIT = 2.0**27 + 1.0
+# More than the relative error of `_scaled` before it rounds, which is below 2^-102.
 DOUBT = 2.0**-98
-"""More than the relative error of `_scaled` before it rounds, which is below 2^-102."""
 TEN = [Fraction(10) ** power for power in range(-LARGEST_POWER, LARGEST_POWER + 1)]
+# 10^-64 to 10^64 (129, 2): the nearest number, and the one nearest to what is left.
 POWERS = np.array([(float(power), float(power - Fraction(float(power)))) for power in TEN])
-"""10^-64 to 10^64 (129, 2): the nearest number, and the one nearest to what is left."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

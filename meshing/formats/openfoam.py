@@ -41,23 +41,23 @@ from .shapes import refuse_plane
 from .zones import unwritten
 
 LABEL, SCALAR = np.dtype("<i4"), np.dtype("<f8")
+# Largest distance of a planar patch's nodes from its plane, as a share of the patch's extent.
 FLAT = 1e-9
-"""Largest distance of a planar patch's nodes from its plane, as a share of the patch's extent."""
+# Pattern of what a name in OpenFOAM must not contain; a name must not begin like a number either.
 UNFIT = r"[\s\"'/;{}()\[\]$#\\]|^(?=[\d+.-])"
-"""Pattern of what a name in OpenFOAM must not contain; a name must not begin like a number either."""
 BANNER = "// Written by sdm-deflect.\n"
 SYMMETRY = ("symmetry", "sym")
 OPEN = ("far", "inlet", "outlet", "inflow", "outflow", "freestream", "chimera", "overset", "interface", "volume")
+# What a ``controlDict`` says, unless a solver needs something else.
 CONTROL = {
     "application": "simpleFoam", "startFrom": "startTime", "startTime": 0, "stopAt": "endTime", "endTime": 500,
     "deltaT": 1, "writeControl": "timeStep", "writeInterval": 500, "purgeWrite": 1, "writeFormat": "binary",
 }  # fmt: skip
-"""What a ``controlDict`` says, unless a solver needs something else."""
+# Classes of files by their names; all others are dictionaries.
 CLASSES = {
     "U": "volVectorField", "p": "volScalarField", "T": "volScalarField", "zoneID": "volScalarField",
     "pointDisplacement": "pointVectorField",
 }  # fmt: skip
-"""Classes of files by their names; all others are dictionaries."""
 SCHEMES = ("ddt", "grad", "div", "laplacian", "interpolation", "snGrad")
 
 
@@ -178,12 +178,12 @@ def write_files(case: Path, files: Mapping[str, str]) -> None:
         path.write_text(header(kind, path.name, path.parent.name) + content, encoding="utf-8")
 
 
+# Settings for checkMesh and decomposePar; a solver needs its own.
 BARE = {
     "system/controlDict": control(runTimeModifiable="false"),
     "system/fvSchemes": "".join(f"{what}Schemes {{ }}\n" for what in SCHEMES),
     "system/fvSolution": "solvers { }\n",
 }
-"""Settings for checkMesh and decomposePar; a solver needs its own."""
 
 
 class OpenFoam(Format):

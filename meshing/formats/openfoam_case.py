@@ -46,24 +46,24 @@ CONSTRAINTS: dict[str, Constraint] = {
     "empty": "empty",
     "wedge": "wedge",
 }
+# Types of patches whose faces match those of another, one by one, in their order.
 MATCHED = ("cyclic", "cyclicSlip")
-"""Types of patches whose faces match those of another, one by one, in their order."""
 COUPLED = (*MATCHED, "cyclicAMI", "cyclicACMI", "cyclicPeriodicAMI")
+# Largest distance of a node from an image, as a share of the side's extent: for text of six digits.
 NEAR = 1e-5
-"""Largest distance of a node from an image, as a share of the side's extent: for text of six digits."""
+# Lengths below this share of the largest coordinate are zero.
 EXACT = 1e-12
-"""Lengths below this share of the largest coordinate are zero."""
 Places = Callable[[IntArray], FloatArray]
+# Pairs of nodes (K, 2), and the motion from one to the other.
 Sides = tuple[IntArray, FloatArray, FloatArray]
-"""Pairs of nodes (K, 2), and the motion from one to the other."""
 Read = TypeVar("Read")
 POINTS = ("points", "points.gz")
 PART = re.compile(r"processor(0|[1-9]\d{0,8})")
 COLLATED = re.compile(r"processors\d{0,9}(_\d{1,9}-\d{1,9})?")
+# Types of patches between the parts of a decomposed case.
 BETWEEN = ("processor", "processorCyclic")
-"""Types of patches between the parts of a decomposed case."""
+# Parts of a decomposed case: their meshes would be the old ones, so they are not copied.
 STALE = ("processor*",)
-"""Parts of a decomposed case: their meshes would be the old ones, so they are not copied."""
 OF_PARTS = (
     "is decomposed: join it by `reconstructParMesh -constant`, deflect the whole with --plan FILE, and move the parts "
     "by `sdm apply FILE --angle A {}/processor* --out CASE`"

@@ -28,12 +28,12 @@ COUNT = re.compile(rb"\s*(\d+)\s*([({])")
 BINARY_COUNT = re.compile(rb"(?>(?:\s|//[^\n]*|/\*.*?(?:\*/|\Z))*)(\d+)\s*", re.DOTALL)
 FLAT = bytes.maketrans(b"(){}", b"    ")
 WORD = re.compile(rb"\"[^\"]*\"|[{}();]|[^\s{}();\"]+")
+# Class of faces with offsets in a separate list: the only one in binary.
 COMPACT = "faceCompactList"
-"""Class of faces with offsets in a separate list: the only one in binary."""
+# Bytes from the beginning of a file that contain its header.
 HEAD = 10_000
-"""Bytes from the beginning of a file that contain its header."""
+# Upper limits: bytes of memory for a byte of packed text, numbers in a face, bytes of a number in text.
 READING, CORNERS, WIDEST = 4, 16, 64
-"""Upper limits: bytes of memory for a byte of packed text, numbers in a face, bytes of a number in text."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

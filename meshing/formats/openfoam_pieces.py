@@ -28,12 +28,12 @@ from .rewriting import copy_range, items_of
 from .table_pieces import PointRange, TablePieces
 from .tables import FileTable
 
+# Files of lists; patches are in text, and in memory.
 NAMES = ("points", "faces", "owner", "neighbour")
-"""Files of lists; patches are in text, and in memory."""
+# Number of faces for which only the least and the largest owner and neighbour are kept.
 SPAN = 1 << 13
-"""Number of faces for which only the least and the largest owner and neighbour are kept."""
+# Faces that are read at a time.
 BATCH = SPAN << 5
-"""Faces that are read at a time."""
 
 
 class Lists(NamedTuple):

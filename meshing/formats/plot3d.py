@@ -35,12 +35,14 @@ from .shapes import orient
 from .tables import FileTable
 from .ugrid_file import EXACT
 
-MARKER, HEAD = 4, 4096  # bytes of a Fortran record's length, or a whole number; by which text is told from binary
+# Bytes of a Fortran record's length or of a whole number, and of the head that tells text from binary.
+MARKER, HEAD = 4, 4096
 LIKE_FORTRAN = bytes.maketrans(b"Dd,", b"Ee ")
+# Axis normal to a face of a map, and whether the face is at its end; the other axes follow cyclically.
 FACES = {1: (2, False), 2: (2, True), 3: (0, False), 4: (0, True), 5: (1, False), 6: (1, True)}
-"""Axis normal to a face of a map, and whether the face is at its end; the other axes follow cyclically."""
 ONE_TO_ONE, PATCHED, UNPROCESSED = "one_to_one", "patched", "unprocessed"
-WITHOUT = (PATCHED, "collapsed", "pole_dir1", "pole_dir2")  # which only touch others, or have no area: on no patch
+# Entries of faces on no patch: they touch others, or have no area.
+WITHOUT = (PATCHED, "collapsed", "pole_dir1", "pole_dir2")
 COMMENT, NUMBER = re.compile(r"[#!](.*)"), re.compile(r"\d{1,9}")
 ENTRY = re.compile(r"""\s*('[^']*'|"[^"]*"|[^\s\d]\S*)((?:\s+[+-]?\d{1,9}){6,12})\s*(\w*)\s*$""")
 

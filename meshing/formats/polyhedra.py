@@ -14,10 +14,10 @@ from sdm_deflect.meshing.mesh.standard import parts_of
 
 from .shapes import polygons, turn_faces
 
+# Patch of the boundary faces that are on no patch.
 LOOSE = "unnamed"
-"""Patch of the boundary faces that are on no patch."""
+# Faces of a cell in space.
 FEWEST = 4
-"""Faces of a cell in space."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

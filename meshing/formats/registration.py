@@ -18,6 +18,7 @@ def _ours(file: str, kind: str, *suffixes: str, written: bool = True) -> Registr
     return Registration(f"{__package__}.{file}", kind, suffixes, written)
 
 
+# Every format by its name.
 REGISTERED = {
     "cgns": _ours("cgns", "Cgns", ".cgns"),
     "fluent": _ours("fluent", "Fluent", ".msh.h5", ".cas.h5", written=False),
@@ -31,7 +32,6 @@ REGISTERED = {
     "ugrid": _ours("ugrid", "Ugrid", ".ugrid"),
     "vtu": _ours("vtu", "Vtu", ".vtu"),
 }
-"""Every format by its name."""
 
 
 def registered(kind: Kind) -> Kind:

@@ -19,6 +19,7 @@ from sdm_deflect.meshing.mesh.pieces import MeshOnDisk
 from .format import Format
 from .registration import REGISTERED, Registration
 
+# Advice for other files that users may have, by suffix in lower case.
 ADVICE = {
     ".cas": FLUENT,
     **dict.fromkeys((".med", ".unv", ".mesh"), "convert it with Gmsh: gmsh FILE -save -format msh41 -o mesh.msh"),
@@ -28,7 +29,6 @@ ADVICE = {
     ".h5": "export it from the mesher as CGNS or SU2",
     ".stl": "it holds a surface or a geometry; a mesh with volume cells is needed",
 }
-"""Advice for other files that users may have, by suffix in lower case."""
 
 
 class Formats(Mapping[str, Format]):

@@ -17,10 +17,10 @@ from sdm_deflect.meshing.errors import about
 
 from .tables import SHORTER, FileTable
 
+# Bytes of a file that are copied at a time.
 RANGE = 1 << 23
-"""Bytes of a file that are copied at a time."""
+# Errors of a system that cannot copy from file to file; None: it has no such function.
 WITHOUT_COPYING = (None, errno.EXDEV, errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP)
-"""Errors of a system that cannot copy from file to file; None: it has no such function."""
 
 
 def rewritten(

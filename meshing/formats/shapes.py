@@ -13,10 +13,10 @@ from sdm_deflect.meshing.mesh.cells import MIRRORED, PLANE, Cells, Patch, Polygo
 from sdm_deflect.meshing.mesh.faces import cell_face_keys, node_keys, patch_keys
 from sdm_deflect.meshing.mesh.mesh import Mesh
 
+# Corners whose edges from corner 0 are right-handed in a cell that is not inverted.
 AXES = {"tetra": (1, 2, 3), "pyramid": (1, 3, 4), "wedge": (2, 1, 3), "hexahedron": (1, 3, 4)}
-"""Corners whose edges from corner 0 are right-handed in a cell that is not inverted."""
+# Number of cells, equally spaced, that decide whether a block is left-handed.
 SAMPLE = 1 << 12
-"""Number of cells, equally spaced, that decide whether a block is left-handed."""
 Faces = TypeVar("Faces", bound=Cells | Polygons)
 FullMesh = TypeVar("FullMesh", np.intp, np.uint64)
 

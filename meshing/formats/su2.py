@@ -27,14 +27,14 @@ from .shapes import simple_faces
 from .table_pieces import CellTable, PointRange, TablePieces
 from .tables import FileTable, MemoryTable, gather_tables
 
+# Smallest section, in bytes, for which loading compiled code pays.
 LARGE = 1 << 24
-"""Smallest section, in bytes, for which loading compiled code pays."""
 SOLIDS = {10: "tetra", 12: "hexahedron", 13: "wedge", 14: "pyramid"}
 FACES = {5: "triangle", 9: "quad"}
+# Cells and boundary faces, by dimension.
 KINDS = {3: (SOLIDS, FACES), 2: (FACES, {3: "line"})}
-"""Cells and boundary faces, by dimension."""
+# Marker of points of other processes; it is no boundary.
 PARALLEL = "SEND_RECEIVE"
-"""Marker of points of other processes; it is no boundary."""
 BOXES = (
     "the free-form boxes of the file ({}) are those of the undeflected mesh, and SU2_DEF would put the surface back: "
     "make them again by SU2_DEF with DV_KIND= FFD_SETTING"
@@ -44,8 +44,8 @@ HALO = (
     "before SU2_MSH, and name the markers by --periodic"
 )
 NUMBERS = {shape: number for number, shape in (SOLIDS | FACES | {3: "line"}).items()}
+# Characters that a marker's name must not contain: SU2 drops blanks, and separates markers by the others.
 UNFIT = r"[\s(),%=]"
-"""Characters that a marker's name must not contain: SU2 drops blanks, and separates markers by the others."""
 Blocks = list[tuple[str, IntArray]]
 Read = Callable[[bytes, type[np.float64 | np.int64]], NumberLines]
 Rows = TypeVar("Rows", Placed, Blocks)

@@ -19,8 +19,8 @@ from .rewriting import Change, rewritten
 from .shapes import AXES, SAMPLE, left_handed
 from .tables import Array, FileTable, Joined, MemoryTable
 
+# Points or cells read at a time.
 ROWS = 1 << 15
-"""Points or cells read at a time."""
 
 
 @dataclass(frozen=True, slots=True)

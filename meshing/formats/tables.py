@@ -14,8 +14,8 @@ from sdm_deflect.base.arrays import IntArray
 from sdm_deflect.base.errors import MeshFileError, write_errors
 from sdm_deflect.meshing.errors import about
 
+# Largest bytes of a table that is read whole even for a few rows.
 SMALL = 1 << 26
-"""Largest bytes of a table that is read whole even for a few rows."""
 SHORTER = "the file has become shorter"
 Array = NDArray[Any]
 

@@ -35,8 +35,8 @@ MARKERS = "boundarymarker_of_surfaces"
 SOLIDS = {"tetraeders": "tetra", "prisms": "wedge", "pyramids": "pyramid", "hexaeders": "hexahedron"}
 FACES = {"surfacetriangles": "triangle", "surfacequadrilaterals": "quad"}
 KINDS = {"f": "real numbers", "iu": "whole numbers"}
+# Largest sizes: bytes of a boundary mapping, markers of a grid, bytes of a written variable.
 LONGEST, MOST, LARGEST = 1 << 20, 1 << 12, (1 << 31) - 4
-"""Largest sizes: bytes of a boundary mapping, markers of a grid, bytes of a written variable."""
 NUMBER = re.compile(r"-?[0-9]{1,9}")
 
 

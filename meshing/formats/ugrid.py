@@ -31,16 +31,17 @@ from .ugrid_file import ENCODINGS, ORDER, POINTS, SUFFIX, SURFACE, UgridFile, ch
 from .zones import unwritten
 
 FACES, SOLIDS = ("triangle", "quad"), ("tetra", "pyramid", "wedge", "hexahedron")
+# Position in UGRID's cell of each node of VTK's: the apex of a pyramid is the third node.
 TO_VTK = {"pyramid": (1, 0, 3, 4, 2), "wedge": MIRRORED["wedge"]}
-"""Position in UGRID's cell of each node of VTK's: the apex of a pyramid is the third node."""
 FROM_VTK = {shape: tuple(np.argsort(order).tolist()) for shape, order in TO_VTK.items()}
+# Largest number of surfaces; a larger one is damage.
 SURFACES = 10_000
-"""Largest number of surfaces; a larger one is damage."""
 NUMBER, COUNT = re.compile(r"[1-9][0-9]{0,8}"), re.compile(r"[0-9]{1,9}")
+# FUN3D's numbers of boundary conditions: symmetry in x (then y and z), and viscous wall.
 SYMMETRY, VISCOUS = 6661, 4000
+# FUN3D's boundary condition by the first pattern that is in a patch's name: far field, symmetry in x (then y and z);
+# all others are viscous walls.
 CONDITIONS = ((r"far.?field|freestream|in(let|flow)|out(let|flow)", 5000), (r"symm", SYMMETRY))
-"""FUN3D's boundary condition by the first pattern that is in a patch's name: far field, symmetry in x (then y and z);
-all others are viscous walls."""
 
 
 @dataclass(frozen=True, slots=True)

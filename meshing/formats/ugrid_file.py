@@ -23,21 +23,21 @@ from .tables import FileTable, MemoryTable
 
 SUFFIX = ".ugrid"
 POINTS, SURFACE = "points", "surface"
+# Names of the first seven numbers of a file, which are counts.
 COUNTED = (POINTS, "triangle", "quad", "tetra", "pyramid", "wedge", "hexahedron")
-"""Names of the first seven numbers of a file, which are counts."""
+# The arrays after them: coordinates, nodes (from 1) of boundary faces, their surface ids, nodes of cells.
 ORDER = (POINTS, "triangle", "quad", SURFACE, "tetra", "pyramid", "wedge", "hexahedron")
-"""The arrays after them: coordinates, nodes (from 1) of boundary faces, their surface ids, nodes of cells."""
+# Length of a Fortran record, before and after it.
 MARKER = np.dtype("i4")
-"""Length of a Fortran record, before and after it."""
+# Bytes of a record, and numbers, that four bytes can hold.
 LONGEST = 2**31 - 1
-"""Bytes of a record, and numbers, that four bytes can hold."""
+# Whole numbers below this one are exact in double precision.
 EXACT = 2.0**53
-"""Whole numbers below this one are exact in double precision."""
+# Rows read or written at a time.
 ROWS = 1 << 16
-"""Rows read or written at a time."""
 HEADER = re.compile(rb"\s*(\d{1,18})" + rb"\s+(\d{1,18})" * 6 + rb"(?=\s|$)")
+# Bytes from the beginning of a text that contain its counts.
 HEAD = 4096
-"""Bytes from the beginning of a text that contain its counts."""
 Array = NDArray[Any]
 
 
@@ -82,6 +82,8 @@ class Encoding:
         return np.array(length, MARKER.newbyteorder(self.whole.byteorder)).tobytes() if self.records else b""
 
 
+# By the word before the suffix: little-endian (l) or big-endian, as C (b) or Fortran (r) writes it, coordinates of 8 or
+# 4 bytes, other numbers of 8 (l) or of 4.
 ENCODINGS = {
     f"{letter}{kind}": Encoding(
         np.dtype(f"{order}f{kind[1]}"), np.dtype(f"{order}i{8 if kind[2:] else 4}"), kind[0] == "r"
@@ -89,8 +91,6 @@ ENCODINGS = {
     for letter, order in (("", ">"), ("l", "<"))
     for kind in ("b8", "b4", "r8", "r4", "b8l")
 }
-"""By the word before the suffix: little-endian (l) or big-endian, as C (b) or Fortran (r) writes it, coordinates of 8
-or 4 bytes, other numbers of 8 (l) or of 4."""
 
 
 def encoding_of(path: Path) -> str:

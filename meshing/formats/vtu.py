@@ -34,15 +34,16 @@ from .shapes import check_faces, polygons
 from .zones import unwritten
 
 Array = NDArray[Any]
+# VTK's number of each shape.
 TYPES = {"line": 3, "triangle": 5, "quad": 9, "tetra": 10, "hexahedron": 12, "wedge": 13, "pyramid": 14}
-"""VTK's number of each shape."""
+# VTK's numbers of the shapes with any number of corners and faces.
 POLYGON, POLYHEDRON = 7, 42
+# zlib's level: files of meshes are 4 % larger than at VTK's default, and written in a third of the time.
 FAST = 1
-"""zlib's level: files of meshes are 4 % larger than at VTK's default, and written in a third of the time."""
+# Bytes that are compressed at a time.
 BLOCK = 1 << 20
-"""Bytes that are compressed at a time."""
+# Characters kept free for the offset of an array, which is known once the arrays before it are compressed.
 PLACE = 24
-"""Characters kept free for the offset of an array, which is known once the arrays before it are compressed."""
 HEAD = (
     '<?xml version="1.0"?>\n<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" '
     'header_type="UInt64" compressor="vtkZLibDataCompressor">\n<UnstructuredGrid>\n'

@@ -16,10 +16,10 @@ from sdm_deflect.meshing.mesh.mesh import Mesh
 from .shapes import Faces, chosen
 
 Block = TypeVar("Block", bound=Cells | Polygons | Polyhedra)
+# A pair's name in messages, and its nodes (K, 2): each with its image.
 Listed = tuple[str, IntArray]
-"""A pair's name in messages, and its nodes (K, 2): each with its image."""
+# Returns the coordinates (K, 3) of nodes (K,).
 Places = Callable[[IntArray], FloatArray]
-"""Returns the coordinates (K, 3) of nodes (K,)."""
 
 
 def join_zones(names: Sequence[str], parts: Sequence[Mesh]) -> Mesh:

@@ -15,15 +15,16 @@ from sdm_deflect.meshing.mesh.quality import signed_volumes
 if TYPE_CHECKING:
     from sdm_deflect.geometry.model import CadModel
 
+# Longest time of MeshLab in seconds: a boundary that makes no sense may never end.
 SECONDS = 600.0
+# Chord error (m) of the triangles that stand for the CAD's curved faces; on planes they are exact.
 DEFLECTION = 1e-4
-"""Chord error (m) of the triangles that stand for the CAD's curved faces; on planes they are exact."""
+# Largest distance (m) of a CAD face's boundary nodes from its triangles: measured, at most 0.97 chord errors.
 OFF_CAD = 2.0 * DEFLECTION
-"""Largest distance (m) of a CAD face's boundary nodes from its triangles: measured, at most 0.97 chord errors."""
+# Largest distance of a CAD face from its boundary triangles, by their longest edge: measured, at most 0.08.
 OFF_MESH = 0.25
-"""Largest distance of a CAD face from its boundary triangles, by their longest edge: measured, at most 0.08."""
+# Largest share by which the boundary may enclose another volume than the cells fill: measured, 2e-15.
 ENCLOSED = 1e-9
-"""Largest share by which the boundary may enclose another volume than the cells fill: measured, 2e-15."""
 
 Triangulation = tuple[FloatArray, IntArray, IntArray]
 

@@ -14,10 +14,10 @@ Question = Mapping[str, Any]
 # MeshLab's rounding takes some coplanar neighbours for crossing ones, others each time that the mesh is turned
 # (measured: 3 triangles in 1000). What crosses does so in every orientation.
 ORIENTATIONS = 5
+# Angle (rad) between two of them.
 TURN = 1.0
-"""Angle (rad) between two of them."""
+# Largest angle (deg) between neighbouring triangles of one smooth CAD face.
 FOLD = 90.0
-"""Largest angle (deg) between neighbouring triangles of one smooth CAD face."""
 
 
 def judge(question: Question) -> Arrays:

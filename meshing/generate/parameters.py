@@ -8,8 +8,8 @@ from typing import Self
 
 from sdm_deflect.geometry.quantity import Checked, quantity
 
+# Patch of the outer boundary of the flow.
 FAR_FIELD = "far_field"
-"""Patch of the outer boundary of the flow."""
 
 # The far field is as good as free (its cells are few), so its size follows from its distance.
 FAR_EDGE = 0.4
@@ -114,15 +114,15 @@ _PAPER_BLOCK = replace(
     _MEDIUM, aileron=0.00115, wing=0.0018, chimera=0.0034, corner=0.003, gap_cells=4.0, growth=0.17, envelope=6e-5
 )
 
+# Sizes of the aircraft's mesh.
 SCALES: Mapping[str, MeshParameters] = MappingProxyType({"small": _SMALL, "medium": _MEDIUM, "paper": _PAPER})
-"""Sizes of the aircraft's mesh."""
 
+# Sizes of a Chimera block's mesh.
 BLOCK_SCALES: Mapping[str, MeshParameters] = MappingProxyType(
     {"small": _BLOCK, "medium": _for_refined(_BLOCK), "paper": _PAPER_BLOCK}
 )
-"""Sizes of a Chimera block's mesh."""
 
+# Sizes of the mesh around a Chimera block: it only has to give donors, and the paper does not count it.
 BACKGROUND_SCALES: Mapping[str, MeshParameters] = MappingProxyType(
     {"small": _SMALL, "medium": _MEDIUM, "paper": _MEDIUM}
 )
-"""Sizes of the mesh around a Chimera block: it only has to give donors, and the paper does not count it."""

@@ -22,6 +22,7 @@ from .parameters import MeshParameters
 LEVEL_RATIO = 1.12
 
 CORNERS = np.array(list(itertools.product((0.0, 1.0), repeat=3)))
+# Least number of cubes along the longest edge of a box, before any is split.
 ROOTS = 4
 # Half the diagonal of a unit cube: how far a cube's corners are from its centre.
 HALF_DIAGONAL = 0.87
@@ -29,12 +30,14 @@ HALF_DIAGONAL = 0.87
 COARSENESS = 2.5
 # The same for seed points: a little sparse, because a mesher that has to refine is made to optimise, too.
 SPACING = 1.9
+# Largest random shift of seed points, as a share of the spacing: exact lattices are degenerate for Delaunay.
 JITTER = 0.05
 # How far seed points stay from the surface and from the box's sides, in target lengths.
 CLEARANCE = 0.7
 # Chord error in metres of the triangulation that samples are drawn from, and samples per squared edge length.
 DEFLECTION = 5e-4
 DENSITY = 4.0
+# Least number of samples on a face, so that small faces have some, too.
 FEWEST = 40
 # Degrees. Interior angles of faces below it ask for small cells.
 SHARP_CORNER = 25.0

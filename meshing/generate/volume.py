@@ -17,6 +17,7 @@ from sdm_deflect.meshing.mesh.quality import signed_volumes
 from .parameters import MeshParameters
 from .sizing import SizeField, background, seeds
 
+# Longest time of gmsh in seconds, in which it meshes the finest scale several times.
 SECONDS = 600.0
 # Nodes of a CAD face's mesh further off that face (metres) show that faces were mixed up.
 ASTRAY = 1e-5

@@ -21,10 +21,10 @@ from .mesh import Mesh
 from .quality import Quality, by_shape, check_most, find_orientation, inverted_of, quality_and_inverted
 from .standard import parts_of
 
+# Work on the nodes of one cell in kernel pairs, by which `in_chunks` divides it.
 WEIGHT = 10
-"""Work on the nodes of one cell in kernel pairs, by which `in_chunks` divides it."""
+# Quality up to which a cell is flat but for rounding.
 FLAT = 1e-6
-"""Quality up to which a cell is flat but for rounding."""
 
 
 class CellScores(NamedTuple):

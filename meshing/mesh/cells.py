@@ -13,31 +13,30 @@ from numpy.typing import ArrayLike
 from sdm_deflect.base.arrays import FloatArray, IntArray, union
 from sdm_deflect.base.errors import InputError, shortened
 
+# Number of nodes of each shape. Names are meshio's; nodes are in the order of VTK's linear cells.
+# The normal of a wedge's first triangle points outwards, opposite to Gmsh and CGNS; `MIRRORED` converts one to the
+# other.
 CORNERS = {
     "line": 2, "triangle": 3, "quad": 4, "tetra": 4, "pyramid": 5, "wedge": 6, "hexahedron": 8,
 }  # fmt: skip
-"""Number of nodes of each shape. Names are meshio's; nodes are in the order of VTK's linear cells.
-
-The normal of a wedge's first triangle points outwards, opposite to Gmsh and CGNS; `MIRRORED` converts one to the other.
-"""
+# The same corners in the order of the mirror image. For a wedge: from CGNS and Gmsh to VTK, and back.
 MIRRORED = {
     "tetra": (0, 2, 1, 3), "pyramid": (0, 3, 2, 1, 4), "wedge": (0, 2, 1, 3, 5, 4),
     "hexahedron": (0, 3, 2, 1, 4, 7, 6, 5),
 }  # fmt: skip
-"""The same corners in the order of the mirror image. For a wedge: from CGNS and Gmsh to VTK, and back."""
 VOLUMES = ("tetra", "pyramid", "wedge", "hexahedron")
+# Cells of a plane mesh, whose points share one coordinate; its boundary consists of lines.
 PLANE = ("triangle", "quad")
-"""Cells of a plane mesh, whose points share one coordinate; its boundary consists of lines."""
 RISING = "offsets must rise from 0 to {} in steps of 2 or more"
+# Messages for wrong offsets of faces, and for wrong owners and neighbours.
 OWNERS = "{} faces need as many owners, got {}, and no more neighbours, got {}"
-"""Messages for wrong offsets of faces, and for wrong owners and neighbours."""
+# Largest difference of a rotation times its transpose from the identity: files have few digits.
 ORTHOGONAL = 1e-6
-"""Largest difference of a rotation times its transpose from the identity: files have few digits."""
+# Larger coordinates would overflow in the sixth power of a length.
 LARGEST = 1e40
-"""Larger coordinates would overflow in the sixth power of a length."""
+# Constraint of a patch's nodes in the file: they stay in its plane; they are copies of the nodes on the other side of a
+# plane case one cell thick; or the same of an axisymmetric case, by a rotation.
 Constraint = Literal["", "symmetry", "empty", "wedge"]
-"""Constraint of a patch's nodes in the file: they stay in its plane; they are copies of the nodes on the other side of
-a plane case one cell thick; or the same of an axisymmetric case, by a rotation."""
 
 
 def whole(values: ArrayLike, what: str) -> IntArray:

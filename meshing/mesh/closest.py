@@ -8,10 +8,14 @@ from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, along_curve
 from sdm_deflect.base.compiled import compiled
 from sdm_deflect.base.threads import in_chunks
 
-LEAF = 4  # triangles in a box that is not divided
-DEPTH = 64  # size of the stack of boxes: twice the levels of any tree
-DEGENERATE = 1e-12  # squared sine of an angle, below which a triangle counts as a segment
-COST = 500  # of one search, in kernel evaluations, by which work is divided
+# Largest number of triangles in a box that is not divided.
+LEAF = 4
+# Size of the stack of boxes: twice the levels of any tree.
+DEPTH = 64
+# Squared sine of an angle, below which a triangle counts as a segment.
+DEGENERATE = 1e-12
+# Work of one search in kernel evaluations, by which it is divided.
+COST = 500
 
 
 @dataclass(frozen=True, slots=True, eq=False)

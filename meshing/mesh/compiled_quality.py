@@ -15,12 +15,15 @@ from sdm_deflect.base.threads import in_chunks
 from .cells import PLANE, Cells
 from .edges import rows_of
 
+# Cells in one block, whose temporaries stay in the processor's cache.
 BLOCK = 1 << 13
-"""Cells in one block, whose temporaries stay in the processor's cache."""
+# Cells judged at a time: the corners of so many hexahedra take 12 kB.
 LANES = 64
-"""Cells judged at a time: the corners of so many hexahedra take 12 kB."""
+# Work on one cell in kernel pairs, by which `in_chunks` divides it.
 WEIGHT = 100
-"""Work on one cell in kernel pairs, by which `in_chunks` divides it."""
+# A corner and the ends of its three edges, right-handed, in VTK's order of nodes. One corner stands for all of a
+# tetrahedron; a pyramid has those of its base. The third edge of a plane cell is the unit vector along z, whose end is
+# written as the corner itself.
 CORNERS = {
     "triangle": ((0, 1, 2, 0),),
     "quad": ((0, 1, 3, 0), (1, 2, 0, 1), (2, 3, 1, 2), (3, 0, 2, 3)),
@@ -31,15 +34,12 @@ CORNERS = {
         (0, 1, 3, 4), (1, 2, 0, 5), (2, 3, 1, 6), (3, 0, 2, 7), (4, 7, 5, 0), (5, 4, 6, 1), (6, 5, 7, 2), (7, 6, 4, 3),
     ),
 }  # fmt: skip
-"""A corner and the ends of its three edges, right-handed, in VTK's order of nodes. One corner stands for all of a
-tetrahedron; a pyramid has those of its base. The third edge of a plane cell is the unit vector along z, whose end is
-written as the corner itself."""
+# Opposite faces of a hexahedron; its axes join their centres.
 AXES = ((0, 3, 7, 4), (1, 2, 6, 5)), ((0, 1, 5, 4), (3, 2, 6, 7)), ((0, 1, 2, 3), (4, 5, 6, 7))
-"""Opposite faces of a hexahedron; its axes join their centres."""
+# Tetrahedra of a pyramid's nodes with its tip.
 TETRAHEDRA = (0, 1, 2, 4), (0, 2, 3, 4), (0, 1, 3, 4), (1, 2, 3, 4)
-"""Tetrahedra of a pyramid's nodes with its tip."""
+# Inverse of the determinant of the edges' directions at a corner of the ideal wedge.
 WEDGE = 2.0 / np.sqrt(3.0)
-"""Inverse of the determinant of the edges' directions at a corner of the ideal wedge."""
 TINY = np.finfo(np.float64).tiny
 
 Vector = tuple[float, float, float]
@@ -315,6 +315,7 @@ def _square(a: Vector) -> float:  # pragma: no cover - machine code
     return a[0] * a[0] + a[1] * a[1] + a[2] * a[2]
 
 
+# Fills in quality (R,) and inversion (R,) of cells, given points (N, 3), nodes (R, k) and their orientation.
 MEASURES: dict[str, Measure] = {
     "triangle": _triangle,
     "quad": _judge_quads,
@@ -323,4 +324,3 @@ MEASURES: dict[str, Measure] = {
     "wedge": _wedge,
     "hexahedron": _hexahedron,
 }
-"""Fills in quality (R,) and inversion (R,) of cells, given points (N, 3), nodes (R, k) and their orientation."""

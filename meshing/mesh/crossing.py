@@ -23,14 +23,14 @@ from .closest import DEPTH, LEAF, Triangles
 from .edges import polygons_of
 from .mesh import Mesh
 
+# Faces that overlap by less than this share of the moved faces' extent only touch.
 TOUCH = 1e-7
-"""Faces that overlap by less than this share of the moved faces' extent only touch."""
+# Nodes nearer than this share of the extent in the undeflected mesh are copies of one node.
 ZERO_LENGTH = 1e-9
-"""Nodes nearer than this share of the extent in the undeflected mesh are copies of one node."""
+# Largest barycentric coordinate outside a triangle at which an edge still goes through it.
 RIM = 1e-9
-"""Largest barycentric coordinate outside a triangle at which an edge still goes through it."""
+# Work on one triangle in kernel evaluations, by which it is divided.
 COST = 500
-"""Work on one triangle in kernel evaluations, by which it is divided."""
 
 
 @dataclass(frozen=True, slots=True)

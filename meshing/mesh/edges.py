@@ -12,8 +12,8 @@ from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
 
 from .cells import Faces, Polygons
 
+# Faces in one block, so that temporaries stay small.
 ROWS = 1 << 16
-"""Faces in one block, so that temporaries stay small."""
 
 
 def polygons_of(faces: Sequence[Faces]) -> Polygons:

@@ -13,6 +13,8 @@ from .affected import AffectedCells, touching
 from .cells import Cells, Patch, Polygons, Polyhedra, Volume, take_faces
 from .edges import polygons_of, rows_of
 
+# Corners of the faces of each shape in VTK's order; normals (right-hand rule) point out of the cell. Plane cells have
+# lines, with the cell on their left.
 FACES: dict[str, tuple[tuple[int, ...], ...]] = {
     "triangle": ((0, 1), (1, 2), (2, 0)),
     "quad": ((0, 1), (1, 2), (2, 3), (3, 0)),
@@ -21,14 +23,12 @@ FACES: dict[str, tuple[tuple[int, ...], ...]] = {
     "wedge": ((0, 1, 2), (3, 5, 4), (0, 3, 4, 1), (1, 4, 5, 2), (2, 5, 3, 0)),
     "hexahedron": ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7)),
 }
-"""Corners of the faces of each shape in VTK's order; normals (right-hand rule) point out of the cell. Plane cells have
-lines, with the cell on their left."""
+# Shape of a face by its number of corners.
 FACE_SHAPES = {2: "line", 3: "triangle", 4: "quad"}
-"""Shape of a face by its number of corners."""
+# Faces of a patch that are tried before all of them: one that is no inner face ends the search of most patches.
 SAMPLE = 3
-"""Faces of a patch that are tried before all of them: one that is no inner face ends the search of most patches."""
+# Cells in one block, so that temporaries stay small.
 ROWS = 1 << 18
-"""Cells in one block, so that temporaries stay small."""
 Keys = NDArray[np.uint64]
 Marks = NDArray[np.bool_]
 

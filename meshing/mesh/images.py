@@ -21,22 +21,22 @@ from .edges import polygons_of
 from .mesh import Mesh
 from .sliding import Plane
 
+# Constraints of the patches of plane and axisymmetric cases, which are one cell thick.
 THIN = ("empty", "wedge")
-"""Constraints of the patches of plane and axisymmetric cases, which are one cell thick."""
+# Least eigenvalue of a constraint on a displacement: a squared angle; files with six digits give errors of 1e-12.
 CLOSED = 1e-9
-"""Least eigenvalue of a constraint on a displacement: a squared angle; files with six digits give errors of 1e-12."""
+# Matrix entries this near to a whole number become that number, so that coordinates keep their bits.
 WHOLE = 1e-12
-"""Matrix entries this near to a whole number become that number, so that coordinates keep their bits."""
+# Largest distance of a side's nodes from a plane, as a share of its size.
 PLANE_TOLERANCE = 1e-5
-"""Largest distance of a side's nodes from a plane, as a share of its size."""
+# Default of the largest distance from node to image, as a share of the largest coordinate: files with six digits.
 TOLERANCE = 1e-5
-"""Default of the largest distance from node to image, as a share of the largest coordinate: files with six digits."""
+# Larger coordinates would overflow in products.
 LARGEST = 1e100
-"""Larger coordinates would overflow in products."""
+# An axis nearer to a coordinate axis becomes that axis, so that coordinates along it keep their bits.
 SNAP = 1e-6
-"""An axis nearer to a coordinate axis becomes that axis, so that coordinates along it keep their bits."""
+# Rotation (3, 3) and shift (3,): the image of x is ``rotation @ x + shift``.
 RigidMotion = tuple[FloatArray, FloatArray]
-"""Rotation (3, 3) and shift (3,): the image of x is ``rotation @ x + shift``."""
 ORIGIN = np.zeros(3)
 
 

@@ -10,12 +10,12 @@ from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
 from .cells import Cells, Patch
 from .mesh import Mesh
 
+# Name of the cells among those of the patches in files.
 VOLUME = "volume"
-"""Name of the cells among those of the patches in files."""
+# Largest allowed distance (m) of nodes from a CAD face that is neither a plane nor a cylinder.
 FREE_FORM = 1e-5
-"""Largest allowed distance (m) of nodes from a CAD face that is neither a plane nor a cylinder."""
+# Labels of boundary faces: index of the face of the CAD, -1 where there is none; place among all boundary faces.
 CAD_FACE, ROW = "cad_face", "row"
-"""Labels of boundary faces: index of the face of the CAD, -1 where there is none; place among all boundary faces."""
 
 
 class Skin(NamedTuple):

@@ -23,6 +23,7 @@ from .cells import Polygons, Polyhedra, Volume, take_faces
 from .edges import area_vectors, unit
 from .polyhedra import corner_edges
 
+# Faces (lines of plane cells) that may be on a wall, each with the opposite nodes.
 BASES = {
     "quad": (((0, 1), (3, 2)), ((1, 2), (0, 3)), ((2, 3), (1, 0)), ((3, 0), (2, 1))),
     "wedge": (((0, 1, 2), (3, 4, 5)), ((3, 4, 5), (0, 1, 2))),
@@ -31,16 +32,15 @@ BASES = {
         ((3, 2, 6, 7), (0, 1, 5, 4)), ((0, 3, 7, 4), (1, 2, 6, 5)), ((1, 2, 6, 5), (0, 3, 7, 4)),
     ),
 }  # fmt: skip
-"""Faces (lines of plane cells) that may be on a wall, each with the opposite nodes."""
+# Height over the longest edge on the wall, below which a cell belongs to a layer. The layers of snappyHexMesh have 0.1
+# to 0.4, its other cells on a wall 0.6 and more.
 LAYER_HEIGHT = 0.4
-"""Height over the longest edge on the wall, below which a cell belongs to a layer. The layers of snappyHexMesh have 0.1
-to 0.4, its other cells on a wall 0.6 and more."""
+# The same ratio for further layers: a repair that bounded the heights of thicker ones would find no room.
 FURTHER_HEIGHT = 0.2
-"""The same ratio for further layers: a repair that bounded the heights of thicker ones would find no room."""
+# Number of layers whose heights are compared: wall functions and gradients at the wall use these.
 MEASURED = 5
-"""Number of layers whose heights are compared: wall functions and gradients at the wall use these."""
+# Least height over the length of a cell's axis: a cell that leans by more than 84 degrees has no height to compare.
 LEANING = 0.1
-"""Least height over the length of a cell's axis: a cell that leans by more than 84 degrees has no height to compare."""
 
 
 class FlatCells(NamedTuple):

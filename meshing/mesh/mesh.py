@@ -16,15 +16,15 @@ from sdm_deflect.base.states import States
 from .cells import LARGEST, PLANE, Cells, Faces, Patch, Periodic, Polyhedra, Volume, Zone, real, several
 from .pieces import FullMesh
 
+# Separates the name of a patch from the number of its component.
 MARK = "#"
-"""Separates the name of a patch from the number of its component."""
+# Separates the name of a selection from the number of its region, and that of a panel from its tail's.
 REGION = "~"
-"""Separates the name of a selection from the number of its region, and that of a panel from its tail's."""
 CUT = "; the setting select makes a patch of a part of one, and device a flap of a part of a wing"
+# Note on patches inside the flow.
 FOLLOWS = "{}: faces between cells, which follow the mesh"
-"""Note on patches inside the flow."""
+# Beginning of a note on a patch of the file that cannot be read.
 ABSENT = "patch {} is absent: "
-"""Beginning of a note on a patch of the file that cannot be read."""
 
 
 class Warned(str):

@@ -22,10 +22,10 @@ from .mesh import Mesh
 from .polyhedra import PARTS, ROWS, WEIGHT, judge_faces, measured_cells, spans_of
 from .quality import SEVERE, SKEW, find_orientation
 
+# checkMesh reports an error for a face if the cosine of its non-orthogonality is not larger.
 ERROR = 1e-15
-"""checkMesh reports an error for a face if the cosine of its non-orthogonality is not larger."""
+# Degrees of non-orthogonality up to which a deflected mesh passes, unless it exceeded them before.
 LARGEST_ANGLE = 85.0
-"""Degrees of non-orthogonality up to which a deflected mesh passes, unless it exceeded them before."""
 
 
 @dataclass(frozen=True, slots=True)

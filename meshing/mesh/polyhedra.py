@@ -19,15 +19,15 @@ from sdm_deflect.base.vectors import Vector, cross, dot, minus, norm, plus, row_
 from .cells import Polygons, Polyhedra, take_faces
 from .edges import polygons_of, rows_of
 
+# OpenFOAM adds this to divisors that may be 0; a face with a smaller area counts as without area.
 NO_AREA = 1e-150
-"""OpenFOAM adds this to divisors that may be 0; a face with a smaller area counts as without area."""
+# checkMesh reports an error for a face pyramid of a smaller volume, in the mesh's unit of length cubed.
 SMALLEST_PYRAMID = -1e-15
-"""checkMesh reports an error for a face pyramid of a smaller volume, in the mesh's unit of length cubed."""
 TINY = np.finfo(np.float64).tiny
+# Cells in one block, so that temporaries stay small, and most blocks: each looks at all faces.
 ROWS, PARTS = 1 << 18, 8
-"""Cells in one block, so that temporaries stay small, and most blocks: each looks at all faces."""
+# Work on one face in kernel pairs, by which `in_chunks` divides it.
 WEIGHT = 40
-"""Work on one face in kernel pairs, by which `in_chunks` divides it."""
 
 
 @compiled_exactly

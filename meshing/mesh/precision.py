@@ -53,8 +53,8 @@ class Precision:
         return f"coordinates of {8 * self.real.itemsize} bits, which the file keeps; {self.advice}"
 
 
+# Precision of a file with double-precision numbers.
 EVERY_BIT = Precision()
-"""Precision of a file with double-precision numbers."""
 
 
 def fewest_bits(kinds: Iterable[np.dtype[Any]]) -> np.dtype[Any]:

@@ -25,6 +25,7 @@ from . import compiled_quality, polyhedra
 from .cells import MIRRORED, VOLUMES, Cells, Polyhedra, Volume
 from .standard import POLYHEDRON, parts_of
 
+# Quality measure of each type of cell.
 MEASURES = {
     "triangle": "mean ratio",
     "quad": "scaled Jacobian",
@@ -34,9 +35,8 @@ MEASURES = {
     "hexahedron": "scaled Jacobian",
     POLYHEDRON: "orthogonal quality",
 }
-"""Quality measure of each type of cell."""
+# Limits of checkMesh: degrees above which a face is severely non-orthogonal; skewness that is an error.
 SEVERE, SKEW = 70.0, 4.0
-"""Limits of checkMesh: degrees above which a face is severely non-orthogonal; skewness that is an error."""
 
 
 def signed_volumes(points: FloatArray, tets: IntArray) -> FloatArray:

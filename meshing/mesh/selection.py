@@ -18,10 +18,10 @@ from .cells import Cells, Faces, Patch, Polygons, take_faces
 from .edges import Joints, polygons_of
 from .mesh import MARK, REGION, Mesh, meant
 
+# Largest number of parts listed in a message.
 LISTED = 6
-"""Largest number of parts listed in a message."""
+# Largest number of components of a wildcard, and of regions of a selection.
 MOST_PARTS = 1000
-"""Largest number of components of a wildcard, and of regions of a selection."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,13 +15,18 @@ from .closest import Closest, Triangles
 from .edges import are_lines, polygons_of, rim, sharp_edges, unit
 from .mesh import Mesh
 
-SHARP = 40.0  # degrees between two faces, above which nodes on their edge stay on edges
-ON = 1e-9  # of the surface's size: nearer points are on it, or on a sharp edge
-RESIDUAL = 1e-5  # of the patch's size: files with six digits keep this
-SNAP = 1e-6  # a normal nearer to a coordinate axis becomes the axis
-SAMPLE = 2000  # most nodes for fitting a cylinder; all are checked
+# Degrees between two faces, above which nodes on their edge stay on edges.
+SHARP = 40.0
+# Points nearer than this share of the surface's size are on it, or on a sharp edge.
+ON = 1e-9
+# Largest distance of a patch's nodes from a shape, as a share of the patch's size: files with six digits keep this.
+RESIDUAL = 1e-5
+# A normal nearer to a coordinate axis becomes the axis, so that coordinates along it keep their bits.
+SNAP = 1e-6
+# Largest number of nodes for fitting a cylinder; all nodes are checked.
+SAMPLE = 2000
+# Name of the shape that is the patch's own surface.
 SURFACE = "surface"
-"""Name of the shape that is the patch's own surface."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -274,11 +279,11 @@ class CylinderWall:
         return np.asarray(reach / np.linalg.norm(radial, axis=1, keepdims=True))
 
 
+# Functions that fit a shape to the nodes of a patch, given the normal of a plane mesh.
 FITTED: dict[str, Callable[[FloatArray, FloatArray | None], SlidingSurface]] = {
     "plane": Plane.fitted,
     "cylinder": CylinderWall.fitted,
 }
-"""Functions that fit a shape to the nodes of a patch, given the normal of a plane mesh."""
 SHAPES = (*FITTED, SURFACE)
 NAMES = f"{', '.join(FITTED)} or {SURFACE}"
 

@@ -13,12 +13,12 @@ from sdm_deflect.base.threads import in_chunks
 from .cells import CORNERS, VOLUMES, Cells, Polyhedra, Volume
 
 POLYHEDRON = "polyhedron"
+# Work on one cell in kernel pairs, by which `in_chunks` divides it.
 WEIGHT = 300
-"""Work on one cell in kernel pairs, by which `in_chunks` divides it."""
+# Types as indices in `VOLUMES`; -1 for any other cell.
 TETRA, WEDGE, HEXAHEDRON = 0, 2, 3
-"""Types as indices in `VOLUMES`; -1 for any other cell."""
+# Type, block, rows (M,) in it, and their places among the rows asked for.
 Part = tuple[str, Volume, IntArray, IntArray | slice]
-"""Type, block, rows (M,) in it, and their places among the rows asked for."""
 
 
 class CellTypes(NamedTuple):

@@ -20,10 +20,10 @@ from .edges import edges_of, polygons_of, unit
 from .images import THIN, Images, fit_motion, match_nodes, translation_between
 from .mesh import Mesh
 
+# A normal nearer to a coordinate axis counts as along it.
 ALONG = 1e-6
-"""A normal nearer to a coordinate axis counts as along it."""
+# Bits kept of a distance from a wedge's axis; the last ones depend on the opening angle.
 BITS = 40
-"""Bits kept of a distance from a wedge's axis; the last ones depend on the opening angle."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

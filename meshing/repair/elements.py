@@ -19,18 +19,18 @@ from sdm_deflect.meshing.mesh.polyhedra import corner_edges
 from sdm_deflect.meshing.mesh.sliding import CylinderWall, Plane, SlidingSurface
 from sdm_deflect.meshing.mesh.standard import parts_of
 
+# Edges (columns) of the regular tetrahedron of edge 1.
 REGULAR = np.array([[1.0, 0.5, 0.5], [0.0, np.sqrt(3.0) / 2.0, np.sqrt(3.0) / 6.0], [0.0, 0.0, np.sqrt(2.0 / 3.0)]])
-"""Edges (columns) of the regular tetrahedron of edge 1."""
+# Edges (columns) of the regular triangle of edge 1, and the normal of its plane.
 REGULAR_TRIANGLE = np.array([[1.0, 0.5, 0.0], [0.0, np.sqrt(3.0) / 2.0, 0.0], [0.0, 0.0, 1.0]])
-"""Edges (columns) of the regular triangle of edge 1, and the normal of its plane."""
+# Shapes with a single corner, which should become regular.
 SIMPLICES = ("tetra", "triangle")
-"""Shapes with a single corner, which should become regular."""
+# A corner has no shape if its determinant is a smaller share of the product of its edge lengths.
 FLAT = 1e-3
-"""A corner has no shape if its determinant is a smaller share of the product of its edge lengths."""
+# The same for polyhedra, which have nodes inside edges and faces beside smaller neighbours.
 HANGING = 0.1
-"""The same for polyhedra, which have nodes inside edges and faces beside smaller neighbours."""
+# Sine of the angle between two planes, above which their line is well determined.
 STEEP = 0.1
-"""Sine of the angle between two planes, above which their line is well determined."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -24,17 +24,17 @@ from sdm_deflect.base.threads import in_chunks
 
 from .elements import RegionElements
 
+# Elements or nodes in one block; constant, so that the bits do not depend on the number of threads.
 BLOCK = 1 << 11
-"""Elements or nodes in one block; constant, so that the bits do not depend on the number of threads."""
+# Work on one element in kernel pairs, by which `in_chunks` divides it.
 WEIGHT = 64
-"""Work on one element in kernel pairs, by which `in_chunks` divides it."""
+# Elements whose numbers are side by side, for the processor's wide registers.
 LANES = 32
-"""Elements whose numbers are side by side, for the processor's wide registers."""
 EDGES, TARGET, JACOBIAN, COFACTORS = 0, 9 * LANES, 18 * LANES, 27 * LANES
 SIZE, ROOT, DETERMINANT, BASE = 36 * LANES, 37 * LANES, 38 * LANES, 39 * LANES
 SHARE, SLOPES = 40 * LANES, 41 * LANES
+# Start of each number of `LANES` elements in their common array, and the length of the array.
 LENGTH = 65 * LANES
-"""Start of each number of `LANES` elements in their common array, and the length of the array."""
 
 
 class Energy:

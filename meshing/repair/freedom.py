@@ -24,13 +24,13 @@ from sdm_deflect.meshing.mesh.sliding import FITTED, SHARP, SURFACE, Plane, Slid
 
 from .elements import IntersectionCurve
 
+# Largest difference of the normals beside an edge inside a plane, and inside a surface.
 TURNS = {"plane": 1e-5, SURFACE: 2.0 * np.sin(np.radians(SHARP / 2.0))}
-"""Largest difference of the normals beside an edge inside a plane, and inside a surface."""
+# Least and largest height of an outer layer after a repair, as shares of its height before the deflection. Solvers with
+# wall models expect heights to grow steadily: beyond these the growth of neighbours would double.
 BOUNDS = (0.5, 2.0)
-"""Least and largest height of an outer layer after a repair, as shares of its height before the deflection. Solvers
-with wall models expect heights to grow steadily: beyond these the growth of neighbours would double."""
+# Largest distance of nodes from their plane face, as a share of the patch's size.
 FLAT = 1e-9
-"""Largest distance of nodes from their plane face, as a share of the patch's size."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

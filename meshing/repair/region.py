@@ -27,32 +27,33 @@ from .elements import IntersectionCurve, RegionElements, Tetrahedra, Tracks
 from .energy import Energy
 from .freedom import FreeNodes, Heights
 
+# Least quality by which cells are weighted.
 WORST = 1e-3
-"""Least quality by which cells are weighted."""
+# Share of its quality that a good cell should keep during a careful repair.
 CARE = 0.95
-"""Share of its quality that a good cell should keep during a careful repair."""
+# Largest loss of the mean quality of a type of cells, and of the quality that 99 % of them exceed.
 LOST = 0.005
-"""Largest loss of the mean quality of a type of cells, and of the quality that 99 % of them exceed."""
+# Number of pairs of steps and gradient changes that L-BFGS keeps.
 MEMORY = 12
-"""Number of pairs of steps and gradient changes that L-BFGS keeps."""
+# Share of the expected decrease that a step must reach (Armijo), and the shortest step that is tried.
 ARMIJO, SHORTEST = 1e-4, 1e-6
 Function = Callable[[FloatArray], tuple[float, FloatArray]]
+# Most steps of a search at one eps and power, and the least relative decrease of the energy by each.
 STEPS, TOLERANCE = 25, 1e-5
-"""Most steps of a search at one eps and power, and the least relative decrease of the energy by each."""
+# Least eps at the start, over a target's determinant; smallest eps of untangling.
 WIDEST, LEAST_EPS = 0.01, 1e-6
-"""Least eps at the start, over a target's determinant; smallest eps of untangling."""
+# Determinant over its target's, below which an element counts as tangled: powers of its energy overflow.
 FLAT = 1e-3
-"""Determinant over its target's, below which an element counts as tangled: powers of its energy overflow."""
+# Factors of eps for the next search: if this one used all its steps, and if it converged.
 NARROWER, NARROWEST = 0.5, 0.2
-"""Factors of eps for the next search: if this one used all its steps, and if it converged."""
+# Powers of the energy in turn, once nothing is inverted: the worst cells weigh more and more.
 POWERS = (1, 2, 4, 8, 16)
-"""Powers of the energy in turn, once nothing is inverted: the worst cells weigh more and more."""
+# Approximate ratios of least quality to floor, from which the first powers are skipped. For tetrahedra at most one
+# power is skipped, because their energy is their quality.
 EASY = (0.35, 0.6, 0.75)
-"""Approximate ratios of least quality to floor, from which the first powers are skipped. For tetrahedra at most one
-power is skipped, because their energy is their quality."""
+# Relative gain of least quality for which another search follows at the largest power; searches without fewer inverted
+# elements before giving up.
 WORTH, PATIENCE = 0.005, 8
-"""Relative gain of least quality for which another search follows at the largest power; searches without fewer inverted
-elements before giving up."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,30 +19,30 @@ from .elements import Tetrahedra
 from .freedom import FreeNodes
 from .region import QualityGoal, RepairRegion, RepairResult, improve
 
+# Sizes of regions in rings of cells around spoiled ones; the last size is all nodes.
 RINGS = (3, 6, 12, 24)
-"""Sizes of regions in rings of cells around spoiled ones; the last size is all nodes."""
+# Ratio of spoiled cells to moving nodes, above which the next larger size is taken at once.
 MANY = 0.2
-"""Ratio of spoiled cells to moving nodes, above which the next larger size is taken at once."""
+# Nodes for each cell below a level, beyond which nodes are too far to help (unless the cell is inverted), and number of
+# nodes that is always allowed. A larger region is tried once, with care; without a gain the level is given up.
 FAR, SMALL = 500, 10_000
-"""Nodes for each cell below a level, beyond which nodes are too far to help (unless the cell is inverted), and number
-of nodes that is always allowed. A larger region is tried once, with care; without a gain the level is given up."""
+# Shares of the least quality before, to which cells are brought in turn, up to the required share. The first share that
+# is not reached is the last; the worst cell is then no worse.
 LEVELS = (0.5, 0.7, 0.8, 0.85)
-"""Shares of the least quality before, to which cells are brought in turn, up to the required share. The first share
-that is not reached is the last; the worst cell is then no worse."""
+# Levels beyond the required share, and the number of region sizes tried for them.
 BEYOND, NEAR = (0.95, 1.0), 2
-"""Levels beyond the required share, and the number of region sizes tried for them."""
+# Relative loss of the worst cell that is allowed if fewer cells are below the level, and its gain required if not.
 LOSS, GAIN = 0.02, 0.02
-"""Relative loss of the worst cell that is allowed if fewer cells are below the level, and its gain required if not."""
+# Ratio of a region's nodes to those of the last one that was too small.
 LARGER = 1.1
-"""Ratio of a region's nodes to those of the last one that was too small."""
+# Share of its floor that the worst cell may have reached, for all nodes to move at once from the start as well.
 POOR = 0.7
-"""Share of its floor that the worst cell may have reached, for all nodes to move at once from the start as well."""
+# Number of regions without a gain, after which a level is given up.
 VAIN = 2
-"""Number of regions without a gain, after which a level is given up."""
+# Share of inverted or spoiled cells left, at which a region is left for a smaller one.
 REST = 0.1
-"""Share of inverted or spoiled cells left, at which a region is left for a smaller one."""
+# Share of spoiled cells left, up to which the next region begins at the smallest size again.
 FEWER = 0.5
-"""Share of spoiled cells left, up to which the next region begins at the smallest size again."""
 
 
 def repair_cells(

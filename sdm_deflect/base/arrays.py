@@ -17,8 +17,10 @@ BoolArray = NDArray[np.bool_]
 Number = TypeVar("Number", bound=np.generic)
 IndexArray = NDArray[np.intp]
 DIRECTION = np.array([0.5698402909980532, 0.7548776662466927, 0.3247179572447460])
-BLOCK, FEW = 512, 65_536  # points compared at a time; up to `FEW` points all are compared
-BITS = 10  # of each coordinate in a Morton code: a thousand places
+# Number of points compared at a time; of up to `FEW` points all are compared.
+BLOCK, FEW = 512, 65_536
+# Bits of each coordinate in a Morton code: a thousand places.
+BITS = 10
 
 
 def distinct(values: NDArray[Number]) -> NDArray[Number]:

@@ -16,14 +16,15 @@ from numba.core.caching import FunctionCache
 from numba.extending import intrinsic
 
 FOLDER_VARIABLE, CODE_VARIABLE = "SDM_DEFLECT_CACHE", "NUMBA_CACHE_DIR"
+# Bits of permission by which others may write.
 WRITABLE_BY_OTHERS = 0o022
 Function = TypeVar("Function", bound=Callable[..., object])
 OPTIONS = {"fastmath": True, "error_model": "numpy", "nogil": True}
 PACKAGE = __name__.partition(".")[0]
+# Packages with compiled functions.
 ROOMS = ("base", "meshing", "deform")
-"""Packages with compiled functions."""
+# Text in every source with compiled functions, and in this file.
 MARK = b"@compiled"
-"""Text in every source with compiled functions, and in this file."""
 
 
 def default_folder() -> Path:

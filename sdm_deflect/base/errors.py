@@ -7,12 +7,12 @@ from contextlib import contextmanager
 from difflib import get_close_matches
 from pathlib import Path
 
+# Signals that ask a command to end; Windows knows no SIGHUP.
 REQUESTS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
-"""Signals that ask a command to end; Windows knows no SIGHUP."""
+# Errors of writing alone: no space, a quota, a limit of the size.
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-"""Errors of writing alone: no space, a quota, a limit of the size."""
+# Largest number of letters of a value and of a message, and of names in a list: damaged files may hold anything.
 LONGEST, MOST, FEW = 80, 900, 5
-"""Largest number of letters of a value and of a message, and of names in a list: damaged files may hold anything."""
 
 
 def printable(text: str) -> str:

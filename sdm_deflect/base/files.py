@@ -20,10 +20,14 @@ from pathlib import Path
 
 from .errors import REQUESTS, MeshFileError, errors_for, write_errors
 
-NAME, END = ".sdm-deflect-", ".tmp"  # of hidden folders, with eight letters between
-LOCK, NOTE, OLD = ".lock", ".note", ".old"  # the locked file; which folder is NAME.old; how that name ends
-UNLOCKED = ".locking"  # the locked file before it is locked
-MESHES = ("points*", "constant/polyMesh/*", "processor*/constant/polyMesh/*")  # whose permissions count in a case
+# Begin and end of the names of hidden folders, with eight letters between.
+NAME, END = ".sdm-deflect-", ".tmp"
+# The locked file; the file that names the folder NAME.old; the end of that name.
+LOCK, NOTE, OLD = ".lock", ".note", ".old"
+# The locked file before it is locked.
+UNLOCKED = ".locking"
+# Files of a case whose permissions count for its copy.
+MESHES = ("points*", "constant/polyMesh/*", "processor*/constant/polyMesh/*")
 placed: list[Path] = []  # what this process has put in its place
 _hidden: set[Path] = set()
 _permitted = ContextVar("_permitted", default=0o7777)

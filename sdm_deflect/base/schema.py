@@ -22,10 +22,10 @@ N = TypeVar("N")
 Group = Literal[
     "What moves", "Blended", "Track", "Slot", "Root", "Mirror", "What stays", "Box", "Repair", "Accuracy", ""
 ]  # fmt: skip
+# Groups of settings in the order shown; settings of the aircraft have no group.
 GROUPS: tuple[Group, ...] = get_args(Group)[:-1]
-"""Groups of settings in the order shown; settings of the aircraft have no group."""
+# Annotation of an inner dataclass whose settings stand beside those of the outer one.
 INLINE = "inline"
-"""Annotation of an inner dataclass whose settings stand beside those of the outer one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,8 +174,8 @@ def _settings(kind: Any) -> dict[str, Setting]:
     return flat | inner
 
 
+# Settings of a dataclass by name; those of inline dataclasses come last.
 settings_in: Callable[[Any], dict[str, Setting]] = cache(_settings)
-"""Settings of a dataclass by name; those of inline dataclasses come last."""
 
 
 def inline_in(kind: Any) -> dict[str, Any]:

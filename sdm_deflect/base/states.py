@@ -6,12 +6,12 @@ from pathlib import Path
 
 from .errors import InputError
 
+# Size in bytes, time of the last change in nanoseconds, inode, device.
 State = tuple[int, int, int, int]
-"""Size in bytes, time of the last change in nanoseconds, inode, device."""
+# States by path; None for a missing file.
 States = Mapping[str, State | None]
-"""States by path; None for a missing file."""
+# Largest number of open files; a process may open only some hundreds.
 HELD = 64
-"""Largest number of open files; a process may open only some hundreds."""
 
 
 def states_of(paths: Iterable[Path]) -> dict[str, State | None]:

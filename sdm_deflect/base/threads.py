@@ -17,14 +17,16 @@ import numba
 import scipy.linalg  # noqa: F401 - loads SciPy's BLAS for the controller below
 from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped, unused-ignore]
 
+# Called with a short text and the fraction done (0 to 1, or nan when unknown).
 Progress = Callable[[str, float], None]
-"""Called with a short text and the fraction done (0 to 1, or nan when unknown)."""
 
 
+# Shows a stage of a run while its context lasts; the context gives the stage's `Progress`.
 Stage = Callable[[str], AbstractContextManager[Progress]]
-"""Shows a stage of a run while its context lasts; the context gives the stage's `Progress`."""
-SERIAL_PAIRS = 1_000_000  # below, about 0.4 ms, a second thread costs more than it saves
-CHUNK_PAIRS = 4_000_000  # about 2 ms: short enough to share evenly, long enough to hide the cost of a hand-over
+# Number of pairs (about 0.4 ms) below which a second thread costs more than it saves.
+SERIAL_PAIRS = 1_000_000
+# Number of pairs (about 2 ms) in a chunk: few enough to share evenly, enough to hide the cost of a hand-over.
+CHUNK_PAIRS = 4_000_000
 
 
 def unseen(_: str) -> AbstractContextManager[Progress]:
@@ -91,8 +93,8 @@ class Threads:
                     future.cancel()
 
 
+# The default runner.
 HERE = Threads()
-"""The default runner."""
 
 
 def _wait(jobs: list[Future[None]], progress: Progress) -> None:
@@ -149,5 +151,5 @@ class SizeLimits:
     shown: int = 100_000
 
 
+# Limits of this process.
 LIMITS = SizeLimits()
-"""Limits of this process."""

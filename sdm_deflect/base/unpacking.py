@@ -20,20 +20,20 @@ from numpy.typing import NDArray
 
 from .errors import InputError
 
+# Environment variable for the largest ratio of a file's data in memory to its size on disk.
 RATIO_VARIABLE = "SDM_DEFLECT_UNPACK_RATIO"
-"""Environment variable for the largest ratio of a file's data in memory to its size on disk."""
+# That ratio by default, and the bytes that any file may take.
 RATIO, ALWAYS = 100.0, 1 << 26
-"""That ratio by default, and the bytes that any file may take."""
+# Largest number of letters in a line of titles: a file without line ends is no table.
 LONGEST_LINE = 1 << 16
-"""Largest number of letters in a line of titles: a file without line ends is no table."""
+# Titles of coordinates: ours, those of ParaView, and those of CGNS.
 PLACES = {name: (name, f"Points:{i}", f"Coordinate{name}", f"Coordinates:{i}") for i, name in enumerate("xyz")}
-"""Titles of coordinates: ours, those of ParaView, and those of CGNS."""
 Array = NDArray[Any]
+# All that NumPy, zipfile and their libraries raise for damaged files.
 DAMAGED = (
     OSError, EOFError, ValueError, TypeError, AttributeError, LookupError, ArithmeticError, MemoryError, RuntimeError,
     SyntaxError, Warning, struct.error, tokenize.TokenError, zipfile.BadZipFile, zlib.error, lzma.LZMAError,
 )  # fmt: skip
-"""All that NumPy, zipfile and their libraries raise for damaged files."""
 
 
 def unpack_limit(stored: int) -> int:

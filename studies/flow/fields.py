@@ -10,8 +10,8 @@ from sdm_deflect.base.arrays import FloatArray
 from sdm_deflect.base.errors import InputError
 from sdm_deflect.meshing.formats.openfoam import CLASSES, header
 
+# What a compressible flow starts from.
 STARTED = ("U", "p", "T")
-"""What a compressible flow starts from."""
 UNIFORM = re.compile(rb"internalField\s+uniform\s+\(?([^;()]*)\)?\s*;")
 LISTED = re.compile(rb"internalField\s+nonuniform\s+List<(scalar|vector)>\s*(\d+)\s*\(")
 

@@ -10,8 +10,8 @@ from sdm_deflect.base.errors import InputError
 from studies.flow.setup import Hinge, Setup
 
 REPORTS = Path("postProcessing")
+# Numbers in a line, at least: the iteration and the whole vector; then what pressure and friction give of it.
 VALUES = 4
-"""Numbers in a line, at least: the iteration and the whole vector; then what pressure and friction give of it."""
 BRACKETS = str.maketrans("()", "  ")
 
 

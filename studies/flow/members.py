@@ -25,13 +25,13 @@ from studies.flow.case import setup_of
 from studies.flow.openfoam import write_case
 from studies.flow.setup import FreeStream, Setup
 
+# Iterations of first order, which let the waves of the start leave, at the beginning of the undeflected flow.
 SETTLING = 800
-"""Iterations of first order, which let the waves of the start leave, at the beginning of the undeflected flow."""
 UNDEFLECTED, DEFLECTED, REPAIRED, FRESH = "undeflected", "deflected", "repaired", "fresh"
+# Made anew around the undeflected CAD, and then deflected as a run does it.
 FRESH_DEFLECTED = "fresh-deflected"
-"""Made anew around the undeflected CAD, and then deflected as a run does it."""
+# Seeds from one new mesh to the next: more than attempts at one mesh take.
 SEEDS = 100
-"""Seeds from one new mesh to the next: more than attempts at one mesh take."""
 MOST = {"fresh": 20, "iterations": 100_000}
 
 

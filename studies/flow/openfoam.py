@@ -15,19 +15,19 @@ from sdm_deflect.meshing.mesh.mesh import Mesh
 from studies.flow.setup import GAMMA, GAS, FreeStream, Kind, Setup
 
 SOLVER = "rhoCentralFoam"
+# Name under which the forces on all walls are reported; those of hinges bear the hinges' names.
 WHOLE = "all"
-"""Name under which the forces on all walls are reported; those of hinges bear the hinges' names."""
+# Names that no hinge may have.
 RESERVED = (WHOLE, "settle")
-"""Names that no hinge may have."""
+# Iterations between two reports of forces, and two of all fields, from which a run that was stopped goes on.
 EVERY, INTERVAL = 5, 250
-"""Iterations between two reports of forces, and two of all fields, from which a run that was stopped goes on."""
+# Gas constant (J/kmol/K).
 UNIVERSAL = 8314.46
-"""Gas constant (J/kmol/K)."""
 COURANT = 0.3
+# Local time steps of neighbours differ by at most 1 + this factor; OpenFOAM's own .1 keeps those far away small.
 SMOOTHING = 0.5
-"""Local time steps of neighbours differ by at most 1 + this factor; OpenFOAM's own .1 keeps those far away small."""
+# Reconstruction while the flow settles, and afterwards.
 FIRST, SECOND = "upwind", "vanLeer"
-"""Reconstruction while the flow settles, and afterwards."""
 USE = f"// Run: {SOLVER}. In parallel: decomposePar; mpirun -np 2 {SOLVER} -parallel.\n"
 FUNCTIONS = """OptimisationSwitches {{ fileModificationSkew 0; }}  // fvSchemes is read again however soon it changes
 functions

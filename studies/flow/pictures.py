@@ -27,8 +27,8 @@ LABELS = {
     FRESH: "new mesh",
 }
 PRESSURES = Normalize(-0.6, 0.6)
+# How far around the control surface is shown, by its largest extent.
 BESIDE = 0.6
-"""How far around the control surface is shown, by its largest extent."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

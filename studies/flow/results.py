@@ -15,13 +15,13 @@ from studies.flow.openfoam import WHOLE
 from studies.flow.reference import surface_reference
 
 HINGE = "Ch"
+# Iterations over which values are averaged, and the last ones, over which averages must not change.
 WINDOW, LAST = 500, 200
-"""Iterations over which values are averaged, and the last ones, over which averages must not change."""
+# Largest change of an average, and least difference that is allowed, by the control increment.
 CONVERGED, ALLOWED = 0.005, 0.02
-"""Largest change of an average, and least difference that is allowed, by the control increment."""
 CONFIDENCE = 0.95
+# Coefficients that a control surface is there to change, by the beginning of its name.
 JUDGED = {"aileron": (LIFT, PITCH, ROLL, HINGE), "tail": (LIFT, PITCH, ROLL, HINGE), "rudder": (YAW, ROLL, HINGE)}
-"""Coefficients that a control surface is there to change, by the beginning of its name."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,8 +12,8 @@ from sdm_deflect.base.errors import InputError
 from sdm_deflect.meshing.formats.openfoam import FLAT, count_sides, kind_of, touches_sides
 from sdm_deflect.meshing.mesh.mesh import Mesh
 
+# Ratio of specific heats, and the gas constant (J/kg/K), of air.
 GAMMA, GAS = 1.4, 287.058
-"""Ratio of specific heats, and the gas constant (J/kg/K), of air."""
 Kind = Literal["wall", "far", "symmetry"]
 
 
@@ -124,8 +124,8 @@ class Setup:
         return self.kinds or kinds_of(mesh, self.far)
 
 
+# Sides of the mesh's bounding box that a patch reaches which may be its far field.
 ENCLOSING = 3
-"""Sides of the mesh's bounding box that a patch reaches which may be its far field."""
 
 
 def kinds_of(mesh: Mesh, far: Sequence[str] = (), moving: Sequence[str] = ()) -> Mapping[str, Kind]:

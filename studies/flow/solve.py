@@ -40,8 +40,8 @@ from studies.flow.solver import lines, needed
 
 SETTINGS, SECONDS, FOLDER = "study.json", "seconds.json", "members"
 TIME, USED = re.compile(r"^Time = (\d+)"), re.compile(r"^ExecutionTime = ([\d.]+) s")
+# Iterations between two reports of progress, and between two readings of the forces for it.
 TOLD, SEEN = 10, 50
-"""Iterations between two reports of progress, and between two readings of the forces for it."""
 
 
 def carried_out(study: FlowStudy, folder: Path, watch: Stopwatch) -> tuple[Member, ...]:

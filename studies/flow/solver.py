@@ -12,11 +12,11 @@ from pathlib import Path
 from sdm_deflect.base.errors import InputError, LostError
 from sdm_deflect.meshing.child import CHILD
 
+# Where Debian's package has what a program asks for at its start.
 HOME = "/usr/share/openfoam"
-"""Where Debian's package has what a program asks for at its start."""
 INSTALL = "install OpenFOAM (apt-get install openfoam) and, where it is not Debian's, source its etc/bashrc"
+# Lines of a program's output that are kept for a message.
 KEPT = 30
-"""Lines of a program's output that are kept for a message."""
 
 
 def needed(*programs: str) -> None:

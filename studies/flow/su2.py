@@ -72,8 +72,8 @@ OUTPUT_FILES= ( RESTART, PARAVIEW, SURFACE_PARAVIEW )
 SCREEN_OUTPUT= ( INNER_ITER, RMS_DENSITY, RMS_ENERGY, LIFT, DRAG )
 HISTORY_OUTPUT= ( ITER, RMS_RES, AERO_COEFF, AERO_COEFF_SURF )
 """
+# What SU2 does not read in the name of a file.
 UNFIT = frozenset(" \t%,()=")
-"""What SU2 does not read in the name of a file."""
 COUNTED = """% SU2 writes coefficients. A force is {pressure:.9g} N times CFx, CFy, CFz: dynamic pressure * REF_AREA.
 % A moment is {moment:.9g} N m times CMx, CMy, CMz: that times REF_LENGTH.
 """

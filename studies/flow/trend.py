@@ -7,10 +7,10 @@ import numpy as np
 
 from studies.flow.results import Increment, Results
 
+# Degrees up to which increments give the slope.
 SMALL = 8.0
-"""Degrees up to which increments give the slope."""
+# Largest distance from the line, by the increment, that is still called linear.
 LINEAR = 0.05
-"""Largest distance from the line, by the increment, that is still called linear."""
 
 
 @dataclass(frozen=True, slots=True)

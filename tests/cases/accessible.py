@@ -10,13 +10,13 @@ def rules(*names):
     return {"resultTypes": ["violations"], **({"runOnly": {"type": "rule", "values": list(names)}} if names else {})}
 
 
+# Sizes and schemes, and the rules that may hold there and not in those before: to try all takes four times as long.
 TRIED = (
     (WIDE, "light", rules()),
     (WIDE, "dark", rules("color-contrast")),
     (NARROW, "dark", rules("color-contrast", "scrollable-region-focusable")),
     (NARROW, "light", rules("scrollable-region-focusable", "nested-interactive")),
 )
-"""Sizes and schemes, and the rules that may hold there and not in those before: to try all takes four times as long."""
 
 
 def found(tab, options):

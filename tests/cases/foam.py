@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 NUMBER = r"(-?\d+(?:\.\d+)?(?:e[+-]?\d+)?)"
+# Metrics that checkMesh lists, and how.
 METRICS = {
     "aspect ratio": rf"Max aspect ratio = {NUMBER}",
     "openness": rf"Max cell openness = {NUMBER}",
@@ -23,7 +24,6 @@ METRICS = {
     "volume ratio": rf"volume ratio : minimum: {NUMBER}",
     "cells with small determinant": rf"small determinant .* number of cells: {NUMBER}",
 }
-"""Metrics that checkMesh lists, and how."""
 
 
 def needed(*programs: str) -> None:

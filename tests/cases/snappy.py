@@ -7,8 +7,8 @@ from sdm_deflect.geometry.parameters import Fighter
 from tests.cases import foam
 
 SURFACE = "aileron_left"
+# How often cells of 0.1 m are halved at a patch; elsewhere 4 times.
 LEVELS = {SURFACE: 6}
-"""How often cells of 0.1 m are halved at a patch; elsewhere 4 times."""
 BOX = """vertices ((-0.6 -0.8 -0.6) (1.6 -0.8 -0.6) (1.6 0 -0.6) (-0.6 0 -0.6)
           (-0.6 -0.8 0.6) (1.6 -0.8 0.6) (1.6 0 0.6) (-0.6 0 0.6));
 blocks (hex (0 1 2 3 4 5 6 7) (22 8 12) simpleGrading (1 1 1));

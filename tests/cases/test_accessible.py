@@ -10,8 +10,8 @@ import pytest
 
 from tests.cases.accessible import grave
 
+# Environment variable: the folder of the built guide.
 GUIDE = "SDM_DEFLECT_GUIDE"
-"""Environment variable: the folder of the built guide."""
 PAGES = sorted(page.stem for page in (Path(__file__).parents[2] / "docs").glob("*.md"))
 
 

@@ -70,12 +70,12 @@ def turned(tmp_path_factory):
     return turn(OpenFoam().read(folder), box=[[-1.2, -1.2, -1.2], [1.2, 1.2, 1.2]])
 
 
+# Checks, and what checkMesh says where they fail.
 COMPLAINTS = {
     "skewness_max": "***Max skewness",
     "non_orthogonality_max": "Number of non-orthogonality errors",
     "inverted_cells": "Error in face pyramids",
 }
-"""Checks, and what checkMesh says where they fail."""
 
 
 @pytest.mark.parametrize("seed", [5, 14, 19, 30])

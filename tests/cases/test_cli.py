@@ -172,6 +172,7 @@ for words in json.loads(sys.argv[1]):
         loaded = sorted({name.partition(".")[0] for name in sys.modules})
         print(json.dumps([words, stop.code, loaded]), file=sys.stderr)
 """
+# Words of commands that are answered without work, and their exit codes.
 LIGHT = {
     "": 2,
     "--help": 0,
@@ -196,7 +197,6 @@ LIGHT = {
     "deflect wing.su2 --hinge 0,0,0 --angle 5": 2,
     "fly": 2,
 }
-"""Words of commands that are answered without work, and their exit codes."""
 
 
 def test_answers_without_work_load_no_heavy_library(tmp_path):

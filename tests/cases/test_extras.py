@@ -36,10 +36,10 @@ AIRCRAFT = (
     "sdm: making and measuring the SDM's CAD and meshes (sdm run, geometry, limit CASE) needs ",
     "'.[aircraft]'\n",
 )
+# Checks that only the CAD can make.
 NEEDED = ("surface_to_cad", "rigid_cad_predicted", "planarity")
-"""Checks that only the CAD can make."""
+# Nodes of the mesh of `sdm example`.
 NODES = 8167
-"""Nodes of the mesh of `sdm example`."""
 FLAP = ["--surface", "flap", "--fixed", "wing", "--hinge", "0.7,0.6,0", "0.7,1.4,0", "--motion", "blended"]
 
 

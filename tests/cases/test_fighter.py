@@ -17,8 +17,8 @@ from sdm_deflect.meshing.mesh.quality import mean_ratio
 from tests import calls
 from tests.kept_meshes import EXAMPLE
 
+# Metres by which hinges in commands, written with five digits, may be beside those of the CAD.
 ROUNDED = 1e-5
-"""Metres by which hinges in commands, written with five digits, may be beside those of the CAD."""
 
 
 @pytest.fixture(scope="module")

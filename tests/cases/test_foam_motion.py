@@ -18,8 +18,8 @@ from tests.deform.test_mesh_motion import AROUND_BOTH, SLAT_AND_FLAP
 from tests.deform.test_motion_fields import TRACK
 from tests.docs.commands import ROOT
 
+# Angles of a flap at times, by a table.
 TIMES = {"0.1": 4.0, "0.5": 20.0, "0.8": -1.0, "1": -15.0}
-"""Angles of a flap at times, by a table."""
 AMOUNTS = 'dynamicFvMesh dynamicMotionSolverFvMesh;\nmotionSolverLibs ("libsdmMotion.so");\nsolver sdmMotion;\n'
 CONTROL = (
     "application %s; startFrom startTime; startTime 0; stopAt endTime; endTime %g; deltaT %g; writeControl timeStep;\n"
@@ -117,8 +117,8 @@ def test_surfaces_with_other_functions_move_together(tmp_path):
         foam.run("moveDynamicMesh", beyond)
 
 
+# A flow along the plane of symmetry that is the same everywhere.
 STREAM = {"p": "100000", "T": "300", "U": "(200 0 20)"}
-"""A flow along the plane of symmetry that is the same everywhere."""
 THERMO = (
     "thermoType { type hePsiThermo; mixture pureMixture; transport const; thermo hConst; equationOfState perfectGas;\n"
     "specie specie; energy sensibleInternalEnergy; }\n"

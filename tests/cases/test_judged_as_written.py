@@ -47,6 +47,7 @@ def single_case(mesh, path):
     (path / MESH / "points").write_bytes(text.replace(b"scalar=64", b"scalar=32"))
 
 
+# Files that keep 32 bits of a coordinate.
 SINGLE = {
     "mesh.lb4.ugrid": lambda mesh, path: format_of(path).write(mesh, path),
     "mesh.r4.ugrid": lambda mesh, path: format_of(path).write(mesh, path),
@@ -55,7 +56,6 @@ SINGLE = {
     "single.cas.h5": lambda mesh, path: fluent_files.written(mesh, path, real="f4"),
     "single": single_case,
 }
-"""Files that keep 32 bits of a coordinate."""
 DOUBLE = {
     name: lambda mesh, path: format_of(path).write(mesh, path)
     for name in ("mesh.su2", "mesh.cgns", "mesh.msh", "mesh.ugrid", "mesh.lb8.ugrid", "mesh.grid", "mesh.vtu", "mesh")
@@ -63,6 +63,7 @@ DOUBLE = {
     "binary.msh": lambda mesh, path: path.write_bytes(gmsh_data(mesh)),
     "mesh.cas.h5": lambda mesh, path: fluent_files.written(mesh, path),
 }
+# Coordinates by NumPy and the formats' own libraries.
 ON_DISK = {
     "mesh.lb4.ugrid": lambda path, n: np.fromfile(path, "<f4", 3 * n, offset=28).reshape(n, 3),
     "mesh.r4.ugrid": lambda path, n: np.fromfile(path, ">f4", 3 * n, offset=40).reshape(n, 3),
@@ -71,7 +72,6 @@ ON_DISK = {
     "single.cas.h5": lambda path, n: hdf5(path, fluent_files.COORDS)[:, 0],
     "single": lambda path, n: foam_points(path, n),
 }
-"""Coordinates by NumPy and the formats' own libraries."""
 
 
 def hdf5(path, *names):

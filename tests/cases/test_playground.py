@@ -9,8 +9,8 @@ from tests.cases.accessible import grave
 from tests.docs.commands import ROOT
 
 PAGE = ROOT / "docs" / "playground.html"
+# Of values up to 1.
 AGREED = 1e-9
-"""Of values up to 1."""
 
 
 @pytest.fixture

@@ -5,8 +5,8 @@ import pytest
 
 from sdm_deflect.cases.api import deflect
 
+# Largest relative change of the first layer's height.
 HEIGHT = 0.01
-"""Largest relative change of the first layer's height."""
 
 
 def shares(result):

@@ -30,6 +30,7 @@ SHAPES = {"wing": {"wedge", "hexahedron"}, "plate": {"triangle"}, "quads": {"qua
 PIVOT, HOLE = [0.1, 0.0], {"box": [[-0.55, -0.55], [0.55, 0.55]]}
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
 UP = np.array([0.0, 0.0, 1.0])
+# Corners of a good cell of each shape, in VTK's order.
 IDEAL = {
     "triangle": SQUARE[:3],
     "quad": SQUARE,
@@ -38,7 +39,6 @@ IDEAL = {
     "wedge": np.vstack([SQUARE[[0, 3, 1]], SQUARE[[0, 3, 1]] + UP]),
     "hexahedron": np.vstack([SQUARE, SQUARE + UP]),
 }
-"""Corners of a good cell of each shape, in VTK's order."""
 BODIES = [
     {"patches": "left", "hinge": [[-1.25, -1, 0], [-1.25, 1, 0]], "angle": 8.0},
     {"patches": "right", "hinge": [[1.25, -1, 0], [1.25, 1, 0]], "angle": -5.0},

@@ -14,10 +14,10 @@ from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.volume.deflection import deflect
 from tests.frozen.test_frozen import frozen_mesh
 
+# Largest difference of a coordinate, m; the control surfaces move by about 0.01 m.
 SAME = 1e-9
-"""Largest difference of a coordinate, m; the control surfaces move by about 0.01 m."""
+# Nodes in one block of the evaluation matrix.
 ROWS = 2000
-"""Nodes in one block of the evaluation matrix."""
 
 
 def displaced(fits, known, displacement, points):

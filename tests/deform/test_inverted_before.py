@@ -21,10 +21,10 @@ from tests.deform.jobs import placed
 from tests.deform.volume.test_submesh import Elsewhere, in_pieces
 
 BOX = Given.at(np.array([[0.05, 0.05, -0.1], [1.15, 0.75, 0.55]]))
+# A node over the flap that was pulled through the cells beside it, and the node of the flap that moves.
 ABOVE, PULLED = (0.6, 0.4, 0.1), (0.5, 0.3, 0.0)
-"""A node over the flap that was pulled through the cells beside it, and the node of the flap that moves."""
+# Nodes of the tetrahedra of a cube beside its first and its seventh.
 SPLIT = ((1, 2), (2, 3), (3, 7), (7, 4), (4, 5), (5, 1))
-"""Nodes of the tetrahedra of a cube beside its first and its seventh."""
 
 
 def floor(shape):

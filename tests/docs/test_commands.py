@@ -14,6 +14,7 @@ from tests.calls import sdm
 from tests.docs.commands import ROOT, lines_of, mentioned, pages, shown
 
 CI = ".ci/run"
+# Commands that take long, need a network or wait for a user: a pattern, where they are run, and a text found there.
 ELSEWHERE = (
     (r"apt-get (update|install)", CI, "apt-get install"),
     (r"python3 -m venv \.venv", CI, "python3 -m venv"),
@@ -52,7 +53,6 @@ ELSEWHERE = (
     (r"sdm deflect .* --scheduler", "tests/cases/test_cluster.py", '"--scheduler", file'),
     (r"mpirun -np 4 checkMesh", "tests/cases/test_apply.py", 'foam.run("checkMesh", one, ranks=count)'),
 )
-"""Commands that take long, need a network or wait for a user: a pattern, where they are run, and a text found there."""
 
 
 def elsewhere(command: str) -> tuple[str, str] | None:

@@ -6,12 +6,12 @@ import re
 from tests.docs.commands import ROOT
 
 PRODUCT = ("sdm_deflect", "geometry", "meshing", "deform", "cases")
+# Errors, which a docstring may name without backticks: they are what it raises.
 ERRORS = re.compile("[A-Za-z]+Error|KeyboardInterrupt")
-"""Errors, which a docstring may name without backticks: they are what it raises."""
+# Types of attributes in docstrings.
 TYPES = ("CadFace", "CadEdge")
-"""Types of attributes in docstrings."""
+# Names in files: of OpenFOAM, and of arrays whose names are put together.
 FOREIGN = ("owner", "centers_x", "beta_x", "alpha_x")
-"""Names in files: of OpenFOAM, and of arrays whose names are put together."""
 
 
 def docstrings(*folders):

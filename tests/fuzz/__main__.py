@@ -30,13 +30,13 @@ from tests.fuzz import known
 from tests.fuzz.inputs import Input
 from tests.fuzz.targets import TARGETS, Target, WrongError
 
+# Bytes of addresses that a process may take beside those of what is loaded.
 MEMORY = 3 << 30
-"""Bytes of addresses that a process may take beside those of what is loaded."""
+# Time for an input; characters of a message.
 SECONDS, LONGEST = 60, 1000
-"""Time for an input; characters of a message."""
 GOOD = ("ok", "clean")
+# Number of an input, what came of it, and the stack of an error.
 Result = tuple[int, str, str]
-"""Number of an input, what came of it, and the stack of an error."""
 
 
 def main() -> int:

@@ -12,8 +12,8 @@ import numpy as np
 
 from tests.fuzz.inputs import Input
 
+# Sound inputs by their main file; the first of each name.
 Sound = Mapping[str, Input]
-"""Sound inputs by their main file; the first of each name."""
 
 
 def of(target: str, sound: Sequence[Input]) -> list[Input]:

@@ -12,13 +12,13 @@ from random import Random
 import h5py
 import numpy as np
 
+# What stands in the place of a number in text.
 NUMBERS = (
     b"0", b"-1", b"1", b"2", b"3", b"7", b"100", b"255", b"65536", b"2147483647", b"2147483648", b"-2147483648",
     b"4294967295", b"999999999999", b"9223372036854775807", b"9223372036854775808", b"-9223372036854775808",
     b"18446744073709551615", b"1e5", b"1e20", b"1e160", b"1e300", b"-1e308", b"1e-300", b"5e-324", b"1e999", b"nan",
     b"-inf", b"", b"-", b"0x10", b"1_0", b"1.5", b"-0.0", b"007", b"1,5", "²".encode(), "٣".encode(),
 )  # fmt: skip
-"""What stands in the place of a number in text."""
 WHOLE = (0, 1, -1, 2, 127, 128, 255, 256, -128, 2**15, 2**16 - 1, 2**20, 2**24, 2**31 - 1, 2**31, -(2**31), 2**32 - 1,
          2**40, 2**62, 2**63 - 1, -(2**63), 2**64 - 1)  # fmt: skip
 REAL = (float("nan"), float("inf"), -float("inf"), 1e308, -1e308, 1e160, 1e-310, 0.0, -0.0, 1.0, 1e9)

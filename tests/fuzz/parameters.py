@@ -22,12 +22,12 @@ from sdm_deflect.base.schema import Range, settings_in
 
 CASES = ("aileron", "tail")
 TABLES = ("fuselage", "canopy", "inlet", "pedestal", "strake", "wing", "aileron", "tail", "ventral", "fin", "rudder")
+# What a run has beside the aircraft.
 SETTINGS = ("confinement", "blending", "angle")
-"""What a run has beside the aircraft."""
+# Share of a default by which a value near it differs, at most.
 NEAR = 0.15
-"""Share of a default by which a value near it differs, at most."""
+# Time that one set may take to be built.
 SECONDS = 600.0
-"""Time that one set may take to be built."""
 SOLID, SENTENCE, TRACEBACK, STUCK = "valid solid", "clear error", "traceback", "too long"
 
 

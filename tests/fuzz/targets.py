@@ -10,8 +10,8 @@ from tests.fuzz import meshes
 from tests.fuzz.inputs import Input
 from tests.fuzz.mutation import Damage, damaged_hdf5
 
+# Bytes of an input of which others are made.
 LARGEST = 200_000
-"""Bytes of an input of which others are made."""
 
 Run = Callable[[Path, Input, Random], None]
 

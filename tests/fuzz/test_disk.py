@@ -17,8 +17,8 @@ from tests.meshing.formats.wing import wing
 
 pytestmark = pytest.mark.nightly
 ROOT = Path(__file__).parents[2]
+# Of what is written, or of its largest file, that the disk has room for.
 SHARES = (0.0, 0.2, 0.6, 0.95)
-"""Of what is written, or of its largest file, that the disk has room for."""
 TURN = (
     "--surface", "flap_*", "--fixed", "wing_*", "--slide", "symmetry:plane", "--motion", "blended", "--hinge",
     "0.7,0.3,0", "0.7,0.7,0", "--angle", "8", "--quiet", "--repair", "off",

@@ -29,27 +29,27 @@ from tests.meshing.formats.wing import wing
 pytestmark = pytest.mark.nightly
 ROOT = Path(__file__).parents[2]
 KILLS = int(os.environ.get("FUZZ_KILLS", "96"))
+# Within which a command and its children have ended, on a loaded machine.
 SECONDS = 10.0
-"""Within which a command and its children have ended, on a loaded machine."""
 FLAP = (
     "deflect", "{place}/mesh.su2", "--surface", "flap_*", "--fixed", "wing_*", "--slide", "symmetry:plane", "--motion",
     "blended", "--hinge", "0.7,0.3,0", "0.7,0.7,0", "--quiet", "--repair", "off", "--out", "{place}/results/w.su2",
 )  # fmt: skip
 AILERON = ("run", "aileron", "--out", "{place}/results/run", "--quiet")
+# By name: the words that make an older result, and those of the command that is ended.
 COMMANDS = {
     "run": ((*AILERON, "--angle", "5"), (*AILERON, "--angle", "6")),
     "deflect": tuple((*FLAP, "--report", "--sensitivity", "--angle", angle) for angle in ("5", "6")),
     "sweep": ((*FLAP, "--no-report", "--angle", "5"), (*FLAP, "--report", "--angles", "2,4")),
 }
-"""By name: the words that make an older result, and those of the command that is ended."""
 ALONE = "from sdm_deflect.cases.cli import main; main()"
 WITHOUT = """
 from types import SimpleNamespace
 from sdm_deflect.base import files
 files.ctypes = SimpleNamespace(CDLL=str)
 """
+# How a folder is replaced: as Linux does it, and as a system does that has no renameat2.
 EXCHANGES = {"exchange": "", "two renames": WITHOUT}
-"""How a folder is replaced: as Linux does it, and as a system does that has no renameat2."""
 MEANS = {"earlier results are as they were": {"old"}, "written already, and whole": {"new"}}
 
 

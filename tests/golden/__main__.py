@@ -22,10 +22,10 @@ from rich.progress import track
 from tests.golden import inputs
 from tests.golden.commands import Command, everything
 
+# Parts of names of figures that differ from run to run.
 TIMED = ("seconds", "timings", "per_second", "rss", "version", "evaluation", "date", "source", "when")
-"""Parts of names of figures that differ from run to run."""
+# Suffixes of what shows results: they are compared by the figures.
 UNSEEN = (".html", ".png", ".svg", ".toml")
-"""Suffixes of what shows results: they are compared by the figures."""
 
 
 def untimed(value: Any) -> Any:

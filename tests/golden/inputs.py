@@ -41,13 +41,13 @@ patches = ["body2"]
 hinge = [[20.0, 0.0, 0.0], [21.0, 0.0, 0.0]]
 angle = 12.0
 """
+# Names of both patches of a pair, by case.
 PAIRS = {
     "cyclic": ("side0", "side1"),
     "empty": ("side0", "side1"),
     "sector": ("left", "right"),
     "wedge": ("front", "back"),
 }
-"""Names of both patches of a pair, by case."""
 
 
 def write(folder: Path) -> None:

@@ -25,8 +25,8 @@ from tests.frozen.test_frozen import frozen_tets
 
 HINGE = np.array([[0.7, 0.6, 0.0], [0.7, 1.4, 0.0]])
 CASE = ["--hinge", "flap", "0.7,0.6,0", "0.7,1.4,0"]
+# Iterations at the end over which forces hardly change any more.
 LATE = 50
-"""Iterations at the end over which forces hardly change any more."""
 
 
 @pytest.fixture(scope="module")

@@ -27,8 +27,8 @@ WITHIN = {
 FITTED = {"centers", "iterations", "max_error", "seconds", "stop"}
 SHAPE = {"min", "p01", "mean", "below_0_2", "below_0_4"}
 CHECKED = {"name", "value", "limit", "passed", "unit", "where", "verdict"}
+# What any mesh is asked, besides.
 ANY_MESH = {"quality_min:tetra", "left_behind", "layer_height"}
-"""What any mesh is asked, besides."""
 EVERY = {"outside_moved", "inverted_cells", "surfaces_crossed", "fixed_surfaces_moved", "held_moved", "quality_min"}
 SURFACE = {"planarity", "surface_to_cad", "exact_to_cad", "surface_to_rigid_cad", "rigid_cad_predicted", "site_error"}
 HINGED = SURFACE | {"trailing_edge_angle", "hinge_offset"}

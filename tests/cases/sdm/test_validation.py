@@ -43,6 +43,7 @@ def test_a_wrong_angle_is_noticed(aileron_run, tail_run):
     assert wrong <= failing(run, run.deflected.points, replace(run.case, angle=12.001))
 
 
+# Distances (m) of the aileron at -12 degrees from CAD turned rigidly.
 LARGEST = {
     "strip": pytest.approx(4.42e-3, rel=0.02),
     "hinge_edges": pytest.approx(9.03e-4, rel=0.01),
@@ -50,7 +51,6 @@ LARGEST = {
     "trailing_edge": pytest.approx(0.0, abs=1e-15),
     "cad_to_surface": pytest.approx(4.38e-3, rel=0.02),
 }
-"""Distances (m) of the aileron at -12 degrees from CAD turned rigidly."""
 
 
 def test_every_node_of_an_aileron_is_compared_with_rigid_cad(aileron_run):

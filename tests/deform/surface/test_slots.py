@@ -11,8 +11,8 @@ from sdm_deflect.meshing.mesh.cells import Cells, Patch
 from sdm_deflect.meshing.mesh.mesh import Mesh
 
 HINGE = Axis(np.array([0.9, -0.05, 0.0]), np.array([0.0, 0.0, 1.0]))
+# An element with a blunt trailing edge, whose lower corner is (1, 0.004).
 MAIN = np.array([[0.0, 0.0], [0.5, 0.06], [1.0, 0.01], [1.0, 0.004], [0.5, -0.05]])
-"""An element with a blunt trailing edge, whose lower corner is (1, 0.004)."""
 
 
 def flap_at(x=0.98, y=-0.06):

@@ -175,8 +175,8 @@ def test_zones_that_fit_must_deform_together(block):
     assert gap[before == 0.0].max() == 0.0
 
 
+# A box that the lower face of the block cuts, z = -2, as faces of a Chimera block do.
 CUT = [[-1.6, -1.6, -2.5], [1.6, 1.6, 1.6]]
-"""A box that the lower face of the block cuts, z = -2, as faces of a Chimera block do."""
 
 
 def cut(block, slides, z=-2.0):

@@ -17,14 +17,14 @@ from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.mesh.cells import Cells, Patch
 from sdm_deflect.meshing.mesh.mesh import Mesh
 
+# The mesh of ``sdm example --layers``.
 EXAMPLE = Path(__file__).parents[3] / "cases" / "layers.su2.xz"
-"""The mesh of ``sdm example --layers``."""
+# Significant digits of the example's coordinates: a thousandth of its first layer.
 DIGITS = 7
-"""Significant digits of the example's coordinates: a thousandth of its first layer."""
+# Span, in chords.
 SPAN = 1.0
-"""Span, in chords."""
+# Height of the trailing edge, in chords.
 BASE = 0.012
-"""Height of the trailing edge, in chords."""
 
 
 def blunt_wing(

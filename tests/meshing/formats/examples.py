@@ -9,6 +9,7 @@ from sdm_deflect.meshing.mesh.cells import Cells, Patch, Polygons, Polyhedra, Zo
 from sdm_deflect.meshing.mesh.faces import FACES
 from sdm_deflect.meshing.mesh.mesh import Mesh
 
+# A hexahedron (0 to 7), a box beside it of a pyramid and four tetrahedra (8 to 11), a roof of a wedge (12, 13).
 POINTS = np.array(
     [
         *[[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]],
@@ -16,7 +17,6 @@ POINTS = np.array(
     ],
     dtype=np.float64,
 )
-"""A hexahedron (0 to 7), a box beside it of a pyramid and four tetrahedra (8 to 11), a roof of a wedge (12, 13)."""
 CELLS = {
     "hexahedron": [[0, 1, 2, 3, 4, 5, 6, 7]],
     "pyramid": [[1, 2, 6, 5, 8]],

@@ -11,14 +11,14 @@ from sdm_deflect.meshing.formats.shapes import polygons, turn_faces
 from sdm_deflect.meshing.mesh.cells import Cells, Patch, Polyhedra
 from sdm_deflect.meshing.mesh.mesh import Mesh
 
+# Fluent's numbers of the shapes of cells; polyhedra are 7.
 TYPES = {"triangle": 1, "quad": 3, "tetra": 2, "hexahedron": 4, "pyramid": 5, "wedge": 6}
-"""Fluent's numbers of the shapes of cells; polyhedra are 7."""
 LAYOUTS = ("solver", "meshing")
 PACKED = {"compression": "gzip", "chunks": True}
 COORDS = "meshes/1/nodes/coords/1"
 ZONES = "meshes/1/faces/zoneTopology"
+# Types of zones by the name of the patch; all others are walls.
 KINDS = {"symmetry": 7, "inlet": 10, "far_field": 9, "left": 12, "right": 8}
-"""Types of zones by the name of the patch; all others are walls."""
 
 
 def written(mesh: Mesh, path: Path, layout: str = "solver", real: str = "f8", **stored: Any) -> Path:

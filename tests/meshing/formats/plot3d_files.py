@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from sdm_deflect.meshing.formats.plot3d import Plot3dFile
 
+# (I, J, K, 3) points of a block.
 Block = NDArray[np.float64]
-"""(I, J, K, 3) points of a block."""
+# Byte order and type of coordinates, whether there are Fortran records and IBLANK.
 BINARY = tuple(
     f"{order}{real}{records}{blanked}"
     for order in "<>"
@@ -16,7 +17,6 @@ BINARY = tuple(
     for records in ("", "r")
     for blanked in ("", "b")
 )
-"""Byte order and type of coordinates, whether there are Fortran records and IBLANK."""
 VARIANTS = (*BINARY, "text", "textb")
 
 
@@ -78,13 +78,13 @@ def with_body(n: int = 6) -> list[Block]:
 
 
 SIDES = {f"block1/{axis}{end}" for axis in "ijk" for end in ("min", "max")}
+# Numbers of a block's faces in a neutral map file.
 FACES = {"kmin": 1, "kmax": 2, "imin": 3, "imax": 4, "jmin": 5, "jmax": 6}
-"""Numbers of a block's faces in a neutral map file."""
+# The faces of the blocks of `with_body` that are on the cube.
 BODY = (
     ("block5", "kmax"), ("block11", "jmax"), ("block13", "imax"), ("block14", "imin"), ("block16", "jmin"),
     ("block22", "kmin"),
 )  # fmt: skip
-"""The faces of the blocks of `with_body` that are on the cube."""
 
 
 def head(blocks: list[Block]) -> str:

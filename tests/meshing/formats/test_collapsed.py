@@ -8,12 +8,12 @@ from sdm_deflect.meshing.mesh.cells import Cells
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.meshing.formats.examples import grid
 
+# Corners of a collapsed cube, and the volume that is left of it.
 ONE = {
     "wedge": ([0, 0, 2, 3, 4, 4, 6, 7], 1.0 / 2.0),
     "pyramid": ([0, 1, 2, 3, 4, 4, 4, 4], 1.0 / 3.0),
     "tetra": ([0, 1, 2, 2, 4, 4, 4, 4], 1.0 / 6.0),
 }
-"""Corners of a collapsed cube, and the volume that is left of it."""
 
 
 def test_there_are_24_turns_and_none_mirrors():

@@ -24,13 +24,13 @@ from tests.meshing.formats.alike import content
 from tests.meshing.formats.examples import hybrid, polyhedral
 from tests.meshing.formats.gmsh_files import VARIANTS, by_gmsh, gmsh_data
 
+# A file of each format, and of each way to store it.
 MADE = {
     "su2": "mesh.su2", "cgns": "mesh.cgns", "gmsh": "mesh.msh", "gmsh 4.1": "binary.msh", "ugrid": "mesh.ugrid",
     "ugrid b8": "mesh.b8.ugrid", "ugrid lr4": "mesh.lr4.ugrid", "tau": "mesh.grid", "tau hdf5": "hdf5.grid",
     "tau packed": "packed.grid", "fluent": "mesh.cas.h5", "fluent packed": "packed.msh.h5", "plot3d": "mesh.p3d",
     "plot3d text": "text.p3d", "vtu": "mesh.vtu", "openfoam": "case",
 }  # fmt: skip
-"""A file of each format, and of each way to store it."""
 SINGLE = [name for name in MADE if name != "openfoam"]
 
 

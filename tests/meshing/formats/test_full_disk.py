@@ -21,8 +21,8 @@ from tests.calls import files_of_at_most
 from tests.meshing.formats import fluent_files, plot3d_files
 from tests.meshing.formats.examples import hybrid
 
+# Of the size of the largest file that is written, what the limit lets pass.
 SHARES = (0.02, 0.3, 0.6, 0.9, 0.99)
-"""Of the size of the largest file that is written, what the limit lets pass."""
 
 
 def test_writing_beyond_the_limit_fails_instead_of_ending_the_process():

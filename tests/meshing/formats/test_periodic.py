@@ -28,8 +28,8 @@ from tests.meshing.formats.periodic_files import (
 )
 
 X = Axis(np.zeros(3), np.array([1.0, 0.0, 0.0]))
+# Gmsh places images by its own transformation.
 ROUNDING = 1e-9
-"""Gmsh places images by its own transformation."""
 
 
 @pytest.fixture(scope="module")

@@ -22,8 +22,9 @@ from tests.meshing.formats.test_hostile import complaint
 
 SUFFIXES = [".ugrid", *(f".{encoding}.ugrid" for encoding in ENCODINGS)]
 BINARY = SUFFIXES[1:]
+# Of all encodings, for what does not follow from their tables.
 TWO = [".ugrid", ".lr4.ugrid"]
-"""Of all encodings, for what does not follow from their tables."""
+# A pyramid in .b8.ugrid, by hand: the apex is its third node, the base 1 4 5 2, which is the surface 8.
 PYRAMID = struct.pack(
     ">7i15d12i4i5i5i",
     *(5, 4, 1, 0, 1, 0, 0),
@@ -33,7 +34,6 @@ PYRAMID = struct.pack(
     *(7, 7, 7, 9, 8),
     *(1, 2, 3, 4, 5),
 )
-"""A pyramid in .b8.ugrid, by hand: the apex is its third node, the base 1 4 5 2, which is the surface 8."""
 
 
 def test_a_new_file_has_names_beside_it_and_says_which_changed(tmp_path):

@@ -15,13 +15,13 @@ TIP, END, RADIUS = 1.0, 1.8, 3.0
 RINGS, CUT = 10, 2
 FLAP = ("flap_upper", "flap_lower", "flap_base")
 HEXAHEDRON = np.array([[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]])
+# Faces of each cell in VTK's order of nodes, normals out of the cell.
 FACES = {
     "hexahedron": HEXAHEDRON.tolist(),
     "wedge": [[0, 1, 2], [3, 5, 4], [0, 3, 4, 1], [1, 4, 5, 2], [2, 5, 3, 0]],
     "pyramid": [[0, 3, 2, 1], [0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]],
     "tetra": [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]],
 }
-"""Faces of each cell in VTK's order of nodes, normals out of the cell."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

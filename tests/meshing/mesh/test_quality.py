@@ -27,13 +27,13 @@ from tests.meshing.formats.examples import KINDS
 
 REGULAR, ONE = np.array([[1.0, 1, 1], [-1, 1, -1], [1, -1, -1], [-1, -1, 1]]), np.array([[0, 1, 2, 3]])
 SQUARE = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+# The cell of quality 1 of each shape, in VTK's order.
 IDEAL = {
     "tetra": REGULAR / np.sqrt(8.0),
     "pyramid": np.array([*SQUARE, [0.5, 0.5, np.sqrt(0.5)]], dtype=float),
     "wedge": np.array([[x, y, z] for z in (0, 1) for x, y in ((0, 0), (0.5, np.sqrt(0.75)), (1, 0))], dtype=float),
     "hexahedron": np.array([[x, y, z] for z in (0, 1) for x, y, _ in SQUARE], dtype=float),
 }
-"""The cell of quality 1 of each shape, in VTK's order."""
 coordinates = arrays(np.float64, (4, 3), elements=st.floats(-1.0, 1.0, width=32))
 
 
