@@ -14,7 +14,7 @@ import numpy as np
 from sdm_deflect.base.arrays import BoolArray, FloatArray
 from sdm_deflect.deform.box.automatic import Given
 from sdm_deflect.deform.box.hexahedron import box
-from sdm_deflect.deform.surface.motions import Moving
+from sdm_deflect.deform.surface.motions import Functions, Moving, Powers, Smooth
 from sdm_deflect.deform.surface.surface import Surface
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.job import Job
@@ -50,25 +50,25 @@ class Bend:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BendLaw:
+class BendLaw(Smooth):
     """The motion of points (K, 3)."""
 
     points: FloatArray
 
     @property
     def exact(self) -> BoolArray:
-        """All nodes (K,) move as the parabola says; none is blended."""
+        """All nodes (K,): none is blended."""
         return np.ones(len(self.points), dtype=bool)
 
     def displacement(self, amount: float) -> FloatArray:
-        """Return how far each node (K, 3) moves."""
-        return amount * self.rate(amount)
-
-    def rate(self, amount: float) -> FloatArray:
-        """Return the derivative (K, 3) of the displacement: it is proportional to the amount."""
-        del amount
+        """Return the displacement (K, 3)."""
         share = np.maximum(self.points[:, 2] - BEND, 0.0) / (TOP - BEND)
-        return np.outer(share**2, [0.0, 1.0, 0.0])
+        return amount * np.outer(share**2, [0.0, 1.0, 0.0])
+
+    @property
+    def functions(self) -> Functions:
+        """The amount itself: the displacement is proportional to it."""
+        return Powers(1)
 
 
 def deflected(mesh: Mesh, tip: float = 0.010) -> Mesh:
