@@ -194,8 +194,8 @@ def _interpolation(blocks: Sequence[Json], unit: str) -> Iterator[Row]:
 def _mesh(blocks: Sequence[Json]) -> Iterator[Row]:
     yield Row("nodes in the box", _of(blocks, "confinement", "inside"))
     yield Row("cells affected", _of(blocks, "cells_touched"))
-    states = [_at(one, "quality_inside", "after") for one in blocks]
-    shapes = dict.fromkeys(shape for one in states if isinstance(one, Mapping) for shape in one)
+    states = [_at(block, "quality_inside", "after") for block in blocks]
+    shapes = dict.fromkeys(shape for state in states if isinstance(state, Mapping) for shape in state)
     for shape in shapes:
         for state, words in (("before", "undeflected"), ("after", "deflected")):
             yield Row(f"{shape}: least quality, {words}", _of(blocks, "quality_inside", state, shape, "min"), "", ".3f")
@@ -208,13 +208,16 @@ def _mesh(blocks: Sequence[Json]) -> Iterator[Row]:
 def _verdict(runs: Sequence[ComparedRun]) -> Iterator[Row]:
     checks = [run.data.checks for run in runs]
     yield Row("checks passed", tuple(map(tally, checks)))
-    yield Row("failed", tuple(", ".join(c.name for c in own if not c.passed) or "none" for own in checks))
+    yield Row(
+        "failed", tuple(", ".join(check.name for check in of_run if not check.passed) or "none" for of_run in checks)
+    )
 
 
 def _time(runs: Sequence[ComparedRun]) -> Iterator[Row]:
     figures = [run.data.figures for run in runs]
     deformation = [
-        sum(one["seconds"] for one in _blocks(own).values() if _is_number(one.get("seconds"))) for own in figures
+        sum(block["seconds"] for block in _blocks(figure).values() if _is_number(block.get("seconds")))
+        for figure in figures
     ]
     yield Row("deflection", tuple(deformation), "s", ".2f")
     yield Row("all stages", _of(figures, "total_seconds"), "s", ".1f")
@@ -237,14 +240,16 @@ def _blocks(figures: Json) -> dict[str, Json]:
 
 def _of(figures: Sequence[Json], *path: str) -> tuple[Value, ...]:
     """Return the entry at a place in each run's figures; None without one."""
-    return tuple(found if _is_number(found := _at(one, *path)) or isinstance(found, str) else None for one in figures)
+    return tuple(
+        found if _is_number(found := _at(figure, *path)) or isinstance(found, str) else None for figure in figures
+    )
 
 
 def _largest(blocks: Sequence[Json], name: str) -> tuple[Value, ...]:
     """Return the largest of a figure over the directions of each run."""
     own = [
-        [value for value in (_at(one, "adaptation", d, name) for d in DIRECTIONS) if _is_number(value)]
-        for one in blocks
+        [value for value in (_at(block, "adaptation", d, name) for d in DIRECTIONS) if _is_number(value)]
+        for block in blocks
     ]
     return tuple(max(values, default=None) for values in own)
 

@@ -33,8 +33,8 @@ class FileMesh(Mesh):
     def of(cls, mesh: Mesh) -> "FileMesh":
         """Return a mesh as a `FileMesh`, without checking it again."""
         found = object.__new__(cls)
-        for one in fields(mesh):
-            object.__setattr__(found, one.name, getattr(mesh, one.name))
+        for field in fields(mesh):
+            object.__setattr__(found, field.name, getattr(mesh, field.name))
         return found
 
     def __getitem__(self, name: str) -> Patch:
@@ -70,7 +70,8 @@ class FileMesh(Mesh):
         counts = "".join(f", {count} {NAMES[shape]}" for shape, count in shapes.items())
         width = max(map(len, self.names), default=0)
         rows = (
-            f"{one.name:<{width}} {len(one):>9} faces{reach(extent(self.points[one.nodes]))}" for one in self.patches
+            f"{patch.name:<{width}} {len(patch):>9} faces{reach(extent(self.points[patch.nodes]))}"
+            for patch in self.patches
         )
         return "\n".join([f"{self.name}: {len(self.points)} points{counts}", *rows])
 

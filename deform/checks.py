@@ -167,7 +167,9 @@ def checks_of(deflection: Deflection, unit: str = "") -> tuple[Check, ...]:
         return checks
     failing = {check.name for check in _checks(deflection.rounded(EVERY_BIT), unit) if not check.passed}
     why = f"; fails by rounding to {precision}"
-    return tuple(one if one.passed or one.name in failing else replace(one, where=one.where + why) for one in checks)
+    return tuple(
+        check if check.passed or check.name in failing else replace(check, where=check.where + why) for check in checks
+    )
 
 
 def site_error(deflection: BoxDeflection, unit: str = "") -> Check:
@@ -309,7 +311,7 @@ def _staying(
 def _sliding(deflection: Deflection, unit: str) -> Iterator[Check]:
     for box in deflection.boxes:
         checks, thin = [], box.plan.boundary.thin
-        for name, nodes, shape, _ in (one for modifier in box.plan.modifiers for one in modifier.shapes()):
+        for name, nodes, shape, _ in (part for modifier in box.plan.modifiers for part in modifier.shapes()):
             if not isinstance(shape, str):  # the mesh before says which plane face
                 states = (at[nodes] for at in (box.plan.mesh.points, box.points))
                 before, now = map(shape.distance, map(thin.halfway.places, states) if thin else states)
@@ -321,7 +323,7 @@ def _sliding(deflection: Deflection, unit: str) -> Iterator[Check]:
 def _layer_height(deflection: Deflection) -> Check:
     """Check that the first layers kept their heights, but for a few columns."""
     changes = [layer_change(box.plan, deflection.points) for box in deflection.boxes]
-    found, tilts = (np.concatenate([getattr(one, name) for one in changes]) for name in ("changes", "tilts"))
+    found, tilts = (np.concatenate([getattr(change, name) for change in changes]) for name in ("changes", "tilts"))
     if not (over := len(found)):
         where = "no layers of prisms or hexahedra on the moved walls; layers of tetrahedra are not measured"
         return Check("layer_height", 0.0, LAYER_CHANGE, "", where, over=0)
@@ -330,11 +332,11 @@ def _layer_height(deflection: Deflection) -> Check:
         name: {"max": float(values.max()), "p99": float(np.percentile(values, 99.0))}
         for name, values in (("change", found), ("tilt_deg", tilts))
     }
-    where = f"{over} columns of {max(one.layers for one in changes)} layers; cells tilt by up to "
+    where = f"{over} columns of {max(change.layers for change in changes)} layers; cells tilt by up to "
     where += "{max:.2g} degrees, 99 % by up to {p99:.2g}".format(**figures["tilt_deg"])
     if not many:
         return Check("layer_height", value, LAYER_CHANGE, "", where, over=over, figures=figures)
-    own = int(np.argmax([one.changes.max(initial=0.0) for one in changes]))
+    own = int(np.argmax([change.changes.max(initial=0.0) for change in changes]))
     box, row = deflection.boxes[own], int(np.argmax(changes[own].changes))
     nodes = box.plan.layers.nodes_of(int(changes[own].faces[row]))
     place = "({:.4g}, {:.4g}, {:.4g})".format(*box.plan.mesh.points[nodes].mean(axis=0))
@@ -468,7 +470,7 @@ def _rounding(deflection: Deflection) -> Check:
     plan, largest, count = deflection.plan, 0.0, 0
     for block in plan.mesh.cells:
         faces = [block.faces] if isinstance(block, Polyhedra) else faces_of(block, np.arange(len(block)))
-        for start, end in (edges_of(polygons_of([own]))[0].T for own in faces):
+        for start, end in (edges_of(polygons_of([face]))[0].T for face in faces):
             edges = plan.mesh.points[end] - plan.mesh.points[start]
             change = np.linalg.norm(plan.undeflected_points[end] - plan.undeflected_points[start] - edges, axis=1)
             lengths = np.linalg.norm(edges, axis=1)

@@ -298,11 +298,11 @@ class MeshMotion:
         points, boxes, plan = own.at(pose), [], own.plan.keeping(precision)
         for box, of in zip(plan.boxes, own.plan.boxes, strict=True):
             at_box, read, missed = [0.0] * len(box.job.surfaces), None, np.zeros(1)
-            for one, amount, off in zip(self.snapshots, pose, self._residuals, strict=True):
-                if one.box is of:
-                    at_box[one.row] = amount
-                    read = read or one.nearest(amount)
-                    missed = missed + np.tensordot(one.control.functions.values(amount), off, 1)
+            for snapshot, amount, off in zip(self.snapshots, pose, self._residuals, strict=True):
+                if snapshot.box is of:
+                    at_box[snapshot.row] = amount
+                    read = read or snapshot.nearest(amount)
+                    missed = missed + np.tensordot(snapshot.control.functions.values(amount), off, 1)
             steps, at = (read.steps, read.amounts) if read else ((), None)
             error = float(np.abs(missed).max())
             boxes.append(BoxDeflection(box, tuple(at_box), steps, points, 0.0, None, at, error))
@@ -315,7 +315,7 @@ class MeshMotion:
     def rates(self, pose: Amounts) -> dict[str, FloatArray]:
         """Return the derivative (N, 3) of the plan's coordinates by each surface's amount, by the surface's name."""
         there, units = self._ranged(pose), np.eye(len(self.controls))
-        names = (one.name for one in self.controls)
+        names = (control.name for control in self.controls)
         return {name: self._on_plan.jvp(there, tuple(unit)) for name, unit in zip(names, units, strict=True)}
 
     def check(self, amounts: Wanted) -> tuple[Check, ...]:
@@ -326,7 +326,7 @@ class MeshMotion:
         """Return the amounts of the surfaces with a range, given those of all."""
         assert self.plan is not None
         parts = {id(box): own for box, own in self.plan.by_box(pose)}
-        return tuple(parts[id(one.box)][one.row] for one in self.snapshots)
+        return tuple(parts[id(snapshot.box)][snapshot.row] for snapshot in self.snapshots)
 
     @cached_property
     def _on_plan(self) -> "MeshMotion":
@@ -335,7 +335,7 @@ class MeshMotion:
             raise InputError(NO_MESH)
         if not self.plan.mesh.whole or self.start is self.plan.mesh.points:
             return self
-        rows = tuple(one.box.movable for one in self.snapshots)
+        rows = tuple(snapshot.box.movable for snapshot in self.snapshots)
         if self.found:
             rows = tuple(np.searchsorted(self.plan.mesh.whole.nodes, some) for some in self.rows)
         return replace(self, start=self.plan.mesh.points, rows=rows)
@@ -343,8 +343,8 @@ class MeshMotion:
     @cached_property
     def _residuals(self) -> tuple[FloatArray, ...]:
         """For each surface the errors of its fields at the data sites in each step (k, steps, S, 3)."""
-        most = max(len(one.steps) for own in self.snapshots for one in own.deflections)
-        return tuple(own.residuals(most) for own in self.snapshots)
+        most = max(len(deflection.steps) for snapshot in self.snapshots for deflection in snapshot.deflections)
+        return tuple(snapshot.residuals(most) for snapshot in self.snapshots)
 
     def judged(self, progress: Progress = silent, count: int = MEASURED) -> "MeshMotion":
         """Check the mesh at some amounts of each surface; return the motion with the results.
@@ -360,7 +360,7 @@ class MeshMotion:
                 progress(f"judging {control.name}", (i + k / len(amounts)) / len(self.controls))
                 pose = [amount if i == j else other for j, other in enumerate(self.amounts)]
                 found = self.deflection(pose)
-                box = found.boxes[next(b for b, one in enumerate(own.boxes) if one is self.snapshots[i].box)]
+                box = found.boxes[next(b for b, box in enumerate(own.boxes) if box is self.snapshots[i].box)]
                 least = min((one.min for one in box.quality), default=nan)
                 failed = tuple(check.name for check in checks_of(found) if not check.passed)
                 rows.append(Measured(amount, least, box.inverted, box.site_error, failed))
@@ -381,12 +381,12 @@ class MeshMotion:
     def shortfalls(self) -> tuple[str, ...]:
         """A sentence for each surface whose whole range did not pass: the part that did, and a range to try."""
         out = []
-        for i, one in enumerate(self.controls):
-            passed = self.passed(i) if self.measured and self.measured[i] else (one.low, one.high)
-            if passed != (one.low, one.high):
+        for i, control in enumerate(self.controls):
+            passed = self.passed(i) if self.measured and self.measured[i] else (control.low, control.high)
+            if passed != (control.low, control.high):
                 part = f"passed {passed[0]:g}:{passed[1]:g} of" if passed else "passed nowhere in"
-                half = f"{0.5 * one.low:g}:{0.5 * one.high:g}"
-                out.append(f"{one.name} {part} {one.low:g}:{one.high:g} {one.unit}; try range {half}")
+                half = f"{0.5 * control.low:g}:{0.5 * control.high:g}"
+                out.append(f"{control.name} {part} {control.low:g}:{control.high:g} {control.unit}; try range {half}")
         return tuple(out)
 
     def faults(self, amounts: Amounts) -> tuple[str, ...]:
@@ -396,14 +396,14 @@ class MeshMotion:
             rows = self.measured[i] if self.measured else ()
             passed = self.passed(i) if rows else (-inf, inf)
             if amount and not (passed and passed[0] <= amount <= passed[1]):
-                failed = ", ".join(dict.fromkeys(name for one in rows for name in one.failed))
+                failed = ", ".join(dict.fromkeys(name for row in rows for name in row.failed))
                 among = f"outside {passed[0]:g}:{passed[1]:g}, which passed" if passed else "no amount passed"
                 out.append(f"{control.name} = {amount:g} {control.unit}: {among}; failed: {failed}")
         return tuple(out)
 
     def is_measured(self, amounts: Amounts) -> bool:
         """Return whether at most one surface is away from where it stood during the checks."""
-        return sum(one != other for one, other in zip(amounts, self.amounts, strict=True)) <= 1
+        return sum(amount != other for amount, other in zip(amounts, self.amounts, strict=True)) <= 1
 
     def in_order(self, amounts: Wanted) -> Amounts:
         """Return amounts in the order of the surfaces; InputError for a wrong name, number or amount."""
@@ -412,9 +412,9 @@ class MeshMotion:
     def figures(self) -> list[dict[str, Any]]:
         """Return range, passed amounts and measurements of each surface, for JSON."""
         out = []
-        for i, one in enumerate(self.controls):
+        for i, control in enumerate(self.controls):
             rows = [asdict(row) | {"least": row.least if isfinite(row.least) else None} for row in self.measured[i]]
-            own = {"name": one.name, "unit": one.unit, "range": [one.low, one.high]}
+            own = {"name": control.name, "unit": control.unit, "range": [control.low, control.high]}
             out.append(own | {"passed": self.passed(i), "measured": rows})
         return out
 
@@ -422,12 +422,12 @@ class MeshMotion:
     def lines(self) -> list[str]:
         """Range, passed amounts and least quality of each surface, as text."""
         lines = []
-        for i, one in enumerate(self.controls):
+        for i, control in enumerate(self.controls):
             passed = self.passed(i) if self.measured else None
             least = min((row.least for row in self.measured[i]), default=nan) if self.measured else nan
             said = f", passed {passed[0]:g}:{passed[1]:g}, least quality {least:.3f}" if passed else ""
             said = said or ", none passed" * bool(self.measured)
-            lines.append(f"{one.name} {one.low:g}:{one.high:g} {one.unit}{said}")
+            lines.append(f"{control.name} {control.low:g}:{control.high:g} {control.unit}{said}")
         return lines
 
     def __repr__(self) -> str:

@@ -92,9 +92,9 @@ def is_plan(path: Path) -> bool:
 def write_plan(path: Path, plan: StoredPlan) -> None:
     """Write a plan completely or not at all; InputError for a file that is no plan, or that cannot be written."""
     names, table = {kind: name for name, kind in KINDS.items()}, plan.table
-    controls = [asdict(one) for one in plan.controls]
-    for own, one in zip(controls, plan.controls, strict=True):
-        own["functions"] = [names[type(one.functions)], *own["functions"].values()]
+    controls = [asdict(control) for control in plan.controls]
+    for entry, control in zip(controls, plan.controls, strict=True):
+        entry["functions"] = [names[type(control.functions)], *entry["functions"].values()]
     text = {
         "controls": controls,
         "amounts": plan.amounts,
@@ -137,7 +137,7 @@ def read_plan(path: Path) -> StoredPlan:
             raise ValueError("the name of the mesh or its numbers are wrong")
         table = _table(arrays, text)
         rows = tuple(_indices(arrays, f"rows_{i}", len(table.places), True) for i in range(len(controls)))
-        shapes = ((one.functions.count, len(own), 3) for one, own in zip(controls, rows, strict=True))
+        shapes = ((control.functions.count, len(row), 3) for control, row in zip(controls, rows, strict=True))
         moves = tuple(_bounded(arrays, f"fields_{i}", shape) for i, shape in enumerate(shapes))
         for control, own, measured in zip(controls, text.amounts, text.measured, strict=True):
             for amount in (own, *(row.amount for row in measured)):
@@ -190,7 +190,7 @@ def _control(table: dict[str, Any]) -> ControlRange:
     """Return a surface from its table; ValueError for impossible values."""
     kind, *numbers = table.pop("functions")
     hints = get_type_hints(KINDS[kind])
-    values = [_value(one, hints[own.name]) for own, one in zip(fields(KINDS[kind]), numbers, strict=True)]
+    values = [_value(number, hints[field.name]) for field, number in zip(fields(KINDS[kind]), numbers, strict=True)]
     functions: Functions = KINDS[kind](*values)
     hints = {name: hint for name, hint in get_type_hints(ControlRange).items() if name != "functions"}
     if {*table} != {*hints}:

@@ -48,7 +48,7 @@ class Warp(om.ExplicitComponent):
         self._names = [UNFIT.sub("_", control.name) for control in plan.controls]
         for name, control in zip(self._names, plan.controls, strict=True):
             self.add_input(name, 0.0, units="deg" if control.unit == "deg" else None, desc=control.name)
-        start = self._motion.at(dict.fromkeys((one.name for one in plan.controls), 0.0))
+        start = self._motion.at(dict.fromkeys((control.name for control in plan.controls), 0.0))
         self.add_output(self._output, start.ravel(), distributed=self.comm.size > 1)
 
     def compute(self, inputs: Any, outputs: Any) -> None:

@@ -28,7 +28,7 @@ def background_cad(case: Case) -> CadModel:
 
 def deflected_cad(case: Case) -> CadModel:
     """Build the aircraft with its surfaces turned rigidly by the angles of the case."""
-    turns = {one.surface: CadTurn(one.factor * case.angle) for one in case.deflections}
+    turns = {deflection.surface: CadTurn(deflection.factor * case.angle) for deflection in case.deflections}
     return build(case.fighter, turns, notch=case.notch)
 
 

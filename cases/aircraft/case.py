@@ -121,10 +121,10 @@ class Case:
         low, high = self.range or (min(0.0, self.angle), max(0.0, self.angle))
         if not low <= min(0.0, self.angle) <= max(0.0, self.angle) <= high:
             raise ValueError(f"range = {low:g}:{high:g} must hold 0 and {self.angle:g} deg")
-        for one in self.deflections:
-            if abs(one.factor * self.angle) > LARGEST_TURN:
+        for turn in self.deflections:
+            if abs(turn.factor * self.angle) > LARGEST_TURN:
                 raise ValueError(
-                    f"case.angle = {self.angle:g} deg turns the {one.surface} by {one.factor * self.angle:g} deg; "
+                    f"case.angle = {self.angle:g} deg turns the {turn.surface} by {turn.factor * self.angle:g} deg; "
                     f"at most {LARGEST_TURN:g} deg are possible"
                 )
 

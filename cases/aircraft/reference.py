@@ -105,10 +105,10 @@ def parameters(case: Case) -> dict[str, object]:
 def surface_turns(case: Case) -> dict[str, CadTurn]:
     """Return the turns of the CAD's surfaces: those of the mesh, but tails always turn rigidly."""
     return {
-        one.surface: CadTurn(one.factor * case.angle, "blended", case.blending.strip)
-        if case.law(one.surface) == "blended"
-        else CadTurn(one.factor * case.angle)
-        for one in case.deflections
+        deflection.surface: CadTurn(deflection.factor * case.angle, "blended", case.blending.strip)
+        if case.law(deflection.surface) == "blended"
+        else CadTurn(deflection.factor * case.angle)
+        for deflection in case.deflections
     }
 
 
@@ -154,7 +154,9 @@ def decode(answer: Arrays) -> Reference:
 
 def carriers(surfaces: Iterable[str]) -> list[str]:
     """Return the patches to which the hinged surfaces among some surfaces are attached."""
-    return ["fin" if one == "rudder" else one.replace("aileron", "wing") for one in surfaces if hinged(one)]
+    return [
+        "fin" if surface == "rudder" else surface.replace("aileron", "wing") for surface in surfaces if hinged(surface)
+    ]
 
 
 def arrays_of(face: CadFace) -> dict[str, FloatArray | IntArray]:

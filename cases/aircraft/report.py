@@ -40,7 +40,7 @@ DEFLECTED, RIGID = "the deflected CAD, built again", "its CAD faces turned rigid
 
 def report_data_of(case: Case, found: Deflection) -> ReportData:
     """Return the content of a case's report, without the verdict."""
-    return case_data(case, found.plan, found.points, [FitRows.of(one) for one in found.boxes], found.moved_by_repair)
+    return case_data(case, found.plan, found.points, [FitRows.of(box) for box in found.boxes], found.moved_by_repair)
 
 
 def case_data(
@@ -119,12 +119,12 @@ def cad_map(data: ReportData, surface: MovedSurface, part: str) -> Iterator[tupl
     rows = 2 if width > 1.5 * height else 1
     figure = Figure(figsize=(9.6, 2.2 + 9.0 * height / width) if rows == 2 else (9.6, 4.8), layout="constrained")
     axes = figure.subplots(rows, 3 - rows, sharex=True, sharey=True, squeeze=False).ravel()
-    for one, side, name in zip(axes, (up, ~up), sides, strict=True):
-        _side(one, flat, triangles[side], factor * np.maximum(distance, LEAST), norm)
-        one.set(ylabel=f"{'xyz'[seen[1]]}, mm", aspect="equal")
-        one.set_title(f"{surface.name}, {name}", fontsize="medium")
-    for one in axes[rows - 1 :]:
-        one.set_xlabel(f"{'xyz'[seen[0]]}, mm")
+    for panel, side, name in zip(axes, (up, ~up), sides, strict=True):
+        _side(panel, flat, triangles[side], factor * np.maximum(distance, LEAST), norm)
+        panel.set(ylabel=f"{'xyz'[seen[1]]}, mm", aspect="equal")
+        panel.set_title(f"{surface.name}, {name}", fontsize="medium")
+    for panel in axes[rows - 1 :]:
+        panel.set_xlabel(f"{'xyz'[seen[0]]}, mm")
     unit = METRES.shown if factor > 1.0 else METRES.name
     figure.colorbar(ScalarMappable(norm, MAP), ax=list(axes), label=f"distance, {unit}")
     yield (

@@ -81,7 +81,9 @@ class Shape:
     def rigid(self, faces: Faces) -> Faces:
         """Return undeflected CAD faces turned rigidly."""
         turn, matrix = self.axis.rotated, self.axis.matrix(self.angle)
-        return tuple(ReferenceFace(turn(one.points, self.angle), one.triangles, matrix @ one.normal) for one in faces)
+        return tuple(
+            ReferenceFace(turn(face.points, self.angle), face.triangles, matrix @ face.normal) for face in faces
+        )
 
     @property
     def exact(self) -> IntArray:
@@ -150,7 +152,7 @@ def rigid_checks(shape: Shape, rigid: Faces) -> Iterator[Check]:
     if shape.law == "rigid":
         apart = np.linalg.norm(points - shape.axis.rotated(shape.mesh.points[nodes], shape.angle), axis=1)
         figures["node_by_node"] = _figures(apart, np.zeros(len(nodes)), shares)
-    largest, asked, off = (max(one[key] for one in figures.values()) for key in ("largest", "predicted", "off"))
+    largest, asked, off = (max(figure[key] for figure in figures.values()) for key in ("largest", "predicted", "off"))
     where = f"{sentence(shape.surface, figures)}; {worst(there, points)}"
     judged: tuple[float, Judgement] = (ROUNDING, "at most") if shape.law == "rigid" else (asked, "information")
     yield Check("surface_to_rigid_cad", largest, judged[0], "m", where, judged[1], nodes=nodes, distances=there)
@@ -162,7 +164,7 @@ def sentence(surface: str, figures: Mapping[str, Mapping[str, float]]) -> str:
     """Return a sentence on a surface's distance from rigid CAD, by part, and the error of its prediction."""
     off = [f"{1e3 * one['largest']:.3g} mm {WORDS[part]}" for part, one in figures.items() if one["largest"] > ROUNDING]
     on = [f"none {WORDS[part]}" for part, one in figures.items() if one["largest"] <= ROUNDING]
-    error = max(one["off"] for one in figures.values())
+    error = max(figure["off"] for figure in figures.values())
     return f"{surface} against CAD turned rigidly: {', '.join(off + on)}; as predicted to {error:.0e} m"
 
 
@@ -296,7 +298,7 @@ def nodal_areas(points: FloatArray, triangles: IntArray) -> FloatArray:
 
 def corners_of(faces: Faces) -> FloatArray:
     """Return the corners (T, 3, 3) of the triangles of CAD faces, exact on planes."""
-    return np.concatenate([one.points[one.triangles] for one in faces])
+    return np.concatenate([face.points[face.triangles] for face in faces])
 
 
 def distance(points: FloatArray, corners: FloatArray) -> FloatArray:

@@ -53,7 +53,7 @@ def validate(
     deflected, slid = mesh.with_points(deflection.points), slid_nodes(deflection)
     checks = [fixed_moved(deflection), whole_quality(case, deflected)]
     if repair is not None:
-        free = union(*(one.freedom.nodes for one in deflection.repairs))
+        free = union(*(repair.freedom.nodes for repair in deflection.repairs))
         still = np.setdiff1d(np.arange(len(repair)), free, assume_unique=True)
         checks.append(check_unmoved("repair_elsewhere", repair, still, mesh.points))
     if len(slid) and reference:

@@ -29,7 +29,7 @@ class InOrder(click.Group):
         """Write one section for each subject; a command without one is hidden."""
         for subject, commands in SUBJECTS.items():
             with formatter.section(subject):
-                formatter.write_dl([(str(one.name), one.get_short_help_str(80)) for one in commands])
+                formatter.write_dl([(str(command.name), command.get_short_help_str(80)) for command in commands])
 
 
 @click.group(cls=InOrder, context_settings={"help_option_names": ["-h", "--help"]})

@@ -148,7 +148,7 @@ def _made_at(plan: Plan) -> str:
     from sdm_deflect.deform.surface.slots import SlotSetting
 
     slots = (moving.motion.slot(own) for moving, own in plan.moving if isinstance(moving.motion, SlotSetting))
-    made = (f"gap {one.setting.gap:.4g}, overlap {one.setting.overlap:.4g}" for one in slots)
+    made = (f"gap {slot.setting.gap:.4g}, overlap {slot.setting.overlap:.4g}" for slot in slots)
     return "".join(f"; the mesh was made at {text}" for text in made)
 
 
@@ -231,13 +231,13 @@ def comparison_tables(names: Sequence[str], tables: Mapping[str, Sequence[Sequen
 def sweep_table(poses: Sequence["PoseSummary"], title: str) -> Table:
     """Return one row for each pose."""
     table = _table(title, (), ("angle", "steps", "centres", "site error", "least quality", "seconds", "verdict"))
-    for one in poses:
-        fits = one.figures["adaptation"]
+    for pose in poses:
+        fits = pose.figures["adaptation"]
         centers = ", ".join(f"{name}: {fit['centers']}" for name, fit in fits.items())
         error = max(fit["max_error"] for fit in fits.values())
-        least = min((quality.min for quality in one.quality), default=float("nan"))
-        numbers = (f"{one.figures['steps']}", centers, f"{error:.1e}", f"{least:.3f}", f"{one.seconds:.2f}")
-        table.add_row(_amounts(one), *numbers, _word("passed" if one.passed else "FAILED"))
+        least = min((quality.min for quality in pose.quality), default=float("nan"))
+        numbers = (f"{pose.figures['steps']}", centers, f"{error:.1e}", f"{least:.3f}", f"{pose.seconds:.2f}")
+        table.add_row(_amounts(pose), *numbers, _word("passed" if pose.passed else "FAILED"))
     return table
 
 

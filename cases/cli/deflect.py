@@ -236,7 +236,7 @@ def gradient(
     with options.watch(quiet, show["verbose"]) as watch, watch.stage("gradient") as progress:
         amounts = _named_amounts("--at", at)
         found = amount_derivatives(sensitivity, plan, amounts, mesh, zones, progress)
-    units = {one.name: one.unit for one in found.motion.controls}
+    units = {control.name: control.unit for control in found.motion.controls}
     lines = [f"d/d({name}) = {value:.10g} per {units[name]}" for name, value in found.values.items()]
     figures = {"gradient": found.values, "units": units, "nodes": found.nodes}
     options.print_either(as_json, figures, *lines, f"from {found.nodes} nodes")

@@ -121,14 +121,18 @@ class DeflectCommand(click.Command):
     def topic(self, ctx: click.Context, group: str) -> str:
         """Return the options and settings of a group with all that their notes say."""
         formatter = ctx.make_formatter()
-        records = {one.name: one.get_help_record(ctx) for one in self.get_params(ctx)}
+        records = {param.name: param.get_help_record(ctx) for param in self.get_params(ctx)}
         rows = []
         for one in BY_NAME.values():
             if one.doc.group == group:
                 record = records.get(one.name)
                 rows.append((record[0] if record else f"--set {one.name}=VALUE", _help(one, in_full=True)))
-        others = (one for one in self.get_params(ctx) if one.name not in BY_NAME and getattr(one, "group", "") == group)
-        rows += [record for one in others if (record := records[one.name])]
+        others = (
+            param
+            for param in self.get_params(ctx)
+            if param.name not in BY_NAME and getattr(param, "group", "") == group
+        )
+        rows += [record for other in others if (record := records[other.name])]
         with formatter.section(group):
             formatter.write_dl(rows)
         return formatter.getvalue().rstrip("\n")

@@ -247,7 +247,9 @@ class ReportData:
     @property
     def surface_size(self) -> float:
         """Largest extent of a moving surface; 0 without one."""
-        return max((float(np.ptp(self.mesh.points[one.nodes], axis=0).max()) for one in self.surfaces), default=0.0)
+        return max(
+            (float(np.ptp(self.mesh.points[surface.nodes], axis=0).max()) for surface in self.surfaces), default=0.0
+        )
 
     @property
     def passed(self) -> bool:
@@ -366,7 +368,9 @@ def read_figures(folder: Path) -> tuple[Json, tuple[Check, ...], list[FitRows]]:
             one.ndim != 2 or one.shape[1] != 3 or not np.isfinite(one).all() for own in first for one in own.values()
         ):
             raise ValueError("centres in interpolant.npz are no points")
-        fits = [FitRows(tuple(own), by_direction) for own, by_direction in zip(courses.values(), first, strict=True)]
+        fits = [
+            FitRows(tuple(course), by_direction) for course, by_direction in zip(courses.values(), first, strict=True)
+        ]
         return figures, tuple(_check(row) for row in figures["validation"]["checks"]), fits
 
 

@@ -45,17 +45,17 @@ def convergence(data: ReportData) -> tuple[Figure, str]:
     """Plot the largest residual over the number of centres, by direction (figure 2); return it with a description."""
     figure, axes = panels(len(data.boxes))
     texts, unit, clipped = [], data.length.name, False
-    for one, box in zip(axes, data.boxes, strict=True):
+    for panel, box in zip(axes, data.boxes, strict=True):
         first = [course for course in box.fits.convergence if course.step == 1]
         for course in first:
             style: dict[str, Any] = STYLES["xyz".index(course.directions[0])]
             errors = np.maximum(course.errors, SMALLEST * box.tolerance)
             clipped |= bool(np.any(errors > course.errors))
-            one.semilogy(course.centres, errors, label=f"$f_{{{course.directions}}}$", lw=1.8, ms=4.5, **style)
-        one.axhline(box.tolerance, color="0.4", lw=1, label=f"tolerance {box.tolerance:.3g} {unit}")
-        one.set(xlabel="centres", ylabel=f"largest residual at the data sites, {unit}", title=box.name)
-        one.legend(loc="best", fontsize="small")
-        one.grid(alpha=0.3)
+            panel.semilogy(course.centres, errors, label=f"$f_{{{course.directions}}}$", lw=1.8, ms=4.5, **style)
+        panel.axhline(box.tolerance, color="0.4", lw=1, label=f"tolerance {box.tolerance:.3g} {unit}")
+        panel.set(xlabel="centres", ylabel=f"largest residual at the data sites, {unit}", title=box.name)
+        panel.legend(loc="best", fontsize="small")
+        panel.grid(alpha=0.3)
         ends = ", ".join(f"{c.errors[-1]:.1e} {unit} with {c.centres[-1]} centres in {c.directions}" for c in first)
         texts.append(f"{box.name}: {ends}; tolerance {box.tolerance:.3g} {unit}.")
     if clipped:
@@ -68,7 +68,7 @@ def quality(data: ReportData) -> tuple[Figure, str]:
     states = list(data.states.values())
     found = [(box, *pair) for box in data.boxes for pair in qualities(box.affected, states).items()]
     figure, axes = panels(len(found))
-    texts = [_histogram(data, one, *part) for one, part in zip(axes, found, strict=True)]
+    texts = [_histogram(data, panel, *part) for panel, part in zip(axes, found, strict=True)]
     return figure, "Histograms of the quality of cells before and after the deflection. " + " ".join(texts)
 
 

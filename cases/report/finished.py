@@ -152,7 +152,7 @@ class FinishedRun:
             return replace(data, figures={**data.figures, "notes": notes})
         found = Deflection.at(self.plan, self.points, self.repair)
         fresh = {check.name: check for check in self.validation.checks(found, cache=True)}
-        return replace(data, checks=(*(fresh.pop(one.name, one) for one in data.checks), *fresh.values()))
+        return replace(data, checks=(*(fresh.pop(check.name, check) for check in data.checks), *fresh.values()))
 
     def report(self, form: str = "") -> ReportData:
         """Write report.html and the figures again, the figures also as pdf, svg or png for a paper."""

@@ -373,7 +373,7 @@ def part_of(mesh: Mesh, rows: Sequence[IntArray], nodes: IntArray) -> tuple[Mesh
     """Return given rows of each block of cells, the faces with one of the nodes (K,), and the nodes (P,) of both."""
     chosen = np.zeros(len(mesh.points), dtype=bool)
     chosen[nodes] = True
-    cells = [some_cells(block, own) for block, own in zip(mesh.cells, rows, strict=True)]
+    cells = [some_cells(block, row) for block, row in zip(mesh.cells, rows, strict=True)]
     faces = [[_with_node(block, chosen) for block in patch.faces] for patch in mesh.patches]
     used = [block.faces.nodes if isinstance(block, Polyhedra) else block.nodes.ravel() for block in cells]
     used += [block.nodes.ravel() for patch in faces for block in patch]

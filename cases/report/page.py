@@ -169,7 +169,7 @@ def qualities(data: ReportData) -> Iterator[tuple[str, str, Quality | Json]]:
 
 def policy(scripts: Iterable[str]) -> str:
     """Return the content security policy: nothing from any network, no script but these."""
-    hashes = " ".join(f"'sha256-{b64encode(sha256(one.encode()).digest()).decode('ascii')}'" for one in scripts)
+    hashes = " ".join(f"'sha256-{b64encode(sha256(script.encode()).digest()).decode('ascii')}'" for script in scripts)
     allowed = f"script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:"
     return f"default-src 'none'; {allowed}; base-uri 'none'"
 
@@ -205,8 +205,10 @@ def pixels(exhibit: Exhibit) -> tuple[int, int]:
 def remedies(data: ReportData) -> tuple[str, ...]:
     """Return the advice for failed checks, each once; none for an undeflected mesh, because no setting helps it."""
     failed = [check.cause or check.name.partition(":")[0] for check in data.checks if not check.passed]
-    moved = any(one.amount for one in data.surfaces)
-    widths = [f"a wider --{name}" for name in dict.fromkeys(one.width for one in data.surfaces if one.width)]
+    moved = any(surface.amount for surface in data.surfaces)
+    widths = [
+        f"a wider --{name}" for name in dict.fromkeys(surface.width for surface in data.surfaces if surface.width)
+    ]
     advice = [OTHER_REMEDIES[name] for name in failed if name in OTHER_REMEDIES]
     for name in failed if moved else ():
         options = [text for one in REMEDIES.get(name, ()) for text in (widths if one == WIDER else [one])]

@@ -75,7 +75,7 @@ class Gallery:
 
     def of(self, part: str) -> list[Exhibit]:
         """Return the pictures of one part of the page."""
-        return [one for one in self.exhibits if one.part == part]
+        return [exhibit for exhibit in self.exhibits if exhibit.part == part]
 
     def with_more(self, exhibits: Sequence[Exhibit]) -> "Gallery":
         """Return the gallery with further pictures."""
@@ -93,9 +93,9 @@ def plots(data: ReportData) -> Iterator[Drawn]:
     yield "convergence", "", *figures.convergence(data)
     if data.mesh.cells:
         yield "quality", "", *figures.quality(data)
-        for own in data.boxes:
-            for surface in own.surfaces:
-                yield "slices", surface.name, *slices.slices(data, own, surface)
+        for box in data.boxes:
+            for surface in box.surfaces:
+                yield "slices", surface.name, *slices.slices(data, box, surface)
 
 
 def save_figure(folder: Path, part: str, name: str, figure: Figure, alternative: str) -> Exhibit:

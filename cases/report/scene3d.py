@@ -106,7 +106,7 @@ class Turning:
             return cls(MeshMotion((), data.mesh.points, (), ()), ())
         own, poses = [], []
         for i, control in enumerate(motion.controls):
-            own += [one.amount for one in data.surfaces if {*one.patches} & {*control.patches}][:1]
+            own += [surface.amount for surface in data.surfaces if {*surface.patches} & {*control.patches}][:1]
             for row in motion.measured[i]:
                 poses.append(tuple(row.amount if i == j else other for j, other in enumerate(motion.amounts)))
         return cls(motion if motion.plan else motion.on(data.mesh.points), tuple(own), tuple(poses))
@@ -141,8 +141,8 @@ def turnable(data: ReportData, most_cells: int = 0, most_triangles: int = MOST_T
     return {
         "patches": list(patches(data, most_triangles, turning)),
         "boxes": [
-            {"name": one.name, "colour": BOX_COLOUR, "segments": single(_corners_shown(data, one)[edges])}
-            for one in data.boxes
+            {"name": box.name, "colour": BOX_COLOUR, "segments": single(_corners_shown(data, box)[edges])}
+            for box in data.boxes
         ],
         "arrows": {"segments": single(_arrows(data))},
         "dots": list(dots(data)),
@@ -184,8 +184,8 @@ def _arrows(data: ReportData) -> FloatArray:
 
 def patches(data: ReportData, most: int, turning: Turning) -> Iterator[Json]:
     """Yield the surface meshes; faces point out of the body, for the lighting."""
-    inside = union(*(one.nodes for one in data.boxes))
-    moving = [name for one in data.surfaces for name in one.patches]
+    inside = union(*(box.nodes for box in data.boxes))
+    moving = [name for surface in data.surfaces for name in surface.patches]
     for patch in data.mesh.patches:
         if patch.name not in (*data.drawn, *data.hidden) or not patch.faces:
             continue
@@ -248,11 +248,11 @@ def dots(data: ReportData) -> Iterator[Json]:
     """Yield data sites of all surfaces, and the centres of each direction."""
     if not data.boxes:
         return
-    sites = [data.mesh.points[one.sites] for one in data.boxes]
+    sites = [data.mesh.points[box.sites] for box in data.boxes]
     yield _dots("sites", "sites on the surface", sites, ORANGE)
-    yield _dots("sites", "sites of zero displacement", [one.zero for one in data.boxes], BLUE)
+    yield _dots("sites", "sites of zero displacement", [box.zero for box in data.boxes], BLUE)
     for direction, colour in zip("xyz", (BLUE, ORANGE, (30, 30, 30)), strict=True):
-        own = [one.fits.centres[direction] for one in data.boxes if direction in one.fits.centres]
+        own = [box.fits.centres[direction] for box in data.boxes if direction in box.fits.centres]
         if own:
             yield _dots("centres", f"centres for {direction}", own, colour)
 
@@ -260,11 +260,11 @@ def dots(data: ReportData) -> Iterator[Json]:
 def surfaces(data: ReportData, turning: Turning) -> Json:
     """Return the surfaces that can be turned, the figures of each, and the command that moves the mesh."""
     motion, out = data.motion, []
-    for own, amount, table in zip(
+    for control, amount, table in zip(
         turning.motion.controls, turning.own, motion.figures() if motion else (), strict=True
     ):
-        functions = _functions(own)
-        tolerance = next(b.tolerance for b in data.boxes if any({*s.patches} & {*own.patches} for s in b.surfaces))
+        functions = _functions(control)
+        tolerance = next(b.tolerance for b in data.boxes if any({*s.patches} & {*control.patches} for s in b.surfaces))
         out.append({**table, "functions": functions, "own": amount, "tolerance": tolerance})
     return {"surfaces": out, "stands": motion.amounts if motion else (), "command": data.moves}
 
@@ -289,7 +289,9 @@ def cells(data: ReportData, most: int, turning: Turning) -> Json:
         kept = np.flatnonzero(qualities.min(axis=0) <= limit)
         for shape, typed, own, at in parts_of(block, rows[kept]):
             corners, nodes = _corners(typed, own)
-            known = {} if isinstance(typed, Cells) else {"qualities": [single(one[kept[at]]) for one in qualities]}
+            known = (
+                {} if isinstance(typed, Cells) else {"qualities": [single(quality[kept[at]]) for quality in qualities]}
+            )
             group = {"shape": shape, "sign": sign, **corners, **known, "rows": integers(start + kept[at])}
             groups.append({**group, **_part(data, turning, nodes, exact=True)})
     return {"all": len(worst), "shown": int(np.count_nonzero(worst <= limit)), "groups": groups}
@@ -301,7 +303,7 @@ def _touching(data: ReportData, turning: Turning) -> Iterator[tuple[Volume, IntA
     There are S states: before, after, before the repair, and where the mesh was measured.
     """
     blocks = list(data.mesh.cells if data.boxes else ())
-    rows = [union(*(one.affected.rows[i] for one in data.boxes)) for i in range(len(blocks))]
+    rows = [union(*(box.affected.rows[i] for box in data.boxes)) for i in range(len(blocks))]
     signs = data.boxes[0].affected.orientation if blocks else ()
     measured: list[list[FloatArray]] = [[] for _ in blocks]
     for points in turning.states(data):
@@ -330,13 +332,13 @@ def views(data: ReportData) -> Iterator[Json]:
 
     A hexahedron's view shows only the patches with a node in it.
     """
-    for i, one in enumerate(data.boxes):
-        corners = _corners_shown(data, one)
-        inside = one.hexahedron.contains(data.mesh.points)
+    for i, box in enumerate(data.boxes):
+        corners = _corners_shown(data, box)
+        inside = box.hexahedron.contains(data.mesh.points)
         near = [patch.name for patch in data.mesh.patches if inside[patch.nodes].any()]
         margin = MARGIN * float(np.ptp(corners, axis=0).max())
-        yield _view(data, one.name, corners, margin) | {"box": i, "near": near}
-    every = [_corners_shown(data, one) for one in data.boxes]
+        yield _view(data, box.name, corners, margin) | {"box": i, "near": near}
+    every = [_corners_shown(data, box) for box in data.boxes]
     drawn = np.vstack([data.mesh.points[data.mesh.on(*data.drawn)], *every])
     yield _view(data, "everything", drawn, EDGE * float(np.ptp(drawn, axis=0).max())) | {"box": None, "near": None}
 

@@ -190,7 +190,7 @@ def _rows(plan: Plan, wanted: OutputFiles, summaries: Sequence[PoseSummary]) -> 
 def _of_one_amount(deflection: Deflection, checks: Sequence[Check]) -> "MeshMotion":
     from sdm_deflect.deform.mesh_motion import MeshMotion
 
-    return MeshMotion.of_one_amount(deflection, [one.name for one in checks if not one.passed])
+    return MeshMotion.of_one_amount(deflection, [check.name for check in checks if not check.passed])
 
 
 def _notes(wanted: OutputFiles, motion: "MeshMotion | None", older: Sequence[str]) -> list[str]:

@@ -91,7 +91,7 @@ def amount_derivatives(
     _refuse_missing(path, motion, place, seen)
     if not np.isfinite(total).all():
         raise InputError(f"{path}: the sensitivities are too large to add up")
-    values = dict(zip((one.name for one in motion.controls), total.tolist(), strict=True))
+    values = dict(zip((control.name for control in motion.controls), total.tolist(), strict=True))
     return AmountDerivatives(motion, values, int(seen.sum()))
 
 

@@ -53,9 +53,9 @@ def inspect(path: Path, select: Mapping[str, str] = NOTHING, slot: tuple[str, ..
         *_patch_lines(figures),
         *([_slot_line(figures["slot"])] if figures["slot"] else ()),
         *(
-            f"hinge of {name}, if it moves: {ends_text(one)}"
-            for name, ends in figures["hinges"].items()
-            for one in ends
+            f"hinge of {name}, if it moves: {ends_text(hinge)}"
+            for name, hinges in figures["hinges"].items()
+            for hinge in hinges
         ),
     ]
     return "\n".join(map(printable, lines))
@@ -153,7 +153,7 @@ def _hinges(mesh: Mesh) -> dict[str, list[Json]]:
 
     def turns(name: str, ends: FloatArray) -> bool:
         others = (one for other in size if size[other] < size[name] for one in found[other])
-        return not any(_on_line(ends.mean(axis=0), one) <= SAME_LINE * size[name] for one in others)
+        return not any(_on_line(ends.mean(axis=0), other) <= SAME_LINE * size[name] for other in others)
 
     kept = {name: [ends.tolist() for ends in own if turns(name, ends)] for name, own in found.items()}
     return {name: own for name, own in kept.items() if own}

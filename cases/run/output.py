@@ -121,11 +121,11 @@ def write_interpolants(path: Path, deflections: Sequence[BoxDeflection]) -> None
     shapes afterwards, begin with `sliding_`. `hexahedron` (8, 3) is the box of each.
     """
     arrays: dict[str, np.ndarray] = {}
-    for i, one in enumerate(deflections):
-        tag = f"_{one.plan.surface}" if i else ""
-        arrays |= arrays_of(one.plan.sites.kernel, tag)
-        arrays[f"hexahedron{tag}"] = one.plan.region.hexahedron.corners
-        for k, step in enumerate(one.steps):
+    for i, deflection in enumerate(deflections):
+        tag = f"_{deflection.plan.surface}" if i else ""
+        arrays |= arrays_of(deflection.plan.sites.kernel, tag)
+        arrays[f"hexahedron{tag}"] = deflection.plan.region.hexahedron.corners
+        for k, step in enumerate(deflection.steps):
             suffix = tag + (f"_step{k + 1}" if k else "")
             carrying = [("sliding_", fit) for fit in step.first.adaptations] if step.first else []
             for prefix, fit in (*carrying, *(("", fit) for fit in step.fits.adaptations)):
@@ -140,13 +140,13 @@ def write_interpolants(path: Path, deflections: Sequence[BoxDeflection]) -> None
 def write_convergence(path: Path, deflections: Sequence[BoxDeflection]) -> None:
     """Write the adaptation history: one row per surface, step, group and iteration."""
     rows: list[Sequence[object]] = [("direction", "iteration", "centres", "max_error", "seconds", "surface", "step")]
-    for one in deflections:
-        for k, step in enumerate(one.steps, 1):
+    for deflection in deflections:
+        for k, step in enumerate(deflection.steps, 1):
             for fit in step.fits.adaptations:
                 direction = "".join(DIRECTIONS[c] for c in fit.components)
                 for row in fit.history:
                     figures = (f"{row.max_residual:.6e}", f"{row.seconds:.6f}")
-                    rows.append((direction, row.iteration, row.n_centers, *figures, one.plan.surface, k))
+                    rows.append((direction, row.iteration, row.n_centers, *figures, deflection.plan.surface, k))
     write_table(path, rows)
 
 

@@ -302,7 +302,11 @@ def check_swept(settings: JobSettings, swept: bool = True) -> JobSettings:
 
 def tables_of(surfaces: Any) -> list[Nested]:
     """Return surfaces given as tables, or as a mapping from patch to table; nothing if they are names."""
-    if isinstance(surfaces, Mapping) and surfaces and all(isinstance(own, Mapping) for own in surfaces.values()):
+    if (
+        isinstance(surfaces, Mapping)
+        and surfaces
+        and all(isinstance(surface, Mapping) for surface in surfaces.values())
+    ):
         return [{"patches": name, **own} for name, own in surfaces.items()]
     rows = surfaces if isinstance(surfaces, list | tuple) else [surfaces]
     return [dict(row) for row in rows] if all(isinstance(row, Mapping) for row in rows) else []

@@ -209,7 +209,7 @@ def swept(settings: JobSettings, angles: Any, *, by_range: bool = False) -> tupl
             return jobs, in_proportion(jobs, wanted)
         rows = tuple((angle,) for angle in wanted)
     largest = (max(own, key=abs) for own in zip(*rows, strict=True))
-    moved = (replace(one, angle=most, amount=most) for one, most in zip(surfaces, largest, strict=True))
+    moved = (replace(surface, angle=most, amount=most) for surface, most in zip(surfaces, largest, strict=True))
     settings = replace(settings, surface=tuple(moved))
     mirrored = [(i, one.sign) for i, one in enumerate(settings.surface) if one.mirror]
     poses = tuple((*row, *(sign * row[i] for i, sign in mirrored)) for row in rows)
@@ -236,13 +236,13 @@ def _rows(angles: Any, settings: JobSettings) -> tuple[Amounts, ...]:
 
 def _columns(path: Path, names: Sequence[tuple[str, ...]]) -> FloatArray:
     """Read a table with a column for each surface, in the order of the surfaces' patch `names`."""
-    wanted = ",".join(own[0] for own in names)
+    wanted = ",".join(name[0] for name in names)
     titles, given = read_rows(path, "table of amounts", wanted)
     with damaged(path, "table of amounts"):
-        found = columns_of(titles, {own[0]: own for own in names})
+        found = columns_of(titles, {name[0]: name for name in names})
     if len(found) < len(names) or len(found) < len(titles):
         raise InputError(f"{path}: one column for each surface, titled {wanted}; its titles are {','.join(titles)}")
-    return given[:, [found[own[0]] for own in names]]
+    return given[:, [found[name[0]] for name in names]]
 
 
 def job_of(settings: JobSettings, *, by_range: bool = False) -> Job:

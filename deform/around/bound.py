@@ -66,7 +66,7 @@ class ConstrainedNodes(Modifier):
         return self.slides
 
     def at(self, points: FloatArray, free: IntArray) -> "ConstraintAtStep":
-        slides = [(one.shape, one.nodes) for one in self.slides if not isinstance(one.shape, str)]
+        slides = [(slide.shape, slide.nodes) for slide in self.slides if not isinstance(slide.shape, str)]
         shapes = tuple((shape, np.searchsorted(self.nodes, nodes)) for shape, nodes in (*slides, *self.faces))
         return ConstraintAtStep(
             self, points[self.nodes], shapes, self.images.among(self.nodes), self.images.among(free)

@@ -55,7 +55,9 @@ class Surface:
     @property
     def plain_names(self) -> tuple[str, ...]:
         """Names of the patches without panels such as ``body~tail``."""
-        return tuple(name for name in self.patches if not any(name.endswith(f"{REGION}{own}") for own in self.patches))
+        return tuple(
+            name for name in self.patches if not any(name.endswith(f"{REGION}{patch}") for patch in self.patches)
+        )
 
     @property
     def label(self) -> str:

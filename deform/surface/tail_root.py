@@ -87,7 +87,9 @@ class Root(Hinged):
             raise InputError(f"{mesh.name}: all of {whole[0]} is near {self.tail}: join it with the patches around it")
         cut = with_parts(mesh, {name: [panel] for name, panel in panels.items() if len(panel)})
         of = {panel.name: name for name, panel in panels.items()}
-        return replace(cut, patches=tuple(replace(one, part_of=of.get(one.name, one.part_of)) for one in cut.patches))
+        return replace(
+            cut, patches=tuple(replace(patch, part_of=of.get(patch.name, patch.part_of)) for patch in cut.patches)
+        )
 
     def _around(
         self, mesh: Mesh, names: Sequence[str], root: IntArray, chords: float, cosine: float

@@ -66,11 +66,11 @@ class ControlRange:
 def by_surface(controls: Sequence[ControlRange], values: Wanted) -> Amounts:
     """Return values in the order of the surfaces; InputError for a wrong name or number of them, or no numbers."""
     given = values if isinstance(values, Mapping) else dict(enumerate(np.atleast_1d(np.asarray(values, dtype=object))))
-    out, names = [0.0] * len(controls), [one.name for one in controls]
+    out, names = [0.0] * len(controls), [control.name for control in controls]
     if not isinstance(values, Mapping) and len(given) != len(controls):
         raise InputError(f"amounts = {shortened(values)}: the plan has {len(controls)} surfaces: {', '.join(names)}")
     for name, value in given.items():
-        rows = [i for i, one in enumerate(controls) if name in (i, one.name, *one.patches)]
+        rows = [i for i, control in enumerate(controls) if name in (i, control.name, *control.patches)]
         if not rows or isinstance(name, bool):
             raise InputError(f"{name!r} is no surface of the plan; {nearest(str(name), names)}")
         if isinstance(value, bool) or not isinstance(value, Real):
@@ -87,7 +87,7 @@ def in_order(controls: Sequence[ControlRange], amounts: Wanted) -> Amounts:
     out = by_surface(controls, amounts)
     for control, amount in zip(controls, out, strict=True):
         control.check(amount)
-    wanted = [one.functions.amount for one in controls if isinstance(one.functions, Fixed)]
+    wanted = [control.functions.amount for control in controls if isinstance(control.functions, Fixed)]
     if len(wanted) == len(out) and any(out) and out != tuple(wanted):
         pose, asked = (short_list(f"{value:g}" for value in values) for values in (wanted, out))
         raise InputError(f"{asked}: the plan is of {pose} alone; make one with a range")

@@ -125,7 +125,7 @@ class Job(JobOptions):
         A surface with a range adds the ends of the range, with the others at rest.
         """
         columns = [own for own in zip(*poses, strict=True) if len({*own}) > 1]
-        ends = [poses[own.index(end(own))] for own in columns for end in (min, max)] or [poses[0]]
+        ends = [poses[column.index(end(column))] for column in columns for end in (min, max)] or [poses[0]]
         for i, surface in enumerate(self.surfaces):
             ends += [
                 tuple(end * (i == j) + 0.0 for j in range(len(self.surfaces))) for end in surface.range or () if end
@@ -159,8 +159,8 @@ def by_job(jobs: Sequence[Job], pose: Amounts) -> tuple[Amounts, ...]:
 def poses_of(jobs: Sequence[Job], poses: Sequence[Amounts]) -> list[tuple[Amounts, ...]]:
     """Return the poses that the box of each job must hold: its own, and those of its reflection."""
     parts = list(zip(*(by_job(jobs, pose) for pose in poses), strict=True))
-    images = [(job.image_of, own) for job, own in zip(jobs, parts, strict=True)]
-    return [(*own, *(pose for of, other in images if of == i for pose in other)) for i, own in enumerate(parts)]
+    images = [(job.image_of, part) for job, part in zip(jobs, parts, strict=True)]
+    return [(*part, *(pose for of, other in images if of == i for pose in other)) for i, part in enumerate(parts)]
 
 
 def in_proportion(jobs: Sequence[Job], angles: Sequence[float]) -> tuple[Amounts, ...]:
@@ -173,8 +173,8 @@ def in_proportion(jobs: Sequence[Job], angles: Sequence[float]) -> tuple[Amounts
 
 
 def _ratios(jobs: Sequence[Job]) -> Amounts:
-    own, surfaces = pose_of(jobs), [one for job in jobs for one in job.surfaces]
-    moves = next((one for one in surfaces if one.amount), surfaces[0])
+    own, surfaces = pose_of(jobs), [surface for job in jobs for surface in job.surfaces]
+    moves = next((surface for surface in surfaces if surface.amount), surfaces[0])
     if own[0] or moves is surfaces[0]:
         return tuple(amount / own[0] if own[0] else 1.0 for amount in own)
     raise InputError(
@@ -239,7 +239,7 @@ def _with_devices(mesh: Mesh, jobs: Sequence[Job]) -> tuple[Mesh, tuple[Job, ...
 
 
 def _with_panels(mesh: Mesh, jobs: Sequence[Job]) -> Mesh:
-    roots = (one.motion for job in jobs for one in job.surfaces if isinstance(one.motion, Root))
+    roots = (surface.motion for job in jobs for surface in job.surfaces if isinstance(surface.motion, Root))
     return reduce(lambda cut, root: root.cut(cut), roots, mesh)
 
 
@@ -255,7 +255,7 @@ def unnamed(found: Collection[str], mesh: Mesh, jobs: Sequence[Job]) -> list[str
     Raises InputError for one with a role that has nodes of a moving surface.
     """
     named = {name for job in jobs for name in job.names}
-    moving = {name for job in jobs for one in job.surfaces for name in one.patches}
+    moving = {name for job in jobs for surface in job.surfaces for name in surface.patches}
     surfaces = mesh.on(*(name for name in mesh.names if any(meant(text, name) or text == name for text in moving)))
     for name in (name for name in mesh.names if name in named - moving and name in found):
         if len(np.intersect1d(mesh.patch(name).nodes, surfaces, assume_unique=True)):
@@ -273,7 +273,7 @@ def _of_one_hand(mesh: Mesh) -> Mesh:
 
 def _in_planes(mesh: Mesh, job: Job) -> Iterator[str]:
     """Yield ``NAME#*`` for each patch that shall slide in its plane and consists of several plane parts."""
-    slide = [one.patch for one in job.slides if one.shape == "plane"]
+    slide = [slide.patch for slide in job.slides if slide.shape == "plane"]
     for patch in mesh.patches:
         wanted = any(meant(text, patch.name) for text in slide) or patch.constraint == "symmetry"
         if wanted and len(patch) and not plane_of(mesh, patch.nodes):
@@ -288,9 +288,9 @@ def _in_planes(mesh: Mesh, job: Job) -> Iterator[str]:
 def _planes(mesh: Mesh, job: Job) -> set[str]:
     """Return the patches that slide in their plane: as the job says, else as the file says."""
     moving = [patch for surface in job.surfaces for patch in surface.patches]
-    parts = ((moving, "the surface"), (job.fixed, "fixed"), ([one.patch for one in job.slides], "slide"))
+    parts = ((moving, "the surface"), (job.fixed, "fixed"), ([slide.patch for slide in job.slides], "slide"))
     named = {name for patches, what in parts for name in mesh.expand(patches, what)}
-    planes = mesh.expand([one.patch for one in job.slides if one.shape == "plane"], "slide")
+    planes = mesh.expand([slide.patch for slide in job.slides if slide.shape == "plane"], "slide")
     return {*planes, *(p.name for p in mesh.patches if p.constraint == "symmetry" and p.name not in named)}
 
 

@@ -163,7 +163,7 @@ class BoxPlan:
         shapes: dict[str, SlidingSurface | str] = {}
         for slide in job.repair_slides:
             shapes |= dict.fromkeys(mesh.expand([slide.patch], "repair_slides"), slide.shape)
-        kept = [one for modifier in self.modifiers for one in modifier.shapes()]
+        kept = [shape for modifier in self.modifiers for shape in modifier.shapes()]
         shapes |= {one.name: one.shape for one in kept if one.of_patch}
         inside = np.zeros(len(mesh.points), dtype=np.bool_)
         both, images, size = self.boundary.both, (self.boundary.thin or self.boundary).images, self.boundary.size
@@ -257,7 +257,7 @@ class BoxPlan:
         initial = fitting.initial_surface, fitting.initial_hexahedron
         how = Choice(sites.kernel, fitting.strategy, fitting.rule, initial, options)
         rows = np.concatenate([sites.distinct, len(sites.moving) + sites.sampled])
-        modifiers = tuple(one.at(points, free) for one in self.modifiers)
+        modifiers = tuple(modifier.at(points, free) for modifier in self.modifiers)
         return Start(
             points, sites.known, len(sites.slid), rows, len(sites.distinct), free, sites.zero, self.boundary.components,
             how, modifiers,

@@ -254,7 +254,7 @@ def _bind(boundary: PrescribedMotion, region: BoxNodes) -> "ConstrainedNodes | N
         return np.setdiff1d(np.intersect1d(nodes, region.inside, assume_unique=True), known, assume_unique=True)
 
     slides = tuple(NodesOnShape(one.patch, within(one.nodes), one.surface, of_patch=True) for one in boundary.sliding)
-    slid, planes = union(*(one.nodes for one in slides), within(pairs)), []
+    slid, planes = union(*(slide.nodes for slide in slides), within(pairs)), []
     for section, nodes in region.sections:
         if len(both := np.intersect1d(nodes, slid, assume_unique=True)):
             planes.append((Plane(section.point, np.eye(3)[section.component]), both))
@@ -344,6 +344,6 @@ def _on_box(boundary: PrescribedMotion, region: BoxNodes, modifiers: Sequence[Mo
     else:
         sites = border_sites(box.section(mesh.points[0], mesh.normal), spacing)
         sites[:, mesh.across] = mesh.points[0, mesh.across]
-    for one in modifiers:
-        sites = one.on_box(box, sites, spacing)
+    for modifier in modifiers:
+        sites = modifier.on_box(box, sites, spacing)
     return sites

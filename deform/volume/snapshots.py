@@ -128,11 +128,11 @@ class Snapshots(NamedTuple):
         """Fields (k, M, 3) of the movable nodes of the box, one for each function of the amount."""
         nodes = self.box.movable
         start = self.box.mesh.points[nodes]
-        return weighted(self.weights, [one.exact[nodes] - start for one in self.deflections])
+        return weighted(self.weights, [deflection.exact[nodes] - start for deflection in self.deflections])
 
     def residuals(self, steps: int) -> FloatArray:
         """Return the errors of the fields at the data sites in each step (k, steps, S, 3)."""
-        return weighted(self.weights, [residuals(one, steps) for one in self.deflections])
+        return weighted(self.weights, [residuals(deflection, steps) for deflection in self.deflections])
 
     def nearest(self, amount: float) -> BoxDeflection:
         """Return the deflection at the end of the range nearest to an amount."""
@@ -243,7 +243,7 @@ def residuals(one: BoxDeflection, steps: int) -> FloatArray:
 def weighted(weights: FloatArray, displacements: Sequence[FloatArray]) -> FloatArray:
     """Return the fields (k, M, 3): displacements (r, M, 3) weighted by (k, r), summed in a fixed order."""
     out = np.zeros((len(weights), *displacements[0].shape))
-    for j, one in enumerate(displacements):
+    for j, displacement in enumerate(displacements):
         for k, row in enumerate(weights):
-            out[k] += row[j] * one
+            out[k] += row[j] * displacement
     return out

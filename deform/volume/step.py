@@ -114,7 +114,7 @@ def _passed(
     """Return the fit, the displacements (M, 3) of free or bound nodes, and the seconds that evaluation took."""
     nodes = start.points[start.known]
     own = DataSites(nodes[start.rows], known[start.rows][:, start.components], start.components)
-    further = [sites for one in start.modifiers for sites in one.sites(known, last)]
+    further = [sites for modifier in start.modifiers for sites in modifier.sites(known, last)]
     sites = [own, *further, *start.zero]
     if earlier and keep_centers:
         u = earlier.refit(sites, start.how.strategy)
@@ -124,8 +124,8 @@ def _passed(
     begin = perf_counter()
     to = evaluate(u.interpolant, start.points[start.free], runner) if last else u(nodes[-start.bound :])
     seconds = perf_counter() - begin
-    for one in start.modifiers:
-        to = one.correct(to, known, last)
+    for modifier in start.modifiers:
+        to = modifier.correct(to, known, last)
     return u, to, seconds
 
 

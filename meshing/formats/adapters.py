@@ -91,9 +91,9 @@ def _meshio_patches(mesh: Any, faces: tuple[str, ...]) -> dict[str, tuple[Cells,
     sets = sets or _groups(mesh, 1 if faces == ("line",) else 2)
     return {
         name: tuple(
-            _cells(block.type, block.data[np.asarray(own, dtype=np.intp)])
-            for block, own in zip(mesh.cells, rows, strict=True)
-            if block.type in faces and own is not None and len(own)
+            _cells(block.type, block.data[np.asarray(row, dtype=np.intp)])
+            for block, row in zip(mesh.cells, rows, strict=True)
+            if block.type in faces and row is not None and len(row)
         )
         for name, rows in sets.items()
     }

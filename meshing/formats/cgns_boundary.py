@@ -109,10 +109,10 @@ def _by_patch(
     for condition in sorted(found, key=lambda condition: condition.by_points):
         with as_faults(faults, condition.name, condition.patch, condition.of_family):
             rows = _on_points(condition, faces, free) if condition.by_points else _by_number(condition, faces, last)
-            for part, own, left in zip(faces, rows, free, strict=True):
-                left &= ~own
-                if own.any():
-                    named[condition.patch].append(chosen(part.faces, np.flatnonzero(own)))
+            for part, row, left in zip(faces, rows, free, strict=True):
+                left &= ~row
+                if row.any():
+                    named[condition.patch].append(chosen(part.faces, np.flatnonzero(row)))
     return named
 
 
@@ -165,7 +165,7 @@ def check_range(begin: Sequence[int], end: Sequence[int], most: Sequence[int]) -
 def without(patches: Sequence[Patch], absent: Container[str]) -> tuple[Patch, ...]:
     """Return the patches joined by name; patches that lack faces are renamed."""
     faces: dict[str, list[Any]] = {}
-    named = [replace(one, name=PART.format(one.name)) if one.name in absent else one for one in patches]
+    named = [replace(patch, name=PART.format(patch.name)) if patch.name in absent else patch for patch in patches]
     for patch in named:
         faces.setdefault(patch.name, []).extend(patch.faces)
     constraints = common_constraints((patch.name, patch.constraint) for patch in named)
@@ -244,7 +244,7 @@ def _numbers(node: Any, place: str, where: str, last: int, points: int, dimensio
 
 def _by_number(condition: BoundaryCondition, faces: Sequence[NumberedFaces], last: int) -> list[BoolArray]:
     rows = [np.isin(part.numbers, condition.numbers) for part in faces]
-    missing = len(condition.numbers) - sum(int(own.sum()) for own in rows)
+    missing = len(condition.numbers) - sum(int(row.sum()) for row in rows)
     of_cells_or_edges = missing == len(condition.numbers) and condition.numbers[-1] <= last
     if missing and not of_cells_or_edges:
         raise MeshFileError(f"{missing} of its {len(condition.numbers)} elements are no faces")
@@ -261,7 +261,7 @@ def _on_points(
     for part, left in zip(faces, free, strict=True):
         whole = all_of(marked[1:], part.faces)
         rows.append(whole & left & part.outer)
-    if not any(own.any() for own in rows):
+    if not any(row.any() for row in rows):
         raise MeshFileError(
             "it is given by points, and no face of the file has all its corners among them; write the boundary's faces "
             "as elements"

@@ -129,7 +129,7 @@ def coordinates_beside(file: Any, base: Base) -> tuple[str, ...]:
     others = [name for name, those in zones.items() if any(any(children(zone, GRID)) for _, zone in those)]
     for name, zone in base.zones.items():
         others += [f"{one} of zone {name}" for one, _ in children(zone, GRID) if one != "GridCoordinates"]
-    return tuple(Warned(STAYS.format(one)) for one in others)
+    return tuple(Warned(STAYS.format(other)) for other in others)
 
 
 def _dimension(sizes: dict[str, Size], dimension: int) -> int:

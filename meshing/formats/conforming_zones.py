@@ -63,9 +63,9 @@ def true_shapes(block: Cells) -> Iterator[Cells]:
         yield block
         return
     distinct = 1 + np.count_nonzero(np.diff(np.sort(block.nodes, axis=1), axis=1), axis=1)
-    for own in _quads(block.nodes, distinct) if block.shape == "quad" else _hexahedra(block.nodes, distinct):
-        if len(own):
-            yield own
+    for part in _quads(block.nodes, distinct) if block.shape == "quad" else _hexahedra(block.nodes, distinct):
+        if len(part):
+            yield part
 
 
 def simple(blocks: Iterable[Block]) -> Iterator[Block | Cells]:
@@ -173,7 +173,7 @@ def _groups(count: int, touching: Iterable[tuple[int, int]]) -> list[list[int]]:
     """Return groups of zones that touch, directly or through others, in the order of their first zones."""
     pairs = np.array(list(touching), dtype=np.intp).reshape(-1, 2)
     label = _components(count, pairs)
-    return [np.flatnonzero(label == one).tolist() for one in dict.fromkeys(label.tolist())]
+    return [np.flatnonzero(label == value).tolist() for value in dict.fromkeys(label.tolist())]
 
 
 def _weld(order: IntArray, same: Sequence[IntArray]) -> tuple[IntArray, IntArray]:
@@ -206,12 +206,12 @@ def _common(groups: Sequence[Sequence[int]], parts: Sequence[ZoneMesh]) -> set[s
 
 
 def _zone(parts: Sequence[ZoneMesh], numbers: Sequence[IntArray], begin: int) -> Zone:
-    end = max(begin, *(int(own.max(initial=-1)) + 1 for own in numbers))
+    end = max(begin, *(int(number.max(initial=-1)) + 1 for number in numbers))
     return Zone(parts[0].name, begin, end, tuple(part.name for part in parts) if len(parts) > 1 else ())
 
 
 def _cells(parts: Sequence[ZoneMesh], numbers: Sequence[IntArray]) -> tuple[Volume, ...]:
-    found = [renumber(block, own) for part, own in zip(parts, numbers, strict=True) for block in part.mesh.cells]
+    found = [renumber(block, number) for part, number in zip(parts, numbers, strict=True) for block in part.mesh.cells]
     if len(parts) == 1 and not parts[0].block:
         return tuple(found)
     simple = [some for block in found if isinstance(block, Cells) for some in true_shapes(block)]
@@ -270,8 +270,8 @@ def _without_inner(mesh: Mesh, twice: BoolArray) -> Mesh:
     own = [face_keys(faces, keys) for patch in mesh.patches for faces in patch.faces]
     given = distinct(np.concatenate([keys[:0], *own]))
     count = np.zeros(len(given), dtype=np.intp)
-    for found in cell_face_keys(mesh.cells, keys, twice):
-        rows, there = places(found, given)
+    for part in cell_face_keys(mesh.cells, keys, twice):
+        rows, there = places(part, given)
         np.add.at(count, rows[there], 1)
     patches, each = [], iter(own)
     for patch in mesh.patches:

@@ -67,8 +67,15 @@ class Fluent(Format):
     def coordinates(self, path: Path) -> Datasets:
         with open_hdf5(path, KIND) as file:
             parts = [
-                Dataset(own.node.name, own.node.dtype, own.first - 1, own.last, 0, own.node.shape[1])
-                for own in coordinates(_group(file))
+                Dataset(
+                    coordinate.node.name,
+                    coordinate.node.dtype,
+                    coordinate.first - 1,
+                    coordinate.last,
+                    0,
+                    coordinate.node.shape[1],
+                )
+                for coordinate in coordinates(_group(file))
             ]
         return Datasets.of(path, parts)
 
@@ -107,7 +114,7 @@ def coordinates(mesh: Any) -> list[FluentSection]:
 def read_mesh(mesh: Any, report: Callable[[float], None]) -> Mesh:
     """Return the mesh of a group such as ``meshes/1``; MeshFileError or ValueError if it is damaged."""
     report(0.0)
-    stored = np.concatenate([own.node[()] for own in coordinates(mesh)])
+    stored = np.concatenate([coordinate.node[()] for coordinate in coordinates(mesh)])
     points = np.zeros((len(stored), 3))
     points[:, : stored.shape[1]] = stored
     faces = _faces(mesh)
@@ -291,7 +298,7 @@ def _topology(topology: Any) -> "zip[tuple[str, list[int]]]":
     columns.append(shadows if len(shadows) == len(first) else np.zeros_like(first))
     text = b";".join(dataset(topology, "name", "S", "names")[()].reshape(-1).tolist())
     names = text.decode("utf-8", "replace").replace("\0", "").split(";")
-    if any(len(own) != len(first) for own in columns) or len(first) > len(names):
+    if any(len(column) != len(first) for column in columns) or len(first) > len(names):
         raise MeshFileError(f"faces/zoneTopology has {len(first)} first faces and {len(names)} names; it is damaged")
     return zip(names, np.column_stack(columns).tolist(), strict=False)  # the names may end with a separator
 

@@ -328,7 +328,7 @@ def _copy(
             place.mkdir(exist_ok=True)
             shutil.copymode(name, place)
             folders[:] = {*folders} - ignored(name, folders)
-            links = [one for one in folders if (here / one).is_symlink() and here / one not in followed]
+            links = [folder for folder in folders if (here / folder).is_symlink() and here / folder not in followed]
             folders[:] = {*folders}.difference(links)
             for path in (here / one for one in (*links, *files)):
                 if path.is_symlink() and not (here == mesh and path.name in POINTS):
@@ -385,7 +385,7 @@ def case_folder(path: Path) -> Path:
 def meshes_beside(case: Path) -> tuple[str, ...]:
     """Return notes on other meshes of a case: of parts, of regions, and of times, which a solver prefers."""
     others = sorted({points.parent.parent for points in case.glob("*/polyMesh/points*")} - {case / MESH.parent})
-    times = [one.name for one in others if one.name.replace(".", "", 1).replace("e-", "", 1).isdecimal()]
+    times = [other.name for other in others if other.name.replace(".", "", 1).replace("e-", "", 1).isdecimal()]
     regions = sorted({points.parents[1].name for points in case.glob("constant/*/polyMesh/points*")})
     notes = [BESIDE] if any((folder / MESH).is_dir() for folder in case.glob(STALE[0])) else []
     notes += [Warned(OF_TIMES.format(short_list(f"{name}/polyMesh" for name in times)))] if times else []

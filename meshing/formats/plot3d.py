@@ -305,7 +305,7 @@ def entries(text: str, sizes: Sequence[Size]) -> Iterator[MapEntry]:
 
 
 def _check_head(given: Sequence[str], sizes: Sequence[Size]) -> None:
-    wanted = [len(sizes), *(n for i, own in enumerate(sizes, 1) for n in (i, *own, *[1] * (3 - len(own))))]
+    wanted = [len(sizes), *(n for i, size in enumerate(sizes, 1) for n in (i, *size, *[1] * (3 - len(size))))]
     if list(map(int, given)) != wanted:
         first, said = (" ".join(map(str, all[:9])) + " ..." * (len(all) > 9) for all in (wanted, given))
         raise MeshFileError(

@@ -124,9 +124,9 @@ def loose_faces(mesh: Mesh) -> dict[str, int]:
     seen = np.zeros(len(given), dtype=np.bool_)
     on_patch = np.zeros(len(mesh.points), dtype=np.bool_)
     on_patch[mesh.on(*(patch.name for patch in mesh.patches))] = True
-    for found in cell_face_keys(mesh.cells, keys, on_patch) if len(given) else ():
-        place = np.minimum(np.searchsorted(given, found), len(given) - 1)
-        seen[place[given[place] == found]] = True
+    for part in cell_face_keys(mesh.cells, keys, on_patch) if len(given) else ():
+        place = np.minimum(np.searchsorted(given, part), len(given) - 1)
+        seen[place[given[place] == part]] = True
         if seen.all():
             return {}
     missing = given[~seen]

@@ -228,7 +228,7 @@ def only(own: Sequence[KeywordBlock], keyword: str) -> KeywordBlock:
 
 def points_of(source: Su2File, sections: Sequence[KeywordBlock]) -> FloatArray:
     """Return the points (N, 3) of sections."""
-    possible = sum(min(own.count, (own.end - own.begin) // len("0 0") + 1) for own in sections)
+    possible = sum(min(section.count, (section.end - section.begin) // len("0 0") + 1) for section in sections)
     points = np.zeros((possible, 3))  # a damaged count may be any number
     start = 0
     for _, _, placed in source.coordinates(sections):
@@ -395,7 +395,11 @@ def _around(source: Su2File) -> list[tuple[int, int]]:
     """Return the bytes before, between and after the points."""
     points = _points(source)
     return list(
-        zip([0, *(own.end for own in points)], [*(own.begin for own in points), source.sections[-1].end], strict=True)
+        zip(
+            [0, *(section.end for section in points)],
+            [*(section.begin for section in points), source.sections[-1].end],
+            strict=True,
+        )
     )
 
 

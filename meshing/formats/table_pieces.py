@@ -101,7 +101,7 @@ class TablePieces:
 
     @property
     def blocks(self) -> tuple[tuple[str, int], ...]:
-        return tuple((own.shape, own.table.rows) for own in self.cells)
+        return tuple((block.shape, block.table.rows) for block in self.cells)
 
     def coordinates(self, start: int, stop: int) -> FloatArray:
         found = np.empty((stop - start, 3))
@@ -137,7 +137,7 @@ class TablePieces:
 
         Plane cells stay as they are: they would be reversed one by one.
         """
-        return replace(self, cells=tuple(self._orient(own) for own in self.cells))
+        return replace(self, cells=tuple(self._orient(block) for block in self.cells))
 
     def _orient(self, cells: CellTable) -> CellTable:
         if not cells.table.rows or cells.shape in PLANE:

@@ -94,7 +94,9 @@ def _classic(path: Path) -> Grid:
                     name: None if own.isrec else np.memmap(path, own.data.dtype, "r", begin[name], own.shape)
                     for name, own in file.variables.items()
                 }
-                used = sorted((own.offset, own.offset + own.nbytes) for own in arrays.values() if own is not None)
+                used = sorted(
+                    (array.offset, array.offset + array.nbytes) for array in arrays.values() if array is not None
+                )
                 if any(end > following for (_, end), (following, _) in pairwise(used)):
                     raise ValueError("variables share bytes")
                 return Grid(arrays, dict(file.dimensions), dict(file._attributes))
@@ -123,12 +125,12 @@ class Tau(Format):
         progress(f"reading {path.name}", 0.0)
         with about(path), open_tau(path) as grid:
             points, cells = _points(grid, path), _elements(grid, path, SOLIDS)
-            tables = (*(own.table for own in points.ranges), *(own.table for own in cells))
+            tables = (*(own.table for own in points.ranges), *(block.table for block in cells))
             if scratch and any(isinstance(table, MemoryTable) for table in tables):
                 return None
             _check_count(grid, "no_of_elements", cells)
             patches = _patches(grid, path, points.points)
-        pieces = replace(points, cells=tuple(own for own in cells if own.table.rows)).orient()
+        pieces = replace(points, cells=tuple(block for block in cells if block.table.rows)).orient()
         return MeshOnDisk(path.resolve().name, pieces, patches, (Zone("", 0, points.points),))
 
     def coordinates(self, path: Path) -> ByteColumns | Datasets:
@@ -177,13 +179,13 @@ def _check_count(grid: Grid, dimension: str, blocks: Sequence[CellTable]) -> Non
 
 def _patches(grid: Grid, path: Path, points: int) -> tuple[Patch, ...]:
     """Return the patches by the markers of triangles and then quadrilaterals; markers of one name are one patch."""
-    tables = [own for own in _elements(grid, path, FACES) if own.table.rows]
+    tables = [element for element in _elements(grid, path, FACES) if element.table.rows]
     _check_count(grid, "no_of_surfaceelements", tables)
     if not tables:
         return ()
-    ends = np.cumsum([own.table.rows for own in tables])
+    ends = np.cumsum([element.table.rows for element in tables])
     markers = _markers(grid, ends[-1])
-    blocks = [Cells(own.shape, own.everything(points)) for own in tables]
+    blocks = [Cells(element.shape, element.everything(points)) for element in tables]
     patches: dict[str, list[Cells]] = {}
     for marker, name in _marker_names(grid, path, np.unique(markers).tolist()).items():
         for block, own in zip(blocks, np.split(markers == marker, ends[:-1]), strict=True):

@@ -245,7 +245,7 @@ def patches(faces: Sequence[Cells], labels: IntArray, names: Mapping[int, str]) 
     given = set(names.values())
     patches: dict[str, list[Cells]] = {}
     parts = np.split(index, [len(faces[0])])
-    blocks = [_by_label(block, own, len(ids)) for block, own in zip(faces, parts, strict=True)]
+    blocks = [_by_label(block, part, len(ids)) for block, part in zip(faces, parts, strict=True)]
     for number, *several in zip(ids.tolist(), *blocks, strict=True):
         name = names.get(number, str(number))
         while number not in names and name in given:
@@ -289,7 +289,10 @@ def _arrays(mesh: Mesh, ids: Mapping[str, int]) -> dict[str, Any]:
         order = FROM_VTK.get(cells.shape, range(cells.nodes.shape[1]))
         blocks[cells.shape].append(cells.nodes[:, [*order]] + 1)
     arrays: dict[str, Any] = {shape: _one(parts, CORNERS[shape]) for shape, parts in blocks.items()}
-    arrays |= {POINTS: mesh.points, SURFACE: np.concatenate([own for shape in FACES for own in surfaces[shape]])}
+    arrays |= {
+        POINTS: mesh.points,
+        SURFACE: np.concatenate([surface for shape in FACES for surface in surfaces[shape]]),
+    }
     return {name: arrays[name] for name in ORDER}
 
 

@@ -64,7 +64,7 @@ def crossing(points: FloatArray, triangles: IntArray, far: BoolArray) -> IntArra
     MeshLab sorts triangles into boxes of one size; the whole body would be in one box of the far field's size.
     """
     rows = [np.flatnonzero(part) for part in (far, ~far) if part.any()]
-    return np.sort(np.concatenate([own[_crossing(points, triangles[own])] for own in rows]))
+    return np.sort(np.concatenate([row[_crossing(points, triangles[row])] for row in rows]))
 
 
 def _crossing(points: FloatArray, triangles: IntArray) -> BoolArray:

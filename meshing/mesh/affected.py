@@ -76,7 +76,7 @@ class AffectedCells:
     def together(cls, parts: Sequence[AffectedCells]) -> AffectedCells:
         """Join the affected cells of several boxes in one mesh."""
         rows = zip(*(part.rows for part in parts), strict=True)
-        return parts[0] if len(parts) == 1 else replace(parts[0], rows=tuple(union(*own) for own in rows))
+        return parts[0] if len(parts) == 1 else replace(parts[0], rows=tuple(union(*row) for row in rows))
 
     @property
     def count(self) -> int:

@@ -73,7 +73,7 @@ def bounded(values: ArrayLike, what: str) -> FloatArray:
 
 def several(values: object, kinds: tuple[type, ...], what: str) -> tuple[Any, ...]:
     """Return objects as a tuple; InputError, which names `what`, unless all are of these kinds."""
-    if not isinstance(values, list | tuple) or not all(isinstance(one, kinds) for one in values):
+    if not isinstance(values, list | tuple) or not all(isinstance(value, kinds) for value in values):
         names = " or ".join(kind.__name__ for kind in kinds)
         raise InputError(f"{what} = {shortened(values)} must be a list of {names}")
     return tuple(values)

@@ -114,7 +114,7 @@ class _NearbyFaces:
         every = polygons_of(mesh.faces_of(mesh.names))
         if not len(every):
             return None
-        patch = np.repeat(np.arange(len(mesh.patches)), [len(one) for one in mesh.patches])
+        patch = np.repeat(np.arange(len(mesh.patches)), [len(patch) for patch in mesh.patches])
         starts = every.offsets[:-1]
         moved = np.logical_or.reduceat((points != mesh.points).any(axis=1)[every.nodes], starts)
         if not moved.any():
@@ -130,7 +130,7 @@ class _NearbyFaces:
         same = np.arange(len(points))
         used = distinct(triangles)
         same[used] = used[first_coincident(mesh.points[used], ZERO_LENGTH * size)]
-        zone = np.searchsorted([one.stop for one in mesh.zones], triangles[:, :1], side="right")
+        zone = np.searchsorted([zone.stop for zone in mesh.zones], triangles[:, :1], side="right")
         labels = np.hstack([same[triangles], zone])
         return cls(faces, patch[rows], moved[rows], triangles, face, labels, size, mesh.plane)
 

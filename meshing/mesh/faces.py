@@ -65,7 +65,7 @@ class BoundaryGaps:
         }
         every = distinct(_join(list(on_patches.values())))
         missed = np.setdiff1d(known[count == 1], every, assume_unique=True)
-        loose = sum(int(np.count_nonzero(~_among(own, known))) for own in on_patches.values())
+        loose = sum(int(np.count_nonzero(~_among(on_patch, known))) for on_patch in on_patches.values())
         inner = sum(int(np.count_nonzero(_among(on_patches[name], known[count > 1]))) for name in moving)
         free = np.setdiff1d(changed, mesh.on(*mesh.names), assume_unique=True)
         nodes = _nodes_of(affected, keys, missed) if len(missed) else changed[:0]
@@ -141,7 +141,7 @@ def inner_patches(patches: Iterable[Patch], cells: Callable[[], Iterable[Volume]
         for faces in chosen.values():
             marked[faces.nodes] = True
         keys = node_keys(points) if some else np.empty(0, np.uint64)
-        found = [own for block in (cells() if some else ()) for own in cell_face_keys((block,), keys, marked)]
+        found = [part for block in (cells() if some else ()) for part in cell_face_keys((block,), keys, marked)]
         known, count = count_distinct(_join(found))
         between = known[count > 1]
         some = {name: some[name] for name, faces in chosen.items() if _among(face_keys(faces, keys), between).all()}

@@ -68,10 +68,10 @@ def triangles_of(mesh: Mesh, name: str) -> IntArray:
 
 def skin(mesh: Mesh) -> Skin:
     """Return the boundary of a mesh made by `tetrahedral`."""
-    patch = np.repeat(np.arange(len(mesh.patches)), [len(one) for one in mesh.patches])
+    patch = np.repeat(np.arange(len(mesh.patches)), [len(patch) for patch in mesh.patches])
     triangles = np.concatenate([np.empty((0, 3), dtype=np.intp), *(triangles_of(mesh, name) for name in mesh.names)])
     face, row = (
-        np.concatenate([np.empty(0, dtype=np.intp), *(one.labels[label] for one in mesh.patches)])
+        np.concatenate([np.empty(0, dtype=np.intp), *(patch.labels[label] for patch in mesh.patches)])
         for label in (CAD_FACE, ROW)
     )
     order = np.argsort(row)

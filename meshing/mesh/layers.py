@@ -82,20 +82,20 @@ class LayerColumns:
         count = len(affected.mesh.points)
         levels, forked, measured = list[IntArray](), np.empty(0, dtype=np.intp), list[tuple[LayerCells, ...]]()
         faces = _as_polygons([])
-        for found in _layers(affected, walls):
-            keys = [(top.astype(np.int64) * count + base)[new] for base, top, new in found]
+        for layer in _layers(affected, walls):
+            keys = [(top.astype(np.int64) * count + base)[new] for base, top, new in layer]
             pairs, _ = count_distinct(np.concatenate(keys))
             nodes, times = count_distinct(pairs // count)
             forked = forked if levels else nodes[times > 1]
             once = np.repeat(times == 1, times)
             levels.append(np.column_stack([pairs[once] // count, pairs[once] % count]))
             if not measured:
-                faces = _as_polygons([base for base, *_ in found])
-                ends = np.cumsum([0, *(len(base) for base, *_ in found)])
+                faces = _as_polygons([base for base, *_ in layer])
+                ends = np.cumsum([0, *(len(base) for base, *_ in layer)])
                 rows = (np.arange(a, b) for a, b in pairwise(ends))
-                measured.append(tuple(LayerCells(*own[:2], wall) for own, wall in zip(found, rows, strict=True)))
+                measured.append(tuple(LayerCells(*own[:2], wall) for own, wall in zip(layer, rows, strict=True)))
             elif len(measured) < kept:
-                measured.append(tuple(_over(measured[-1], found)))
+                measured.append(tuple(_over(measured[-1], layer)))
         return cls(tuple(levels), forked, faces, tuple(measured))
 
     def nodes_of(self, face: int) -> IntArray:
@@ -221,8 +221,8 @@ def _face_keys(faces: IntArray) -> NDArray[np.uint64]:
 
 def _as_polygons(faces: list[IntArray]) -> Polygons:
     """Return blocks of faces (F, k) with different k as polygons."""
-    sizes = np.concatenate([np.empty(0, dtype=np.intp), *(np.full(len(own), own.shape[1]) for own in faces)])
-    nodes = np.concatenate([np.empty(0, dtype=np.intp), *(own.ravel() for own in faces)])
+    sizes = np.concatenate([np.empty(0, dtype=np.intp), *(np.full(len(face), face.shape[1]) for face in faces)])
+    nodes = np.concatenate([np.empty(0, dtype=np.intp), *(face.ravel() for face in faces)])
     return Polygons(nodes, np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp))
 
 

@@ -217,7 +217,7 @@ class Mesh:
         if not parts and not self.inner:
             return self
         whole = []
-        for patch in (one for one in self.patches if not one.part_of):
+        for patch in (patch for patch in self.patches if not patch.part_of):
             own = [one for one in (patch, *parts) if one.part_of in ("", patch.name)]
             faces = tuple(faces for one in own for faces in one.faces)
             loose = union(*(one.loose for one in own))

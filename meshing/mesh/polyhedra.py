@@ -341,8 +341,8 @@ class SomePolyhedra:
 def join_polyhedra(parts: Sequence[SomePolyhedra]) -> SomePolyhedra:
     """Return the polyhedra of several parts of a mesh, each face once."""
     numbers, sides = np.concatenate([part.numbers for part in parts]), [part.sides for part in parts]
-    faces, owner = polygons_of([own.faces for own in sides]), np.concatenate([own.owner for own in sides])
-    neighbour = np.concatenate([_neighbours(own) for own in sides])
+    faces, owner = polygons_of([side.faces for side in sides]), np.concatenate([side.owner for side in sides])
+    neighbour = np.concatenate([_neighbours(side) for side in sides])
     if (np.diff(numbers) <= 0).any():
         numbers, first = np.unique(numbers, return_index=True)
         faces, owner, neighbour = take_faces(faces, first), owner[first], neighbour[first]

@@ -274,8 +274,8 @@ def with_selections(mesh: Mesh, selections: Sequence[Selection], names: Iterable
     Raises InputError if a selection is empty or a whole patch, shares a face or a name, or if a name means no patch.
     """
     found: dict[str, list[Part]] = {}
-    for one in selections:
-        _add(mesh, found, *one.parts(mesh))
+    for selection in selections:
+        _add(mesh, found, *selection.parts(mesh))
     for text in dict.fromkeys(names):
         known = text in (*mesh.names, *_names(found)) or any(meant(text, name) for name in mesh.names)
         if MARK in text and not known:
@@ -306,7 +306,7 @@ def _components_of(mesh: Mesh, found: dict[str, list[Part]], text: str) -> Itera
         for one in found.get(name, []):
             free[one.rows] = False
         parts = part.cut(labels, MARK) if count > 1 else []
-        yield name, [one for one in parts if meant(text, one.name) and free[one.rows].all()]
+        yield name, [part for part in parts if meant(text, part.name) and free[part.rows].all()]
 
 
 def _add(mesh: Mesh, found: dict[str, list[Part]], patch: str, parts: list[Part]) -> None:

@@ -136,7 +136,7 @@ class ThinMesh:
             points=halfway.places(mesh.points),
             cells=(Cells("triangle", np.empty((0, 3), dtype=np.intp)),),
             patches=patches,
-            periodic=tuple(one for one in pairs if not one.thin),
+            periodic=tuple(pair for pair in pairs if not pair.thin),
             across=halfway.component,
         )
         return cls(plane, mesh.points, pair.nodes, halfway, Images.of(mesh, pair.patches))

@@ -67,8 +67,8 @@ class Columns:
     def without(self, nodes: IntArray) -> Columns:
         """Return the columns without some nodes (K,), which stay."""
         stay = [np.isin(pairs[:, 0], nodes) for pairs in self.pairs]
-        pairs = tuple(own[~rows] for own, rows in zip(self.pairs, stay, strict=True))
-        lengths = tuple(own[~rows] for own, rows in zip(self.lengths, stay, strict=True))
+        pairs = tuple(pair[~rows] for pair, rows in zip(self.pairs, stay, strict=True))
+        lengths = tuple(length[~rows] for length, rows in zip(self.lengths, stay, strict=True))
         return Columns(pairs, lengths, np.setdiff1d(self.rigid, nodes, assume_unique=True))
 
     def closure(self, nodes: IntArray, size: int) -> IntArray:
@@ -195,7 +195,7 @@ class FreeNodes:
     @property
     def sliding(self) -> IntArray:
         """Sorted indices (K,) of the nodes on shapes."""
-        return union(*(one.nodes for one in self.slides))
+        return union(*(slide.nodes for slide in self.slides))
 
     @classmethod
     def of(
@@ -259,11 +259,13 @@ class FreeNodes:
         def moved(one: Slide) -> bool:
             return not np.array_equal(points[one.nodes], start[one.nodes])
 
-        return tuple(one for one in self.slides if moved(one) and any(_folds(start, points, f) for f in one.faces))
+        return tuple(
+            slide for slide in self.slides if moved(slide) and any(_folds(start, points, f) for f in slide.faces)
+        )
 
     def without(self, some: tuple[Slide, ...]) -> FreeNodes:
         """Return the free nodes without some of the slides."""
-        return replace(self, slides=tuple(one for one in self.slides if one not in some))
+        return replace(self, slides=tuple(slide for slide in self.slides if slide not in some))
 
     def closure(self, nodes: IntArray, size: int) -> IntArray:
         """Return sorted nodes (K,) with all nodes that move with them; `size` is the number of nodes of the mesh."""
@@ -278,7 +280,9 @@ class FreeNodes:
 
     def without_nodes(self, nodes: IntArray) -> FreeNodes:
         """Return the free nodes without some nodes (K,), which stay."""
-        slides = tuple(replace(one, nodes=np.setdiff1d(one.nodes, nodes, assume_unique=True)) for one in self.slides)
+        slides = tuple(
+            replace(slide, nodes=np.setdiff1d(slide.nodes, nodes, assume_unique=True)) for slide in self.slides
+        )
         free = np.setdiff1d(self.free, nodes, assume_unique=True)
         return replace(self, free=free, slides=slides, columns=self.columns.without(nodes))
 
@@ -293,10 +297,12 @@ class FreeNodes:
         levels = []
         for pairs in columns.levels:
             kept = anywhere[pairs[:, 0]]
-            for one in self.slides:
-                if isinstance(one.shape, Plane):
-                    near = FLAT * float(np.ptp(points[one.nodes], axis=0).max())
-                    kept |= np.isin(pairs[:, 0], one.nodes) & (np.abs(one.shape.distance(points[pairs[:, 1]])) <= near)
+            for slide in self.slides:
+                if isinstance(slide.shape, Plane):
+                    near = FLAT * float(np.ptp(points[slide.nodes], axis=0).max())
+                    kept |= np.isin(pairs[:, 0], slide.nodes) & (
+                        np.abs(slide.shape.distance(points[pairs[:, 1]])) <= near
+                    )
             levels.append(pairs[kept])
         first = np.concatenate([columns.forked, *(pairs[:, 0] for pairs in columns.levels[:1])])
         stay = np.setdiff1d(first, levels[0][:, 0]) if levels else first
@@ -308,7 +314,8 @@ class FreeNodes:
             anywhere[stay] = False
             images = images.within(anywhere)
         slides = tuple(
-            Slide(np.setdiff1d(one.nodes, stay, assume_unique=True), one.shape, one.faces) for one in self.slides
+            Slide(np.setdiff1d(slide.nodes, stay, assume_unique=True), slide.shape, slide.faces)
+            for slide in self.slides
         )
         free = np.setdiff1d(self.free, stay, assume_unique=True)
         return FreeNodes(free, slides, Columns.of(levels, rigid, before, points), images)

@@ -93,7 +93,7 @@ class QualityGoal:
     def among(self, cells: BoolArray) -> QualityGoal:
         """Return the goal of the cells in a mask (C,)."""
         ends = np.cumsum([0, *(len(rows) for rows in self.affected.rows)])
-        rows = tuple(own[cells[a:b]] for own, a, b in zip(self.affected.rows, ends, ends[1:], strict=False))
+        rows = tuple(row[cells[a:b]] for row, a, b in zip(self.affected.rows, ends, ends[1:], strict=False))
         return QualityGoal(replace(self.affected, rows=rows), self.floor[cells], self.weights[cells])
 
     def spread(self, found: CellScores) -> FloatArray:
@@ -285,13 +285,13 @@ class FreeDisplacements:
     def of(cls, points: FloatArray, nodes: IntArray, freedom: FreeNodes) -> FreeDisplacements:
         """Return the free displacements of some of the free nodes (U,), at points (N, 3)."""
         slides, edges, order = [], [], np.argsort(nodes)
-        for one in freedom.slides:
-            own = one.nodes[np.isin(one.nodes, nodes, assume_unique=True)]
+        for slide in freedom.slides:
+            own = slide.nodes[np.isin(slide.nodes, nodes, assume_unique=True)]
             rows = order[np.searchsorted(nodes, own, sorter=order)]
-            if isinstance(one.shape, IntersectionCurve):
-                edges.append((rows, one.shape.tracks(points[own])))
+            if isinstance(slide.shape, IntersectionCurve):
+                edges.append((rows, slide.shape.tracks(points[own])))
             elif len(own):
-                slides.append((rows, one.shape))
+                slides.append((rows, slide.shape))
         rows = np.concatenate([np.empty(0, dtype=np.intp), *(rows for rows, _ in edges)])
         tracks = Tracks.joined([tracks for _, tracks in edges])
         heights = Heights.of(freedom.columns, points, nodes)

@@ -36,7 +36,7 @@ _permitted = ContextVar("_permitted", default=0o7777)
 @contextmanager
 def permitted_as(*sources: Path | str | None) -> Iterator[None]:
     """Limit the permissions of new files and folders in this block to those of the sources."""
-    token = _permitted.set(reduce(and_, (_permissions(Path(one)) for one in sources if one), _permitted.get()))
+    token = _permitted.set(reduce(and_, (_permissions(Path(source)) for source in sources if source), _permitted.get()))
     try:
         yield
     finally:

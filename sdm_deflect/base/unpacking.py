@@ -153,5 +153,5 @@ def read_arrays(path: Path) -> dict[str, Array]:
     with damaged(path, "archive of arrays"), zipfile.ZipFile(path) as packed:
         entries = packed.infolist()
         check_unpacked(sum(entry.file_size for entry in entries), path.stat().st_size, "what is packed in it")
-        arrays = ((one.filename, np.load(BytesIO(packed.read(one)), allow_pickle=False)) for one in entries)
+        arrays = ((entry.filename, np.load(BytesIO(packed.read(entry)), allow_pickle=False)) for entry in entries)
         return {name.removesuffix(".npy"): values for name, values in arrays}
