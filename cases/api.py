@@ -159,12 +159,14 @@ class Result:
             has changed since. If a check fails once coordinates are rounded to what the file keeps;
             `stored_in(path).save(path)` writes it all the same.
         """
-        found = self.stored_in(path)
+        stored = self.stored_in(path)
         failed = {check.name for check in self.checks if not check.passed}
-        for one in found.checks:
-            if not one.passed and one.name not in failed:
-                raise InputError(f"{path}: {one.name} is {one.value:.3g} there, limit {one.limit:.3g}; {one.where}")
-        return save_mesh(self.plan.mesh, found.points, path)
+        for check in stored.checks:
+            if not check.passed and check.name not in failed:
+                raise InputError(
+                    f"{path}: {check.name} is {check.value:.3g} there, limit {check.limit:.3g}; {check.where}"
+                )
+        return save_mesh(self.plan.mesh, stored.points, path)
 
     def stored_in(self, path: str | PathLike[str]) -> Result:
         """Return the result with the precision of a file at `path`, judged again: some formats have 32 bits.
@@ -178,8 +180,8 @@ class Result:
             precision = precision_of(Path(mesh.source) if mesh.source else None, path_of(path), mesh)
         if precision == self.plan.precision:
             return self
-        one = self.deflection.rounded(precision)
-        return replace(self, deflection=one, checks=checks_of(one))
+        deflection = self.deflection.rounded(precision)
+        return replace(self, deflection=deflection, checks=checks_of(deflection))
 
     def report(self, folder: str | PathLike[str]) -> Path:
         """Write a report of one self-contained page, with its pictures, figures and settings.
@@ -256,8 +258,8 @@ class Result:
         """Surface, mesh, angle and verdict, and the reached share of the angle if it is less than all."""
         unit, failed = self.plan.unit, [c.name for c in self.checks if not c.passed]
         verdict = f"FAILED: {', '.join(failed)}" if failed else "all checks passed"
-        found = "; ".join([verdict, *short_turns(self.plan)])
-        return f"{', '.join(self.plan.patches)} of {self.plan.mesh.name} at {self.angle:+g} {unit}: {found}"
+        text = "; ".join([verdict, *short_turns(self.plan)])
+        return f"{', '.join(self.plan.patches)} of {self.plan.mesh.name} at {self.angle:+g} {unit}: {text}"
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -380,12 +382,12 @@ def plan(
     if any(moving.range for job in jobs for moving in job.surfaces):
         motion = MeshMotion.of(_plan_jobs(mesh, jobs, (), progress)[0], progress).judged(progress)
     else:
-        (found,) = _run(mesh, jobs, (), progress)
-        if not found.passed:
-            raise InputError(found.title)
-        motion = MeshMotion.of_one_amount(found.deflection, ())
-    own = motion.plan.mesh if motion.plan else None
-    return motion.of_whole(_coordinates(own)) if own and own.whole else motion
+        (result,) = _run(mesh, jobs, (), progress)
+        if not result.passed:
+            raise InputError(result.title)
+        motion = MeshMotion.of_one_amount(result.deflection, ())
+    whole = motion.plan.mesh if motion.plan else None
+    return motion.of_whole(_coordinates(whole)) if whole and whole.whole else motion
 
 
 def sweep(
@@ -449,8 +451,11 @@ def _run(mesh: Any, jobs: Sequence[Job], poses: Sequence[Amounts], progress: Pro
     progress = of_notebook() if progress is silent else progress
     plan, given = _plan_jobs(mesh, jobs, poses, progress)
     judged = run(plan, lambda _: nullcontext(progress))
-    found = {one.amounts: Result(one, given.with_points(one.points), checks) for one, checks in judged}
-    return tuple(found[pose] for pose in plan.poses)
+    results = {
+        deflection.amounts: Result(deflection, given.with_points(deflection.points), checks)
+        for deflection, checks in judged
+    }
+    return tuple(results[pose] for pose in plan.poses)
 
 
 def _plan_jobs(mesh: Any, jobs: Sequence[Job], poses: Sequence[Amounts], progress: Progress) -> tuple[Plan, Any]:

@@ -61,14 +61,14 @@ def read_runs(folders: Sequence[Path], progress: Progress = silent) -> tuple[Com
             raise InputError(f"{folder} is given twice: name each run once")
     names = [place.name for place in places]
     alone = len(set(names)) == len(names)
-    found = []
+    compared = []
     for i, (folder, name) in enumerate(zip(folders, names, strict=True)):
         progress(str(folder), i / len(folders))
         data = read_run(folder).report_data()
         with damaged(folder, RUN):
             sum(check.passed and len(check.name) for check in data.checks)  # InputError for a check of another kind
-        found.append(ComparedRun(name if alone else str(folder), folder, data))
-    return tuple(found)
+        compared.append(ComparedRun(name if alone else str(folder), folder, data))
+    return tuple(compared)
 
 
 def comparison(runs: Sequence[ComparedRun]) -> dict[str, Any]:
@@ -88,9 +88,11 @@ def comparison(runs: Sequence[ComparedRun]) -> dict[str, Any]:
     }
 
 
-def _same_mesh(one: Mesh, other: Mesh) -> bool:
+def _same_mesh(first: Mesh, second: Mesh) -> bool:
     return (
-        one.names == other.names and one.cell_counts == other.cell_counts and np.array_equal(one.points, other.points)
+        first.names == second.names
+        and first.cell_counts == second.cell_counts
+        and np.array_equal(first.points, second.points)
     )
 
 
@@ -136,48 +138,50 @@ class FigureTable:
 
 def tables(runs: Sequence[ComparedRun]) -> tuple[FigureTable, ...]:
     """Return the figures of runs in tables; tables without any value are left out."""
-    found = [FigureTable("What was run", tuple(_subject(runs)))]
+    every = [FigureTable("What was run", tuple(_subject(runs)))]
     for title, blocks in _deflections(runs):
         place = f": {title}" if title else ""
         units = {run.data.length.name for run in runs}
         unit = units.pop() if len(units) == 1 else "each its unit"
-        found += [
+        every += [
             FigureTable(f"Interpolation{place}", tuple(_interpolation(blocks, unit))),
             FigureTable(f"Mesh{place}", tuple(_mesh(blocks))),
         ]
-    found += [FigureTable("Verdict", tuple(_verdict(runs))), FigureTable("Time", tuple(_time(runs)))]
-    kept = [FigureTable(one.title, tuple(row for row in one.rows if set(row.values) != {None})) for one in found]
-    return tuple(one for one in kept if one.rows)
+    every += [FigureTable("Verdict", tuple(_verdict(runs))), FigureTable("Time", tuple(_time(runs)))]
+    kept = [FigureTable(table.title, tuple(row for row in table.rows if set(row.values) != {None})) for table in every]
+    return tuple(table for table in kept if table.rows)
 
 
 def rows_by_table(runs: Sequence[ComparedRun], whole: bool) -> dict[str, list[tuple[str, ...]]]:
     """Return, by table, rows of a name and texts that differ between runs; with `whole` also equal ones."""
-    found = (*tables(runs), FigureTable("Settings that differ", differing_settings(runs)))
-    return {one.title: [(row.label, *row.texts) for row in one.rows if whole or not row.same] for one in found}
+    every = (*tables(runs), FigureTable("Settings that differ", differing_settings(runs)))
+    return {table.title: [(row.label, *row.texts) for row in table.rows if whole or not row.same] for table in every}
 
 
 def differing_settings(runs: Sequence[ComparedRun]) -> tuple[Row, ...]:
     """Return the settings that differ between runs, by their names in the settings file."""
-    own = [dict(_flat(loads(run.data.settings))) for run in runs]
-    names = dict.fromkeys(name for one in own for name in one)
-    rows = [Row(name, tuple(one.get(name) for one in own), form="g") for name in names]
+    settings = [dict(_flat(loads(run.data.settings))) for run in runs]
+    names = dict.fromkeys(name for values in settings for name in values)
+    rows = [Row(name, tuple(values.get(name) for values in settings), form="g") for name in names]
     return tuple(row for row in rows if not row.same)
 
 
 def _subject(runs: Sequence[ComparedRun]) -> Iterator[Row]:
     data = [run.data for run in runs]
-    yield Row("mesh", tuple(one.mesh.name for one in data))
-    yield Row("moves", tuple("; ".join(f"{s.name} {s.amount_text}" for s in one.surfaces) for one in data))
+    yield Row("mesh", tuple(report.mesh.name for report in data))
+    yield Row("moves", tuple("; ".join(f"{s.name} {s.amount_text}" for s in report.surfaces) for report in data))
     for name in ("points", "cells"):
-        yield Row(name, _of([one.figures for one in data], "mesh", name))
+        yield Row(name, _of([report.figures for report in data], "mesh", name))
     for name in ("scale", "strategy", "version"):
-        yield Row(name, _of([one.figures for one in data], name))
+        yield Row(name, _of([report.figures for report in data], name))
 
 
 def _interpolation(blocks: Sequence[Json], unit: str) -> Iterator[Row]:
     for name in ("name", "radius", "polynomial"):
-        label, own = ("kernel", "") if name == "name" else (f"kernel {name}", unit) if name == "radius" else (name, "")
-        yield Row(label, _of(blocks, "kernel", name), own, ".4g")
+        label, of_unit = (
+            ("kernel", "") if name == "name" else (f"kernel {name}", unit) if name == "radius" else (name, "")
+        )
+        yield Row(label, _of(blocks, "kernel", name), of_unit, ".4g")
     for name in ("surface", "fixed", "sliding"):
         yield Row(f"data sites, {name}", _of(blocks, "sites", name))
     yield Row("data sites, box", _of(blocks, "sites", "hexahedron", "x"))
@@ -225,33 +229,33 @@ def _time(runs: Sequence[ComparedRun]) -> Iterator[Row]:
 
 def _deflections(runs: Sequence[ComparedRun]) -> Iterator[tuple[str, list[Json]]]:
     """Yield the figures of each deflection by run, empty if a run has none of that name; a single one has no name."""
-    own = [_blocks(run.data.figures) for run in runs]
-    if all(len(blocks) == 1 for blocks in own):
-        yield "", [next(iter(blocks.values())) for blocks in own]
+    by_run = [_blocks(run.data.figures) for run in runs]
+    if all(len(blocks) == 1 for blocks in by_run):
+        yield "", [next(iter(blocks.values())) for blocks in by_run]
         return
-    for name in dict.fromkeys(name for blocks in own for name in blocks):
-        yield name, [blocks.get(name, {}) for blocks in own]
+    for name in dict.fromkeys(name for blocks in by_run for name in blocks):
+        yield name, [blocks.get(name, {}) for blocks in by_run]
 
 
 def _blocks(figures: Json) -> dict[str, Json]:
-    found = figures.get("deflections")
-    return {k: v for k, v in found.items() if isinstance(v, dict)} if isinstance(found, Mapping) else {}
+    deflections = figures.get("deflections")
+    return {k: v for k, v in deflections.items() if isinstance(v, dict)} if isinstance(deflections, Mapping) else {}
 
 
 def _of(figures: Sequence[Json], *path: str) -> tuple[Value, ...]:
     """Return the entry at a place in each run's figures; None without one."""
     return tuple(
-        found if _is_number(found := _at(figure, *path)) or isinstance(found, str) else None for figure in figures
+        value if _is_number(value := _at(figure, *path)) or isinstance(value, str) else None for figure in figures
     )
 
 
 def _largest(blocks: Sequence[Json], name: str) -> tuple[Value, ...]:
     """Return the largest of a figure over the directions of each run."""
-    own = [
+    by_run = [
         [value for value in (_at(block, "adaptation", d, name) for d in DIRECTIONS) if _is_number(value)]
         for block in blocks
     ]
-    return tuple(max(values, default=None) for values in own)
+    return tuple(max(values, default=None) for values in by_run)
 
 
 def _at(figures: Any, *path: str) -> Any:
@@ -269,17 +273,17 @@ def _flat(table: Any, name: str = "") -> Iterator[tuple[str, Value]]:
     if isinstance(table, Mapping):
         for key, value in table.items():
             yield from _flat(value, f"{name}.{key}" if name else str(key))
-    elif isinstance(table, list) and table and all(isinstance(one, Mapping) for one in table):
-        for i, one in enumerate(table):
-            yield from _flat(one, f"{name}[{i}]")
+    elif isinstance(table, list) and table and all(isinstance(entry, Mapping) for entry in table):
+        for i, entry in enumerate(table):
+            yield from _flat(entry, f"{name}[{i}]")
     else:
         yield name, table if _is_number(table) else as_text(table)
 
 
-def _alike(one: Value, other: Value) -> bool:
-    if isinstance(one, int | float) and isinstance(other, int | float):
-        return isclose(one, other, rel_tol=SAME)
-    return one == other
+def _alike(first: Value, second: Value) -> bool:
+    if isinstance(first, int | float) and isinstance(second, int | float):
+        return isclose(first, second, rel_tol=SAME)
+    return first == second
 
 
 def _written(value: Value, form: str) -> str:

@@ -32,10 +32,10 @@ class FileMesh(Mesh):
     @classmethod
     def of(cls, mesh: Mesh) -> "FileMesh":
         """Return a mesh as a `FileMesh`, without checking it again."""
-        found = object.__new__(cls)
+        out = object.__new__(cls)
         for field in fields(mesh):
-            object.__setattr__(found, field.name, getattr(mesh, field.name))
-        return found
+            object.__setattr__(out, field.name, getattr(mesh, field.name))
+        return out
 
     def __getitem__(self, name: str) -> Patch:
         """Return a patch; InputError, with the most similar names, if there is none of that name."""
@@ -65,8 +65,8 @@ class FileMesh(Mesh):
     def __repr__(self) -> str:
         shapes = Counter[str]()
         for block in self.cells:
-            for shape, _, own, _ in parts_of(block):
-                shapes[shape] += len(own)
+            for shape, _, typed, _ in parts_of(block):
+                shapes[shape] += len(typed)
         counts = "".join(f", {count} {NAMES[shape]}" for shape, count in shapes.items())
         width = max(map(len, self.names), default=0)
         rows = (

@@ -283,17 +283,17 @@ def _staying(
     rows = np.flatnonzero(may)
     rows = rows[region.hexahedron.contains(box.affected.places[rows], near)]
     for patch in mesh.patches:
-        own = np.intersect1d(patch.nodes, rows, assume_unique=True)
-        rows = np.setdiff1d(rows, own, assume_unique=True)
-        yield f"patch {patch.name}", mesh.points[own], np.asarray
+        staying = np.intersect1d(patch.nodes, rows, assume_unique=True)
+        rows = np.setdiff1d(rows, staying, assume_unique=True)
+        yield f"patch {patch.name}", mesh.points[staying], np.asarray
     for zone in mesh.zones:
-        own = rows[(rows >= zone.start) & (rows < zone.stop)]
+        staying = rows[(rows >= zone.start) & (rows < zone.stop)]
 
-        def on_skin(some: IntArray, own: IntArray = own) -> IntArray:
-            skin = on_boundary(mesh.cells, len(mesh.points), own[some])
-            return some[np.isin(own[some], skin)]
+        def on_skin(some: IntArray, staying: IntArray = staying) -> IntArray:
+            skin = on_boundary(mesh.cells, len(mesh.points), staying[some])
+            return some[np.isin(staying[some], skin)]
 
-        yield f"zone {zone.name!r}", mesh.points[own], on_skin
+        yield f"zone {zone.name!r}", mesh.points[staying], on_skin
     if (whole := mesh.whole) and len(region.zones) < len(mesh.zones):
         pieces, known = whole.pieces, whole.nodes
         for start in range(0, pieces.points, threads.LIMITS.points):
@@ -323,22 +323,22 @@ def _sliding(deflection: Deflection, unit: str) -> Iterator[Check]:
 def _layer_height(deflection: Deflection) -> Check:
     """Check that the first layers kept their heights, but for a few columns."""
     changes = [layer_change(box.plan, deflection.points) for box in deflection.boxes]
-    found, tilts = (np.concatenate([getattr(change, name) for change in changes]) for name in ("changes", "tilts"))
-    if not (over := len(found)):
+    heights, tilts = (np.concatenate([getattr(change, name) for change in changes]) for name in ("changes", "tilts"))
+    if not (over := len(heights)):
         where = "no layers of prisms or hexahedra on the moved walls; layers of tetrahedra are not measured"
         return Check("layer_height", 0.0, LAYER_CHANGE, "", where, over=0)
-    value, many = float(found.max()), int(np.count_nonzero(found > LAYER_CHANGE))
+    value, many = float(heights.max()), int(np.count_nonzero(heights > LAYER_CHANGE))
     figures = {
         name: {"max": float(values.max()), "p99": float(np.percentile(values, 99.0))}
-        for name, values in (("change", found), ("tilt_deg", tilts))
+        for name, values in (("change", heights), ("tilt_deg", tilts))
     }
     where = f"{over} columns of {max(change.layers for change in changes)} layers; cells tilt by up to "
     where += "{max:.2g} degrees, 99 % by up to {p99:.2g}".format(**figures["tilt_deg"])
     if not many:
         return Check("layer_height", value, LAYER_CHANGE, "", where, over=over, figures=figures)
-    own = int(np.argmax([change.changes.max(initial=0.0) for change in changes]))
-    box, row = deflection.boxes[own], int(np.argmax(changes[own].changes))
-    nodes = box.plan.layers.nodes_of(int(changes[own].faces[row]))
+    worst = int(np.argmax([change.changes.max(initial=0.0) for change in changes]))
+    box, row = deflection.boxes[worst], int(np.argmax(changes[worst].changes))
+    nodes = box.plan.layers.nodes_of(int(changes[worst].faces[row]))
     place = "({:.4g}, {:.4g}, {:.4g})".format(*box.plan.mesh.points[nodes].mean(axis=0))
     told, cause = f"{many} of {over} columns changed by up to {value:.2g} at {place}", _cause(box, row, nodes)
     few = many <= max(1.0, FEW * over)

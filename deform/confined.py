@@ -102,7 +102,7 @@ class Confined:
         """Interpolate other values at the same sites with the same centres."""
         with single_threaded_blas():
             groups = zip(GROUPINGS[strategy](sites), self.factors, self.adaptations, strict=True)
-            fits = tuple(Adaptation.on(factor.with_values(one.values), fit.stop) for one, factor, fit in groups)
+            fits = tuple(Adaptation.on(factor.with_values(group.values), fit.stop) for group, factor, fit in groups)
         return type(self)(fits, fuse(fits))
 
     def __call__(self, points: FloatArray) -> FloatArray:

@@ -57,7 +57,7 @@ class MeshMotion:
     source : name of the file of the undeflected mesh; empty if it came from elsewhere.
     plan : the plan from which it was made; None for a plan from a file.
     snapshots : the deflections from which the fields were read.
-    found : the deflection of a plan of one amount.
+    single : the deflection of a plan of one amount.
     table : the places that `start` are; None where `start` are nodes of a mesh.
     stored : the motion of all places, if this one was taken from it for some points.
     """
@@ -71,7 +71,7 @@ class MeshMotion:
     source: str = ""
     plan: Plan | None = field(default=None, repr=False)
     snapshots: tuple[Snapshots, ...] = field(default=(), repr=False)
-    found: Deflection | None = field(default=None, repr=False)
+    single: Deflection | None = field(default=None, repr=False)
     table: PlaceTable | None = field(default=None, repr=False)
     stored: "MeshMotion | None" = field(default=None, repr=False)
 
@@ -102,38 +102,43 @@ class MeshMotion:
         if not taken:
             raise InputError(f"{plan.mesh.name}: no surface has a range: give one, such as range = (-10, 25)")
         return cls(
-            tuple(one.control for one in taken), plan.mesh.points, tuple(one.box.movable for one in taken),
-            tuple(one.fields for one in taken), tuple(amounts), source=Path(plan.mesh.source).name, plan=plan,
+            tuple(snapshots.control for snapshots in taken),
+            plan.mesh.points,
+            tuple(snapshots.box.movable for snapshots in taken),
+            tuple(snapshots.fields for snapshots in taken),
+            tuple(amounts),
+            source=Path(plan.mesh.source).name,
+            plan=plan,
             snapshots=tuple(taken),
-        )  # fmt: skip
+        )
 
     @classmethod
-    def of_one_amount(cls, found: Deflection, failed: Sequence[str]) -> "MeshMotion":
+    def of_one_amount(cls, deflection: Deflection, failed: Sequence[str]) -> "MeshMotion":
         """Return the motion that serves the amounts of an unrounded deflection alone; `failed` names its failed checks.
 
         The first surface that moves has two fields; with the undeflected mesh they add up exactly to the deflected one.
         """
-        found = found.rounded(EVERY_BIT)
-        plan, start, controls = found.plan, found.plan.mesh.points, []
+        deflection = deflection.rounded(EVERY_BIT)
+        plan, start, controls = deflection.plan, deflection.plan.mesh.points, []
         _check_unmirrored(plan)
-        for (moving, surface), amount in zip(plan.moving, found.amounts, strict=True):
+        for (moving, surface), amount in zip(plan.moving, deflection.amounts, strict=True):
             ends = min(0.0, amount), max(0.0, amount)
             controls.append(
                 ControlRange(_name(moving, surface), surface.patches, moving.motion.unit, *ends, Fixed(amount))
             )
-        first = next((i for i, amount in enumerate(found.amounts) if amount), 0)
-        least = min((one.min for one in found.quality), default=nan)
-        error = max(box.site_error for box in found.boxes)
-        one = Measured(found.amounts[first], least, found.inverted, error, tuple(failed))
-        moved = np.flatnonzero((found.points != start).any(axis=1))
-        move = found.points[moved] - start[moved]
-        whole = np.stack([move, found.points[moved] - (start[moved] + move)])
+        first = next((i for i, amount in enumerate(deflection.amounts) if amount), 0)
+        least = min((quality.min for quality in deflection.quality), default=nan)
+        error = max(box.site_error for box in deflection.boxes)
+        measured = Measured(deflection.amounts[first], least, deflection.inverted, error, tuple(failed))
+        moved = np.flatnonzero((deflection.points != start).any(axis=1))
+        move = deflection.points[moved] - start[moved]
+        whole = np.stack([move, deflection.points[moved] - (start[moved] + move)])
         counts = [len(moved) * (i == first) for i in range(len(controls))]
         return cls(
             tuple(controls), start, tuple(moved[:count] for count in counts),
-            tuple(whole[:, :count] for count in counts), found.amounts,
-            tuple((one,) if i == first else () for i in range(len(controls))), Path(plan.mesh.source).name, plan,
-            found=found,
+            tuple(whole[:, :count] for count in counts), deflection.amounts,
+            tuple((measured,) if i == first else () for i in range(len(controls))), Path(plan.mesh.source).name, plan,
+            single=deflection,
         )  # fmt: skip
 
     @classmethod
@@ -148,17 +153,25 @@ class MeshMotion:
         Raises InputError if the file is missing, damaged or of another kind, or as `on`.
         """
         controls, amounts, measured, rows, fields, source, table = read_plan(Path(path))
-        one = cls(controls, table.places, rows, fields, amounts, measured, source, table=table)
-        return one if points is None else one.on(points)
+        motion = cls(controls, table.places, rows, fields, amounts, measured, source, table=table)
+        return motion if points is None else motion.on(points)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the plan to a file, completely or not at all; `load` restores it exactly.
 
         Raises InputError if the file cannot be written, or is there and no plan; or if nodes at one place move apart.
         """
-        one = self.by_place
-        own = one.controls, one.amounts, one.measured, one.rows, one.fields, one.source, one.places
-        write_plan(Path(path), StoredPlan(*own))
+        motion = self.by_place
+        parts = (
+            motion.controls,
+            motion.amounts,
+            motion.measured,
+            motion.rows,
+            motion.fields,
+            motion.source,
+            motion.places,
+        )
+        write_plan(Path(path), StoredPlan(*parts))
 
     def save_openfoam(self, case: str | PathLike[str], points: FloatArray | None = None) -> tuple[Path, ...]:
         """Write the plan into a case of OpenFOAM, for the solver in `solvers/openfoam`; return the files.
@@ -166,9 +179,9 @@ class MeshMotion:
         `points` (N, 3) are the case's undeflected ones, in its order; those of the plan's mesh if None. Raises
         InputError as `write_motion` and `on` do, or for a plan from a file without points.
         """
-        one = self if points is None else self.on(points)
-        one._check_nodes()
-        return write_motion(Path(case), one.start, zip(one.controls, one.rows, one.fields, strict=True))
+        motion = self if points is None else self.on(points)
+        motion._check_nodes()
+        return write_motion(Path(case), motion.start, zip(motion.controls, motion.rows, motion.fields, strict=True))
 
     @cached_property
     def by_place(self) -> "MeshMotion":
@@ -178,8 +191,8 @@ class MeshMotion:
         if self.plan is None:
             raise InputError(NO_MESH)
         table, nodes, place = PlaceTable.of(self.plan)
-        own, rows, fields = self._on_plan, [], []
-        for moved, some in zip(own.rows, own.fields, strict=True):
+        motion, rows, fields = self._on_plan, [], []
+        for moved, some in zip(motion.rows, motion.fields, strict=True):
             whole = np.zeros((len(some), len(table.places), 3))
             at = place[np.searchsorted(nodes, moved)]
             whole[:, at] = some
@@ -194,7 +207,7 @@ class MeshMotion:
     @property
     def nbytes(self) -> int:
         """Bytes of the fields and of their nodes' coordinates: about the size of its file."""
-        return sum(one.nbytes + 24 * one.shape[1] for one in self.fields)
+        return sum(array.nbytes + 24 * array.shape[1] for array in self.fields)
 
     @property
     def places(self) -> PlaceTable:
@@ -249,8 +262,8 @@ class MeshMotion:
         pose, out = self.in_order(amounts), self._check_nodes().copy()
         for rows, fields, control, amount in zip(self.rows, self.fields, self.controls, pose, strict=True):
             if amount:
-                for value, one in zip(control.functions.values(amount), fields, strict=True):
-                    out[rows] += value * one
+                for value, vectors in zip(control.functions.values(amount), fields, strict=True):
+                    out[rows] += value * vectors
         return out
 
     def jvp(self, amounts: Wanted, speeds: Wanted) -> FloatArray:
@@ -259,9 +272,9 @@ class MeshMotion:
         given = by_surface(self.controls, speeds)
         if not all(map(isfinite, given)):
             raise InputError(f"speeds = {shortened(speeds)} must be finite")
-        for rows, fields, own, speed in zip(self.rows, self.fields, rates, given, strict=True):
-            for rate, one in zip(own, fields, strict=True):
-                out[rows] += speed * rate * one
+        for rows, fields, factors, speed in zip(self.rows, self.fields, rates, given, strict=True):
+            for rate, vectors in zip(factors, fields, strict=True):
+                out[rows] += speed * rate * vectors
         return out
 
     def vjp(self, amounts: Wanted, gradient: ArrayLike) -> FloatArray:
@@ -273,7 +286,7 @@ class MeshMotion:
         if given.shape != self._check_nodes().shape:
             raise InputError(f"gradient {given.shape} must be {self.start.shape}, one row for each node")
         pairs = zip(self.rows, self.fields, self._rates(amounts), strict=True)  # in jvp's order: BLAS rounds otherwise
-        return np.array([sum(rates * np.einsum("kmi,mi->k", own, given[rows])) for rows, own, rates in pairs])
+        return np.array([sum(rates * np.einsum("kmi,mi->k", vectors, given[rows])) for rows, vectors, rates in pairs])
 
     def _rates(self, amounts: Wanted) -> Iterator[FloatArray]:
         for control, amount in zip(self.controls, self.in_order(amounts), strict=True):
@@ -290,13 +303,13 @@ class MeshMotion:
 
         Raises InputError as `at`.
         """
-        pose, own = self.in_order(amounts), self._on_plan
-        assert own.plan is not None
-        if self.found:
+        pose, whole = self.in_order(amounts), self._on_plan
+        assert whole.plan is not None
+        if self.single:
             self.controls[0].functions.values(pose[0])
-            return self.found.rounded(precision)
-        points, boxes, plan = own.at(pose), [], own.plan.keeping(precision)
-        for box, of in zip(plan.boxes, own.plan.boxes, strict=True):
+            return self.single.rounded(precision)
+        points, boxes, plan = whole.at(pose), [], whole.plan.keeping(precision)
+        for box, of in zip(plan.boxes, whole.plan.boxes, strict=True):
             at_box, read, missed = [0.0] * len(box.job.surfaces), None, np.zeros(1)
             for snapshot, amount, off in zip(self.snapshots, pose, self._residuals, strict=True):
                 if snapshot.box is of:
@@ -325,7 +338,7 @@ class MeshMotion:
     def _ranged(self, pose: Amounts) -> Amounts:
         """Return the amounts of the surfaces with a range, given those of all."""
         assert self.plan is not None
-        parts = {id(box): own for box, own in self.plan.by_box(pose)}
+        parts = {id(box): amounts for box, amounts in self.plan.by_box(pose)}
         return tuple(parts[id(snapshot.box)][snapshot.row] for snapshot in self.snapshots)
 
     @cached_property
@@ -336,7 +349,7 @@ class MeshMotion:
         if not self.plan.mesh.whole or self.start is self.plan.mesh.points:
             return self
         rows = tuple(snapshot.box.movable for snapshot in self.snapshots)
-        if self.found:
+        if self.single:
             rows = tuple(np.searchsorted(self.plan.mesh.whole.nodes, some) for some in self.rows)
         return replace(self, start=self.plan.mesh.points, rows=rows)
 
@@ -351,25 +364,28 @@ class MeshMotion:
 
         The amounts are `count` evenly spaced ones and the rows of a track. The other surfaces stay at `amounts`.
         """
-        measured, own = [], self._on_plan.plan
-        assert own is not None
+        measured, plan = [], self._on_plan.plan
+        assert plan is not None
         for i, control in enumerate(self.controls):
             rows = []
             amounts = control.measured(count)
             for k, amount in enumerate(amounts):
                 progress(f"judging {control.name}", (i + k / len(amounts)) / len(self.controls))
                 pose = [amount if i == j else other for j, other in enumerate(self.amounts)]
-                found = self.deflection(pose)
-                box = found.boxes[next(b for b, box in enumerate(own.boxes) if box is self.snapshots[i].box)]
-                least = min((one.min for one in box.quality), default=nan)
-                failed = tuple(check.name for check in checks_of(found) if not check.passed)
+                deflection = self.deflection(pose)
+                box = deflection.boxes[next(b for b, box in enumerate(plan.boxes) if box is self.snapshots[i].box)]
+                least = min((quality.min for quality in box.quality), default=nan)
+                failed = tuple(check.name for check in checks_of(deflection) if not check.passed)
                 rows.append(Measured(amount, least, box.inverted, box.site_error, failed))
             measured.append(tuple(rows))
         return replace(self, measured=tuple(measured))
 
     def passed(self, row: int) -> tuple[float, float] | None:
         """Return the ends of the range that passed around a surface's own amount; None if no amount passed."""
-        good, bad = ([one.amount for one in self.measured[row] if bool(one.failed) is fails] for fails in (False, True))
+        good, bad = (
+            [measured.amount for measured in self.measured[row] if bool(measured.failed) is fails]
+            for fails in (False, True)
+        )
         here = min(good, key=lambda amount: abs(amount - self.amounts[row]), default=None)
         if here is None:
             return None
@@ -414,8 +430,8 @@ class MeshMotion:
         out = []
         for i, control in enumerate(self.controls):
             rows = [asdict(row) | {"least": row.least if isfinite(row.least) else None} for row in self.measured[i]]
-            own = {"name": control.name, "unit": control.unit, "range": [control.low, control.high]}
-            out.append(own | {"passed": self.passed(i), "measured": rows})
+            entry = {"name": control.name, "unit": control.unit, "range": [control.low, control.high]}
+            out.append(entry | {"passed": self.passed(i), "measured": rows})
         return out
 
     @property

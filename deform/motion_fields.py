@@ -117,10 +117,10 @@ def _functions(control: ControlRange) -> str:
     rows = [np.linspace(low, high, ROWS + 1) for low, high in pairwise(stops)]
     before = np.nextafter(stops[1:-1], -np.inf)  # a track may have a kink at a stop: rates on both sides
     amounts = np.unique(np.concatenate([*rows, before]))
-    values, rates = (_list(one(amount) for amount in amounts) for one in (functions.values, functions.rates))
+    values, rates = (_list(function(amount) for amount in amounts) for function in (functions.values, functions.rates))
     return f"{text}    functions table;\n    amounts {_list(amounts)};\n    values {values};\n    rates {rates};\n"
 
 
 def _list(rows: Iterable[FloatArray]) -> str:
-    own = (f"{row:.17g}" if np.ndim(row) == 0 else _list(row) for row in rows)
-    return f"({' '.join(own)})"
+    texts = (f"{row:.17g}" if np.ndim(row) == 0 else _list(row) for row in rows)
+    return f"({' '.join(texts)})"

@@ -139,19 +139,19 @@ def read_plan(path: Path) -> StoredPlan:
         rows = tuple(_indices(arrays, f"rows_{i}", len(table.places), True) for i in range(len(controls)))
         shapes = ((control.functions.count, len(row), 3) for control, row in zip(controls, rows, strict=True))
         moves = tuple(_bounded(arrays, f"fields_{i}", shape) for i, shape in enumerate(shapes))
-        for control, own, measured in zip(controls, text.amounts, text.measured, strict=True):
-            for amount in (own, *(row.amount for row in measured)):
+        for control, base, measured in zip(controls, text.amounts, text.measured, strict=True):
+            for amount in (base, *(row.amount for row in measured)):
                 control.check(amount)
         return StoredPlan(controls, text.amounts, text.measured, rows, moves, text.source, table)
 
 
 def digest(arrays: Mapping[str, Any]) -> str:
     """Return the SHA-256 of arrays with their names, shapes and types."""
-    found = sha256()
+    hashed = sha256()
     for name in sorted(arrays):
-        one = np.ascontiguousarray(arrays[name])
-        found.update(f"{name} {one.shape} {one.dtype.str};".encode() + one.tobytes())
-    return found.hexdigest()
+        array = np.ascontiguousarray(arrays[name])
+        hashed.update(f"{name} {array.shape} {array.dtype.str};".encode() + array.tobytes())
+    return hashed.hexdigest()
 
 
 def _table(arrays: Mapping[str, Any], text: _Text) -> PlaceTable:
@@ -170,20 +170,20 @@ def _table(arrays: Mapping[str, Any], text: _Text) -> PlaceTable:
 
 def _bounded(arrays: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> FloatArray:
     """Return an array of coordinates; ValueError for a wrong shape or number."""
-    found = bounded(arrays[name], name)
-    if found.shape != shape:
-        raise ValueError(f"{name} {found.shape} must be {shape}")
-    return found
+    numbers = bounded(arrays[name], name)
+    if numbers.shape != shape:
+        raise ValueError(f"{name} {numbers.shape} must be {shape}")
+    return numbers
 
 
 def _indices(arrays: Mapping[str, Any], name: str, end: int, rising: bool = False) -> IntArray:
     """Return an array (K,) of indices below `end`, in rising order if asked; ValueError for other content."""
-    found = arrays[name]
-    if found.ndim != 1 or found.dtype.kind != "i" or found.min(initial=0) < 0 or found.max(initial=-1) >= end:
+    indices = arrays[name]
+    if indices.ndim != 1 or indices.dtype.kind != "i" or indices.min(initial=0) < 0 or indices.max(initial=-1) >= end:
         raise ValueError(f"{name} must be numbers from 0 to below {end}")
-    if rising and (np.diff(found) < 1).any():
+    if rising and (np.diff(indices) < 1).any():
         raise ValueError(f"{name} must rise")
-    return np.asarray(found, dtype=np.intp)
+    return np.asarray(indices, dtype=np.intp)
 
 
 def _control(table: dict[str, Any]) -> ControlRange:
@@ -195,11 +195,13 @@ def _control(table: dict[str, Any]) -> ControlRange:
     hints = {name: hint for name, hint in get_type_hints(ControlRange).items() if name != "functions"}
     if {*table} != {*hints}:
         raise ValueError("a surface lacks a value")
-    one = ControlRange(**{name: _value(table[name], hint) for name, hint in hints.items()}, functions=functions)
-    if not one.patches or not -LARGEST < one.low <= 0.0 <= one.high < LARGEST:
-        raise ValueError(f"{one.name}: the range {one.low:g}:{one.high:g} does not hold 0, or there are no patches")
+    control = ControlRange(**{name: _value(table[name], hint) for name, hint in hints.items()}, functions=functions)
+    if not control.patches or not -LARGEST < control.low <= 0.0 <= control.high < LARGEST:
+        raise ValueError(
+            f"{control.name}: the range {control.low:g}:{control.high:g} does not hold 0, or there are no patches"
+        )
     functions.check()
-    return one
+    return control
 
 
 def _value(given: Any, kind: Any) -> Any:
@@ -211,10 +213,10 @@ def _value(given: Any, kind: Any) -> Any:
         hints = get_type_hints(kind)
         if not isinstance(given, dict) or {*given} != {*hints}:
             raise ValueError(f"{given!r:.80} lacks a value")
-        found = {name: _value(given[name], hint) for name, hint in hints.items() if name != "least"}
+        values = {name: _value(given[name], hint) for name, hint in hints.items() if name != "least"}
         if "least" in hints:
-            found["least"] = float("nan") if isnan(float(given["least"])) else _value(given["least"], float)
-        return kind(**found)
+            values["least"] = float("nan") if isnan(float(given["least"])) else _value(given["least"], float)
+        return kind(**values)
     if get_origin(kind) is tuple and isinstance(given, list):
         return tuple(_value(one, get_args(kind)[0]) for one in given)
     if get_origin(kind) is dict and isinstance(given, dict):

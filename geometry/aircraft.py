@@ -75,8 +75,8 @@ def build(
     check_notch(fighter, notch)
     loose = sum(bool(notch) for name in SURFACES if "aileron" in name and name not in without)
     with _kernel_errors_named(fighter):
-        found = walls(general_fuse(aircraft_parts(fighter, moved, without, notch)))
-        model = assemble(skin(found), partitions(found), fluid_inside=False, loose=loose)
+        faces = walls(general_fuse(aircraft_parts(fighter, moved, without, notch)))
+        model = assemble(skin(faces), partitions(faces), fluid_inside=False, loose=loose)
         if not moved:
             preflight(model, min([MIN_FEATURE, *filter(None, (fighter.aileron.gap, notch))]))
     return model
@@ -141,8 +141,8 @@ def chimera_block(fighter: Fighter, parameters: BlockParameters, surface: str = 
             NamedSolid(surface, solid(wedge(*ends(fighter, surface)))),
             NamedSolid(CHIMERA, solid(_faces(corners))),
         ]
-        found = walls(general_fuse(parts))
-        model = assemble(skin(found, CHIMERA), partitions(found, CHIMERA), fluid_inside=True)
+        faces = walls(general_fuse(parts))
+        model = assemble(skin(faces, CHIMERA), partitions(faces, CHIMERA), fluid_inside=True)
         preflight(model, min_edge=SMALLEST_GAP_EDGE * fighter.aileron.gap)
     return model
 

@@ -61,11 +61,11 @@ def assemble(skin: Sequence[CadFace], partitions: Sequence[CadFace], fluid_insid
 
 
 def _vertex_faces(edges: Sequence[CadEdge], count: int) -> tuple[frozenset[int], ...]:
-    found: list[set[int]] = [set() for _ in range(count)]
+    faces: list[set[int]] = [set() for _ in range(count)]
     for edge in edges:
         for vertex in edge.vertices:
-            found[vertex].update(edge.faces)
-    return tuple(map(frozenset, found))
+            faces[vertex].update(edge.faces)
+    return tuple(map(frozenset, faces))
 
 
 def _edge_owners(skin: Sequence[CadFace]) -> tuple[TopTools_IndexedMapOfShape, list[tuple[int, int]]]:
@@ -97,9 +97,9 @@ def _edge(
     ends = (TopExp.FirstVertex_s(forward.wrapped), TopExp.LastVertex_s(forward.wrapped))
     first, last = (vertices.Add(end) - 1 for end in ends)
     samples = curve_of(forward).at(SAMPLES)
-    one, other = (skin[face].normal_at(samples) for face in faces)
-    sines = np.linalg.norm(np.cross(one, other), axis=1)
-    cosines = np.sum(one * other, axis=1)
+    left, right = (skin[face].normal_at(samples) for face in faces)
+    sines = np.linalg.norm(np.cross(left, right), axis=1)
+    cosines = np.sum(left * right, axis=1)
     crease = float(np.degrees(np.arctan2(sines, cosines)).min())
     return CadEdge(forward, faces, (first, last), crease)
 

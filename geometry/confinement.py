@@ -138,8 +138,8 @@ def gap_faces(fighter: Fighter, parameters: BlockParameters, surface: str) -> Fl
         raise ValueError(f"a Chimera block surrounds an aileron, not {surface!r}")
     if fighter.aileron.gap == 0.0:
         raise ValueError("a Chimera block needs a gap to end in; aileron.gap is 0")
-    own, parent = ribs(fighter, surface), parent_ribs(fighter, surface)
-    return np.asarray(own + parameters.gap_share * (parent - own), dtype=np.float64)
+    ends, parent = ribs(fighter, surface), parent_ribs(fighter, surface)
+    return np.asarray(ends + parameters.gap_share * (parent - ends), dtype=np.float64)
 
 
 def block_corners(fighter: Fighter, parameters: BlockParameters, surface: str) -> FloatArray:

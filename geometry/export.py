@@ -74,9 +74,9 @@ def closed_triangles(solid: Shape, faces: Named, deflection: float, angle: float
     copied = BRepBuilderAPI_Copy(solid.wrapped, False, False)
     BRepMesh_IncrementalMesh(copied.Shape(), deflection, False, angle, False)
     found = {}
-    for name, own in faces.items():
+    for name, patch_faces in faces.items():
         corners = []
-        for face in own:
+        for face in patch_faces:
             same = copied.ModifiedShape(face.wrapped).Oriented(face.wrapped.Orientation())
             points, triangles = _triangulation(Face(same))
             corners.append(points.astype(np.float32).astype(np.float64)[triangles])
@@ -117,8 +117,8 @@ def write_step(solid: Shape, faces: Named, path: Path) -> None:
     colours = XCAFDoc_DocumentTool.ColorTool_s(document.Main())
     body = shapes.AddShape(scaled.Shape(), False)
     TDataStd_Name.Set_s(body, TCollection_ExtendedString("sdm"))
-    for number, (name, own) in enumerate(faces.items()):
-        for face in own:
+    for number, (name, patch_faces) in enumerate(faces.items()):
+        for face in patch_faces:
             label = shapes.AddSubShape(body, scaled.ModifiedShape(face.wrapped))
             TDataStd_Name.Set_s(label, TCollection_ExtendedString(name))
             colours.SetColor(label, _colour(number), XCAFDoc_ColorType.XCAFDoc_ColorSurf)

@@ -90,8 +90,8 @@ def general_fuse(parts: Sequence[NamedSolid]) -> list[Cell]:
             if pieces.FindIndex(piece) == 0:
                 pieces.Add(piece)
                 owners.append(i)
-    found = [Shape.cast(pieces.FindKey(i + 1)) for i in range(len(owners))]
-    return [Cell(solid, owner, parts[owner].patch) for solid, owner in zip(found, owners, strict=True)]
+    solids = [Shape.cast(pieces.FindKey(i + 1)) for i in range(len(owners))]
+    return [Cell(solid, owner, parts[owner].patch) for solid, owner in zip(solids, owners, strict=True)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

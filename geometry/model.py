@@ -122,10 +122,10 @@ class CadModel:
 
     def faces_of(self, patch: str) -> tuple[CadFace, ...]:
         """Return the faces of one patch; KeyError if there is no such patch."""
-        found = tuple(face for face in self.faces if face.patch == patch)
-        if not found:
+        faces = tuple(face for face in self.faces if face.patch == patch)
+        if not faces:
             raise KeyError(f"no patch {patch!r}; there are {', '.join(self.patches)}")
-        return found
+        return faces
 
     def write(self, path: Path) -> None:
         """Write the solid by suffix; ValueError for any other than these, OSError if it cannot be written.

@@ -127,9 +127,9 @@ class MeshCache(ArrayCache):
 
 
 def _checksum(key: str, content: memoryview) -> bytes:
-    found = hashlib.sha256(key.encode())
-    found.update(content)
-    return found.digest()
+    hashed = hashlib.sha256(key.encode())
+    hashed.update(content)
+    return hashed.digest()
 
 
 def _plain(value: object) -> object:

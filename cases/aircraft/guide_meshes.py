@@ -71,7 +71,7 @@ def _difference(case: Case, mesh: Mesh, unseeded: str) -> str:
         return f"the guide has none of this case at scale {case.scale}"
     if known == KnownMesh(len(mesh.points), len(tets_of(mesh)), points_hash(mesh)):
         return ""
-    others = [f"{name} {version(name)} for {own}" for name, own in VERSIONS.items() if version(name) != own]
+    others = [f"{name} {version(name)} for {wanted}" for name, wanted in VERSIONS.items() if version(name) != wanted]
     if others:
         return f"made by {', '.join(others)}"
     return unseeded or f"it has other bits, and {len(mesh.points):,} nodes for {known.nodes:,}"

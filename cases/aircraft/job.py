@@ -55,7 +55,7 @@ def job_of(case: Case, mesh: Mesh, turn: SurfaceTurn) -> Job:
     spacing = case.adaptation.spacing or case.adaptation.spacing_edges * median_edge(
         mesh.points, mesh.faces_of([surface])
     )
-    ends = (min(own), max(own)) if (own := [turn.factor * end for end in case.range or ()]) else None
+    ends = (min(turned), max(turned)) if (turned := [turn.factor * end for end in case.range or ()]) else None
     return Job(
         surfaces=(Moving(patches, motion_of(case, mesh, surface, hexahedron), turn.factor * case.angle, ends),),
         fixed=tuple(name for name in mesh.names if name not in (*patches, BLOCK)),

@@ -40,12 +40,12 @@ def orphans(block: Mesh, background: Mesh, low: FloatArray, high: FloatArray) ->
     outer = block.on(BLOCK)
     off = np.flatnonzero(np.all((background.points > low) & (background.points < high), axis=1))
     fringe = np.setdiff1d(distinct(tets_of(background)[touching(background, off)]), off, assume_unique=True)
-    found = np.concatenate([has_donor(block.points[outer], background), has_donor(background.points[fringe], block)])
+    donors = np.concatenate([has_donor(block.points[outer], background), has_donor(background.points[fringe], block)])
     where = (
         f"{len(outer)} nodes of the block's faces in the background, {len(fringe)} of the background around its "
         f"hole of {len(off)} nodes in the block"
     )
-    return Check("orphans", float(np.count_nonzero(~found)), 0.0, "nodes", where)
+    return Check("orphans", float(np.count_nonzero(~donors)), 0.0, "nodes", where)
 
 
 def hole(case: Case) -> tuple[FloatArray, FloatArray]:
@@ -101,8 +101,8 @@ def has_donor(points: FloatArray, mesh: Mesh) -> BoolArray:
     locator.SetDataSet(pv.UnstructuredGrid({pv.CellType.TETRA: local_tets.reshape(-1, 4)}, mesh.points[used]))
     locator.BuildLocator()
     cell, weights, local = vtkGenericCell(), [0.0] * 4, [0.0] * 3
-    found = [locator.FindCell(p, 0.0, cell, local, weights) >= 0 for p in points.tolist()]
-    return np.array(found, dtype=bool)
+    inside = [locator.FindCell(p, 0.0, cell, local, weights) >= 0 for p in points.tolist()]
+    return np.array(inside, dtype=bool)
 
 
 def cells_near(points: FloatArray, mesh: Mesh) -> IntArray:

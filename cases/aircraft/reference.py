@@ -85,13 +85,13 @@ def reference(case: Case, cache: bool = True) -> Iterator[Callable[[], Reference
 
         def wait() -> Reference:
             try:
-                found = pending.answer(SECONDS)
+                arrays = pending.answer(SECONDS)
             except MeshingError as error:
                 raise CadError(f"the deflected CAD: {error}") from None
             if cache:
                 with suppress(MeshFileError):  # built again by the next run
-                    store.write(key, found)
-            return decode(found)
+                    store.write(key, arrays)
+            return decode(arrays)
 
         yield wait
 
@@ -136,18 +136,18 @@ def answer(question: Arrays) -> Arrays:
 
 def decode(answer: Arrays) -> Reference:
     """Return the reference from the arrays of an answer."""
-    found: dict[str, dict[str, list[dict[str, Any]]]] = {field.name: {} for field in fields(Reference)}
+    faces_by_surface: dict[str, dict[str, list[dict[str, Any]]]] = {field.name: {} for field in fields(Reference)}
     for path, array in answer.items():
         if path.count("/") == 3:
             which, name, row, field = path.split("/")
-            faces = found[which].setdefault(name, [])
+            faces = faces_by_surface[which].setdefault(name, [])
             if int(row) == len(faces):
                 faces.append({})
             faces[-1][field] = array
     return Reference(
         **{
             which: {name: tuple(ReferenceFace(**face) for face in faces) for name, faces in surfaces.items()}
-            for which, surfaces in found.items()
+            for which, surfaces in faces_by_surface.items()
         }
     )
 

@@ -124,6 +124,6 @@ def resolve(
 
 def _move_kernel(changes: Nested) -> Nested:
     """Move the kernel to ``adaptation``: users may name it without that table, as for `sdm deflect`."""
-    own = {name: changes[name] for name in KERNEL if name in changes}
-    rest = {name: value for name, value in changes.items() if name not in own}
-    return merge({"adaptation": own} if own else {}, rest)
+    kernel = {name: changes[name] for name in KERNEL if name in changes}
+    rest = {name: value for name, value in changes.items() if name not in kernel}
+    return merge({"adaptation": kernel} if kernel else {}, rest)

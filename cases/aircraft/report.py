@@ -38,9 +38,15 @@ COMPARED = {"cad_map": ("surface_to_cad", "root_on_cylinder"), "rigid_cad_map": 
 DEFLECTED, RIGID = "the deflected CAD, built again", "its CAD faces turned rigidly"
 
 
-def report_data_of(case: Case, found: Deflection) -> ReportData:
+def report_data_of(case: Case, deflection: Deflection) -> ReportData:
     """Return the content of a case's report, without the verdict."""
-    return case_data(case, found.plan, found.points, [FitRows.of(box) for box in found.boxes], found.moved_by_repair)
+    return case_data(
+        case,
+        deflection.plan,
+        deflection.points,
+        [FitRows.of(box) for box in deflection.boxes],
+        deflection.moved_by_repair,
+    )
 
 
 def case_data(
@@ -75,8 +81,8 @@ def case_data(
 def _box(plan: BoxPlan, fits: FitRows) -> Box:
     """Return the box of the control surface, the first patch that moves; a tail's panel follows it."""
     box, nodes = Box.of(plan, plan.job.amounts, plan.surface, fits), plan.mesh.patch(plan.surface).nodes
-    own = replace(box.surfaces[0], name=plan.surface, patches=(plan.surface,), nodes=nodes)
-    return replace(box, surfaces=(own,))
+    moved = replace(box.surfaces[0], name=plan.surface, patches=(plan.surface,), nodes=nodes)
+    return replace(box, surfaces=(moved,))
 
 
 def draw_distances(data: ReportData, folder: Path) -> list[Exhibit]:
@@ -93,8 +99,8 @@ def cad_distances(data: ReportData, surface: str, checks: Sequence[str]) -> tupl
     """Return the distance (N,) of each node from the CAD by some checks, nan without one, and the checks' limit."""
     distance, limit = np.full(len(data.mesh.points), np.nan), np.nan
     for check in data.checks:
-        name, _, own = check.name.partition(":")
-        if name in checks and own in ("", surface) and check.nodes is not None and check.distances is not None:
+        name, _, of = check.name.partition(":")
+        if name in checks and of in ("", surface) and check.nodes is not None and check.distances is not None:
             distance[check.nodes] = np.fmax(distance[check.nodes], check.distances)
             limit = check.limit if name == checks[0] else limit
     return distance, limit
@@ -163,7 +169,7 @@ def parameter_tables(case: Case) -> dict[str, Rows]:
     for name, setting in settings_in(Case).items():
         value = setting.of(case)
         if is_dataclass(value):
-            tables[name] = [_row(value, own) for own in settings_in(type(value)).values()]
+            tables[name] = [_row(value, described) for described in settings_in(type(value)).values()]
         else:
             tables["case"].append(_row(case, setting))
     return tables

@@ -125,9 +125,9 @@ class Shape:
 
     def sides(self, nodes: IntArray) -> Iterator[tuple[IntArray, FloatArray]]:
         """For each side of a hinged surface: its nodes among those given, and its rigidly rotated unit normal (3,)."""
-        for own, normal in self.faces(nodes):
+        for rows, normal in self.faces(nodes):
             if abs(normal @ self.axis.direction) <= 0.5:  # an end of the wedge turns in its plane
-                yield own, self.axis.matrix(self.angle) @ normal
+                yield rows, self.axis.matrix(self.angle) @ normal
 
     def left_behind(self, nodes: IntArray, normal: FloatArray) -> FloatArray:
         """Return the distance (N,) of unturned nodes from the rotated plane, of normal (3,), on which they were.
@@ -162,8 +162,12 @@ def rigid_checks(shape: Shape, rigid: Faces) -> Iterator[Check]:
 
 def sentence(surface: str, figures: Mapping[str, Mapping[str, float]]) -> str:
     """Return a sentence on a surface's distance from rigid CAD, by part, and the error of its prediction."""
-    off = [f"{1e3 * one['largest']:.3g} mm {WORDS[part]}" for part, one in figures.items() if one["largest"] > ROUNDING]
-    on = [f"none {WORDS[part]}" for part, one in figures.items() if one["largest"] <= ROUNDING]
+    off = [
+        f"{1e3 * values['largest']:.3g} mm {WORDS[part]}"
+        for part, values in figures.items()
+        if values["largest"] > ROUNDING
+    ]
+    on = [f"none {WORDS[part]}" for part, values in figures.items() if values["largest"] <= ROUNDING]
     error = max(figure["off"] for figure in figures.values())
     return f"{surface} against CAD turned rigidly: {', '.join(off + on)}; as predicted to {error:.0e} m"
 
@@ -206,12 +210,12 @@ def prediction(shape: Shape) -> tuple[FloatArray, dict[str, BoolArray]]:
     points, parts = shape.mesh.points[shape.nodes], parts_of(shape)
     expected = points + LAWS[shape.law](shape)
     if shape.repair is not None and (slid := np.any(shape.repair[shape.nodes], axis=1)).any():
-        found = Triangles.of(expected[shape.rows]).closest(shape.deflected.points[shape.nodes[slid]])
+        nearest = Triangles.of(expected[shape.rows]).closest(shape.deflected.points[shape.nodes[slid]])
         first = next(iter(parts.values()))
         came = np.zeros(len(points), dtype=np.bool_)
-        came[slid] = np.any(first[shape.rows[found.rows]] & (found.weights > ROUNDING), axis=1)
+        came[slid] = np.any(first[shape.rows[nearest.rows]] & (nearest.weights > ROUNDING), axis=1)
         parts = {name: rows & ~came if k else rows | came for k, (name, rows) in enumerate(parts.items())}
-        expected[slid] = found.places
+        expected[slid] = nearest.places
     return expected, parts
 
 
@@ -319,8 +323,8 @@ def closest(points: FloatArray, nodes: FloatArray, triangles: IntArray) -> tuple
     """Return the distance (N,) of points (N, 3) from triangles (T, 3), and the row (N,) of the nearest one."""
     if not len(points):
         return np.empty(0), np.empty(0, dtype=np.intp)
-    found = Triangles.of(nodes[triangles]).closest(points)
-    return np.linalg.norm(points - found.places, axis=1), found.rows
+    nearest = Triangles.of(nodes[triangles]).closest(points)
+    return np.linalg.norm(points - nearest.places, axis=1), nearest.rows
 
 
 def plane_normal(points: FloatArray) -> FloatArray:

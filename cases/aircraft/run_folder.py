@@ -32,11 +32,11 @@ if TYPE_CHECKING:
     from sdm_deflect.geometry.model import CadModel
 
 
-def write_deformation(folder: Path, case: Case, found: Deflection, background: Mesh | None) -> None:
+def write_deformation(folder: Path, case: Case, deflection: Deflection, background: Mesh | None) -> None:
     """Write every file of the contract that needs no validation into `folder`."""
-    (folder / "case.toml").write_text(case_toml(case, found.plan), encoding="utf-8")
-    write_vtu(folder / "undeflected.vtu", found.plan.mesh)
-    write_arrays(folder, found, whole=True)
+    (folder / "case.toml").write_text(case_toml(case, deflection.plan), encoding="utf-8")
+    write_vtu(folder / "undeflected.vtu", deflection.plan.mesh)
+    write_arrays(folder, deflection, whole=True)
     if background is not None:
         write_vtu(folder / "background.vtu", background)
 
@@ -50,7 +50,9 @@ def finished_case(folder: Path) -> FinishedRun:
         raise InputError(f"{folder} is not the output folder of a run: it has no case.toml")
     case = resolve("", config=folder / "case.toml")
     mesh, deflected = read_vtu(folder / "undeflected.vtu"), read_vtu(folder / "deflected.vtu")
-    before, after = ({"tets": tets_of(one), **skin(one)._asdict(), "names": one.names} for one in (mesh, deflected))
+    before, after = (
+        {"tets": tets_of(state), **skin(state)._asdict(), "names": state.names} for state in (mesh, deflected)
+    )
     for what, values in before.items():
         if not np.array_equal(values, after[what]):
             raise InputError(f"{folder}: undeflected.vtu and deflected.vtu differ in {what}")
@@ -90,14 +92,14 @@ class CadValidation:
 
         return case_data(self.case, plan, points, fits, repair)
 
-    def checks(self, found: Deflection, cache: bool) -> tuple[Check, ...]:
+    def checks(self, deflection: Deflection, cache: bool) -> tuple[Check, ...]:
         """Return all checks of the deflected mesh; without the CAD kernel those that need none."""
-        own = checks_of(found, unit="m")
+        mesh_checks = checks_of(deflection, unit="m")
         if self.lacks:
-            return validate(self.case, found, own, None)
+            return validate(self.case, deflection, mesh_checks, None)
         background = self.background
         with reference(self.case, cache) as deflected_cad:
-            return validate(self.case, found, own, deflected_cad(), background)
+            return validate(self.case, deflection, mesh_checks, deflected_cad(), background)
 
     def undeflected_checks(self, mesh: Mesh) -> tuple[Check, ...]:
         """Return the checks of the undeflected mesh, and of a background, against newly built CAD."""

@@ -43,7 +43,7 @@ def _requests() -> list[int]:
         if len(came) == 1:  # no other one disturbs the tidying
             raise SystemExit(128 + number)
 
-    for one in REQUESTS:
-        if signal.getsignal(one) != signal.SIG_IGN:  # nohup's stays ignored
-            signal.signal(one, asked)
+    for request in REQUESTS:
+        if signal.getsignal(request) != signal.SIG_IGN:  # nohup's stays ignored
+            signal.signal(request, asked)
     return came

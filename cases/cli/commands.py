@@ -72,14 +72,14 @@ def doctor(folder: Path, as_json: bool, quiet: bool, verbose: bool) -> int:
     from .console import findings
     from .examination import EXAMINATIONS, leftovers
 
-    found = []
+    results = []
     with options.watch(quiet, verbose) as watch, watch.stage("doctor") as progress:
         for i, examine in enumerate(EXAMINATIONS):
             progress(examine.__name__, i / len(EXAMINATIONS))
-            found.append(examine())
-        found.append(leftovers(folder))
-    options.print_either(as_json, [asdict(one) for one in found], findings(found))
-    return options.code_of(all(one.well for one in found))
+            results.append(examine())
+        results.append(leftovers(folder))
+    options.print_either(as_json, [asdict(result) for result in results], findings(results))
+    return options.code_of(all(result.well for result in results))
 
 
 @click.command()

@@ -85,13 +85,13 @@ def rigid_lines(checks: Sequence[Check]) -> list[str]:
     return [check.where for check in checks if check.name.partition(":")[0] == "surface_to_rigid_cad"]
 
 
-def findings(found: Sequence["Finding"]) -> Group:
+def findings(results: Sequence["Finding"]) -> Group:
     """Return a table of a machine's findings, with advice."""
     table = _table("", ("",), (), ("found", " "))
-    for one in found:
-        mark = Text("well") if one.well else Text("NOT WELL", style="bold")
-        table.add_row(plain(one.name), plain(one.text), mark)
-    ill = [f"{one.name}: {one.remedy}" for one in found if not one.well]
+    for finding in results:
+        mark = Text("well") if finding.well else Text("NOT WELL", style="bold")
+        table.add_row(plain(finding.name), plain(finding.text), mark)
+    ill = [f"{finding.name}: {finding.remedy}" for finding in results if not finding.well]
     return Group(table, *_texts(ill or ["all is well"]))
 
 
@@ -147,7 +147,7 @@ def _made_at(plan: Plan) -> str:
     """Return a sentence on the setting of a slot in the mesh; nothing without a slot."""
     from sdm_deflect.deform.surface.slots import SlotSetting
 
-    slots = (moving.motion.slot(own) for moving, own in plan.moving if isinstance(moving.motion, SlotSetting))
+    slots = (moving.motion.slot(surface) for moving, surface in plan.moving if isinstance(moving.motion, SlotSetting))
     made = (f"gap {slot.setting.gap:.4g}, overlap {slot.setting.overlap:.4g}" for slot in slots)
     return "".join(f"; the mesh was made at {text}" for text in made)
 
@@ -219,13 +219,13 @@ def face_table(figures: Json) -> list[Table]:
 
 def comparison_tables(names: Sequence[str], tables: Mapping[str, Sequence[Sequence[str]]]) -> list[Table]:
     """Return tables by title, with a row for each name and a column for each run; none without rows."""
-    found = []
+    out = []
     for title, rows in tables.items():
         table = _table(title, ("",), (), names)
         for row in rows:
             table.add_row(*map(plain, row))
-        found += [table] if rows else []
-    return found
+        out += [table] if rows else []
+    return out
 
 
 def sweep_table(poses: Sequence["PoseSummary"], title: str) -> Table:
@@ -274,8 +274,8 @@ def _lines(plan: Plan, whole: bool = True) -> list[str]:
 
 def _slot_rows(plan: Plan) -> list[str]:
     """Return the settings of slots as rows of a track, for a sweep over them."""
-    found = ((name, one.get("track")) for name, one in surface_figures(plan, plan.largest).items())
-    rows = ((name, ",".join(f"{value:.9g}" for value in row)) for name, row in found if row)
+    tracks = ((name, figures.get("track")) for name, figures in surface_figures(plan, plan.largest).items())
+    rows = ((name, ",".join(f"{value:.9g}" for value in row)) for name, row in tracks if row)
     return [f"{name}: as a row of --track (parameter,angle,dx,dy): {row}" for name, row in rows]
 
 

@@ -116,7 +116,7 @@ def deflect(
         jobs = jobs_of(settings, by_range=not meshes)
         poses = (pose_of(jobs),)
     if angles and plan:
-        jobs = tuple(job.over(own) for job, own in zip(jobs, poses_of(jobs, poses), strict=True))
+        jobs = tuple(job.over(amounts) for job, amounts in zip(jobs, poses_of(jobs, poses), strict=True))
     poses = tuple(dict.fromkeys(poses))
     wanted = replace(OutputFiles.of(mesh, out, poses, sensitivity, report), plan=plan, meshes=meshes)
     wanted.check(inputs)
@@ -173,7 +173,7 @@ def limit(place: str, out: Path | None, as_json: bool, quiet: bool, verbose: boo
                     repair, progress, (lambda line: None) if quiet else partial(click.echo, err=True)
                 )
             table = write_limits(limits, search, scratch)
-    options.print_either(as_json, {**figures, "limits": [asdict(one) for one in limits]}, table)
+    options.print_either(as_json, {**figures, "limits": [asdict(row) for row in limits]}, table)
 
 
 @click.command()
@@ -235,11 +235,11 @@ def gradient(
     quiet = show["quiet"] or (as_json and not show["verbose"])
     with options.watch(quiet, show["verbose"]) as watch, watch.stage("gradient") as progress:
         amounts = _named_amounts("--at", at)
-        found = amount_derivatives(sensitivity, plan, amounts, mesh, zones, progress)
-    units = {control.name: control.unit for control in found.motion.controls}
-    lines = [f"d/d({name}) = {value:.10g} per {units[name]}" for name, value in found.values.items()]
-    figures = {"gradient": found.values, "units": units, "nodes": found.nodes}
-    options.print_either(as_json, figures, *lines, f"from {found.nodes} nodes")
+        derivatives = amount_derivatives(sensitivity, plan, amounts, mesh, zones, progress)
+    units = {control.name: control.unit for control in derivatives.motion.controls}
+    lines = [f"d/d({name}) = {value:.10g} per {units[name]}" for name, value in derivatives.values.items()]
+    figures = {"gradient": derivatives.values, "units": units, "nodes": derivatives.nodes}
+    options.print_either(as_json, figures, *lines, f"from {derivatives.nodes} nodes")
     return 0
 
 
@@ -320,13 +320,13 @@ def convert(mesh: Path, out: Path, as_json: bool, quiet: bool, verbose: bool) ->
         raise InputError(f"{out} exists already; delete it, or choose another name")
     with options.watch(quiet or (as_json and not verbose), verbose) as watch:
         with watch.stage("read") as progress:
-            found = read(mesh, progress)
+            source = read(mesh, progress)
         with watch.stage("write") as progress:
-            target, lost = written(found, found.points, out, progress)
-    sizes = {"points": len(found.points), "cells": sum(found.cell_counts), "patches": list(found.names)}
-    lines = [*(f"note: {text}" for text in found.notes), *(f"lost in this format: {text}" for text in lost)]
-    last = f"wrote {target}: {sizes['points']} points, {sizes['cells']} cells, patches {', '.join(found.names)}"
-    options.print_either(as_json, {"file": target, **sizes, "notes": found.notes, "lost": lost}, *lines, last)
+            target, lost = written(source, source.points, out, progress)
+    sizes = {"points": len(source.points), "cells": sum(source.cell_counts), "patches": list(source.names)}
+    lines = [*(f"note: {text}" for text in source.notes), *(f"lost in this format: {text}" for text in lost)]
+    last = f"wrote {target}: {sizes['points']} points, {sizes['cells']} cells, patches {', '.join(source.names)}"
+    options.print_either(as_json, {"file": target, **sizes, "notes": source.notes, "lost": lost}, *lines, last)
 
 
 def _search_of_case(case: str, watch: "Stopwatch", given: dict[str, Any]) -> Found:

@@ -123,10 +123,10 @@ class DeflectCommand(click.Command):
         formatter = ctx.make_formatter()
         records = {param.name: param.get_help_record(ctx) for param in self.get_params(ctx)}
         rows = []
-        for one in BY_NAME.values():
-            if one.doc.group == group:
-                record = records.get(one.name)
-                rows.append((record[0] if record else f"--set {one.name}=VALUE", _help(one, in_full=True)))
+        for setting in BY_NAME.values():
+            if setting.doc.group == group:
+                record = records.get(setting.name)
+                rows.append((record[0] if record else f"--set {setting.name}=VALUE", _help(setting, in_full=True)))
         others = (
             param
             for param in self.get_params(ctx)
@@ -146,11 +146,11 @@ def _of_two_points(args: list[str]) -> list[str]:
     """Return words with a hinge of one point doubled; InputError for one without commas."""
     args = [word for arg in args for word in (arg.split("=", 1) if arg.startswith("--hinge=") else [arg])]
     place = args.index("--hinge") + 1 if "--hinge" in args else len(args)
-    one, other = (*args[place : place + 2], "", "")[:2]
-    if "," not in one and len(words := one.split()) > 1:
-        raise InputError(f"--hinge {one!r}: write a point with commas, {','.join(words)}")
-    if one.count(",") == 1 and (other.startswith("--") or "," not in other):
-        return [*args[: place + 1], one, *args[place + 1 :]]
+    first, second = (*args[place : place + 2], "", "")[:2]
+    if "," not in first and len(words := first.split()) > 1:
+        raise InputError(f"--hinge {first!r}: write a point with commas, {','.join(words)}")
+    if first.count(",") == 1 and (second.startswith("--") or "," not in second):
+        return [*args[: place + 1], first, *args[place + 1 :]]
     return args
 
 

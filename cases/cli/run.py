@@ -24,10 +24,12 @@ def list_cases(as_json: bool) -> None:
     from sdm_deflect.cases.aircraft.registry import CASES
 
     if as_json:
-        options.print_json([{"name": one.name, "angle_deg": one.angle, "title": one.title} for one in CASES.values()])
+        options.print_json(
+            [{"name": case.name, "angle_deg": case.angle, "title": case.title} for case in CASES.values()]
+        )
         return
-    for one in CASES.values():
-        click.echo(f"{one.name:<18}{one.angle:+6.1f} deg  {one.title}")
+    for case in CASES.values():
+        click.echo(f"{case.name:<18}{case.angle:+6.1f} deg  {case.title}")
 
 
 @click.command(params=options.settings_options([BY_NAME["range"], BY_NAME["strategy"], BY_NAME["repair"]]))
@@ -74,9 +76,9 @@ def case_table(run: "Run", folder: Path) -> "Group":
     from .console import result_table, rigid_lines
 
     notes = [f"{run.case.title}, {run.case.scale}, {run.case.strategy}", run.guide, *rigid_lines(run.checks)]
-    for state, one in (("slides", run.deflection.quality[0]), ("is pinned", run.pinned)) if run.pinned else ():
-        share = f"{one.below_0_4:.3%} below 0.4, {one.inverted} inverted"
-        notes.append(f"least quality inside if the Chimera face {state}: {one.min:.3f}, {share}")
+    for state, quality in (("slides", run.deflection.quality[0]), ("is pinned", run.pinned)) if run.pinned else ():
+        share = f"{quality.below_0_4:.3%} below 0.4, {quality.inverted} inverted"
+        notes.append(f"least quality inside if the Chimera face {state}: {quality.min:.3f}, {share}")
     summary = PoseSummary.of(run.deflection, run.checks)
     return result_table(Outcome(run.deflection.plan, (summary,), (folder,), (), (), tuple(notes)), whole=True)
 

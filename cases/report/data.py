@@ -93,15 +93,15 @@ class FitRows(NamedTuple):
     centres: dict[str, FloatArray]
 
     @classmethod
-    def of(cls, one: BoxDeflection) -> "FitRows":
+    def of(cls, deflection: BoxDeflection) -> "FitRows":
         """Return the adaptations of a deflection."""
         convergence = []
-        for k, step in enumerate(one.steps, 1):
+        for k, step in enumerate(deflection.steps, 1):
             for fit in step.fits.adaptations:
                 directions, rows = "".join(DIRECTIONS[c] for c in fit.components), fit.history
                 pairs = tuple(row.n_centers for row in rows), tuple(row.max_residual for row in rows)
-                convergence.append(Convergence(one.plan.surface, k, directions, *pairs))
-        first = one.steps[0].fits.adaptations
+                convergence.append(Convergence(deflection.plan.surface, k, directions, *pairs))
+        first = deflection.steps[0].fits.adaptations
         centres = {DIRECTIONS[c]: fit.interpolant.centers for fit in first for c in fit.components}
         return cls(tuple(convergence), centres)
 
@@ -164,15 +164,15 @@ class Box:
         """Return the box of a plan with its surfaces at some amounts."""
         surfaces = [
             MovedSurface(
-                name=name_of(own.plain_names),
+                name=name_of(surface.plain_names),
                 amount=amount,
-                unit=one.motion.unit,
-                patches=own.patches,
-                nodes=own.nodes,
-                axis=one.motion.axis,
-                width=width_setting(one.motion, plan.mesh.plane),
+                unit=moving.motion.unit,
+                patches=surface.patches,
+                nodes=surface.nodes,
+                axis=moving.motion.axis,
+                width=width_setting(moving.motion, plan.mesh.plane),
             )
-            for (one, own), amount in zip(plan.moving, amounts, strict=True)
+            for (moving, surface), amount in zip(plan.moving, amounts, strict=True)
         ]
         return cls(
             name=name,
@@ -236,7 +236,7 @@ class ReportData:
         """The data with only the cells that touch a box or that a slice can show."""
         around = [_bounds_of_slices(box.hexahedron.corners) for box in self.boxes]
         affected = with_near_cells(self.mesh, [box.affected for box in self.boxes], around)
-        boxes = tuple(replace(box, affected=own) for box, own in zip(self.boxes, affected, strict=True))
+        boxes = tuple(replace(box, affected=cells) for box, cells in zip(self.boxes, affected, strict=True))
         return replace(self, mesh=affected[0].mesh, boxes=boxes)
 
     @property
@@ -263,8 +263,8 @@ class ReportData:
 
     def worst(self) -> tuple[float, float] | None:
         """Return the smallest quality of the affected cells before and after, None without cells."""
-        before = [one.min for box in self.boxes for one in box.affected.quality_before]
-        after = [one.min for some in self.after for one in some]
+        before = [quality.min for box in self.boxes for quality in box.affected.quality_before]
+        after = [quality.min for some in self.after for quality in some]
         return (min(before), min(after)) if before and after else None
 
     @property
@@ -309,7 +309,7 @@ def qualities(affected: AffectedCells, states: Sequence[FloatArray]) -> dict[str
             values = np.array([quality_of(points, block, rows, sign) for points in states])
             for shape, _, _, at in parts_of(block, rows):
                 parts.setdefault(shape, []).append(values[:, at])
-    return {shape: np.concatenate(own, axis=1) for shape, own in parts.items()}
+    return {shape: np.concatenate(blocks, axis=1) for shape, blocks in parts.items()}
 
 
 def measure_in_words(boxes: Sequence[Box]) -> str:
@@ -318,7 +318,9 @@ def measure_in_words(boxes: Sequence[Box]) -> str:
     for shape, _ in (pair for box in boxes for pair in box.affected.by_shape()):
         shapes.setdefault(MEASURES[shape], set()).add(shape)
     alone = len(shapes) == 1
-    texts = [one if alone else f"{one} ({', '.join(sorted(own))})" for one, own in sorted(shapes.items())]
+    texts = [
+        measure if alone else f"{measure} ({', '.join(sorted(names))})" for measure, names in sorted(shapes.items())
+    ]
     return "; ".join(texts) or "quality"
 
 
@@ -365,7 +367,9 @@ def read_figures(folder: Path) -> tuple[Json, tuple[Check, ...], list[FitRows]]:
             for own, tag in courses_and_tags
         ]
         if any(
-            one.ndim != 2 or one.shape[1] != 3 or not np.isfinite(one).all() for own in first for one in own.values()
+            centres.ndim != 2 or centres.shape[1] != 3 or not np.isfinite(centres).all()
+            for own in first
+            for centres in own.values()
         ):
             raise ValueError("centres in interpolant.npz are no points")
         fits = [
@@ -395,11 +399,11 @@ def rows_of(settings: Mapping[str, Any]) -> Rows:
 def as_text(value: Any) -> str:
     """Return the value of a setting as text; of a long list only the beginning."""
     if isinstance(value, dict):
-        return ", ".join(f"{name}: {one}" for name, one in value.items()) or "none"
+        return ", ".join(f"{name}: {item}" for name, item in value.items()) or "none"
     if isinstance(value, list | tuple):
         return ", ".join(map(as_text, value[:9])) + (", ..." if len(value) > 9 else "") or "none"
     if is_dataclass(value):
-        return " ".join(as_text(getattr(value, one.name)) for one in fields(value))
+        return " ".join(as_text(getattr(value, item.name)) for item in fields(value))
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 

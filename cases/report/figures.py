@@ -66,9 +66,9 @@ def convergence(data: ReportData) -> tuple[Figure, str]:
 def quality(data: ReportData) -> tuple[Figure, str]:
     """Plot the quality of cells that touch each hexahedron, by type; return the figure with a description."""
     states = list(data.states.values())
-    found = [(box, *pair) for box in data.boxes for pair in qualities(box.affected, states).items()]
-    figure, axes = panels(len(found))
-    texts = [_histogram(data, panel, *part) for panel, part in zip(axes, found, strict=True)]
+    parts = [(box, *pair) for box in data.boxes for pair in qualities(box.affected, states).items()]
+    figure, axes = panels(len(parts))
+    texts = [_histogram(data, panel, *part) for panel, part in zip(axes, parts, strict=True)]
     return figure, "Histograms of the quality of cells before and after the deflection. " + " ".join(texts)
 
 

@@ -49,7 +49,7 @@ class Validation(Protocol):
         """Return the content of the report, without the verdict."""
         ...
 
-    def checks(self, found: Deflection, cache: bool) -> tuple[Check, ...]:
+    def checks(self, deflection: Deflection, cache: bool) -> tuple[Check, ...]:
         """Return all checks of the deflected mesh; with `cache` the CAD may come from the cache."""
         ...
 
@@ -124,9 +124,9 @@ class FinishedRun:
         """
         figures, stored, _ = read_figures(self.folder)
         if self.validation:
-            found = Deflection.at(self.plan, self.points, self.repair)
-            own = self.validation.checks(found, cache=False), self.validation.undeflected_checks(self.plan.mesh)
-            return (*own[0], *stored_checks(stored), *own[1])
+            deflection = Deflection.at(self.plan, self.points, self.repair)
+            fresh = self.validation.checks(deflection, cache=False), self.validation.undeflected_checks(self.plan.mesh)
+            return (*fresh[0], *stored_checks(stored), *fresh[1])
         with damaged(self.folder, RUN):
             names = [Path(name).name for name in figures["files"]]
         if not names:
@@ -150,8 +150,8 @@ class FinishedRun:
         if lacking := self.validation.lacks:
             notes = [*data.figures.get("notes", ()), f"{STORED}; {lacking}"]
             return replace(data, figures={**data.figures, "notes": notes})
-        found = Deflection.at(self.plan, self.points, self.repair)
-        fresh = {check.name: check for check in self.validation.checks(found, cache=True)}
+        deflection = Deflection.at(self.plan, self.points, self.repair)
+        fresh = {check.name: check for check in self.validation.checks(deflection, cache=True)}
         return replace(data, checks=(*(fresh.pop(check.name, check) for check in data.checks), *fresh.values()))
 
     def report(self, form: str = "") -> ReportData:

@@ -156,8 +156,8 @@ def job_data(
     """
     mesh, (settings, folder) = plan.mesh, stored
     boxes = tuple(
-        Box.of(box, own, name_of(plan.patches) if len(plan.boxes) == 1 else box.surface, fit)
-        for (box, own), fit in zip(plan.by_box(pose), fits, strict=True)
+        Box.of(box, at_pose, name_of(plan.patches) if len(plan.boxes) == 1 else box.surface, fit)
+        for (box, at_pose), fit in zip(plan.by_box(pose), fits, strict=True)
     )
     moves = "; ".join(f"{surface.name} by {surface.amount_text}" for box in boxes for surface in box.surfaces)
     shown = in_view(mesh, (*plan.patches, *plan.stays))
@@ -191,8 +191,8 @@ def _plan_command(settings: Mapping[str, Any], folder: Path, motion: MeshMotion)
     """Return the command that writes the plan of a run with its final folder."""
     words = ["sdm", "deflect", _source(settings, folder.name), "--config", str(Path(folder.name, SETTINGS))]
     ranged = any("range" in surface for surface in settings["surface"])
-    for own in () if ranged else motion.controls[:1]:
-        words.append(f"--range={own.low:g}:{own.high:g}")
+    for control in () if ranged else motion.controls[:1]:
+        words.append(f"--range={control.low:g}:{control.high:g}")
     return shlex.join([*words, "--plan", PLAN, "--no-mesh", "--no-report"])
 
 
@@ -257,9 +257,9 @@ def _join_mirrored(tables: list[dict[str, Any]], deflection: Deflection) -> None
     """Join each reflection with the table of its surface, if both amounts are equal or opposite."""
     for i in reversed([i for i, box in enumerate(deflection.plan.boxes) if box.mirror]):
         of = deflection.plan.boxes[i].job.image_of
-        one, other = deflection.amounts[of], deflection.amounts[i]
-        if abs(one) == abs(other):
-            tables[of].update(mirror=tables.pop(i)["patches"], sign=1 if one == other else -1)
+        amount, reflected = deflection.amounts[of], deflection.amounts[i]
+        if abs(amount) == abs(reflected):
+            tables[of].update(mirror=tables.pop(i)["patches"], sign=1 if amount == reflected else -1)
 
 
 def _numbers(plan: BoxPlan) -> dict[str, Any]:
@@ -277,9 +277,9 @@ def _surface(number: int, moving: Moving, surface: Surface, amount: float, folde
     motion, table = moving.motion, folder / f"table_{number}.npz"
     out: dict[str, Any] = {"patches": list(surface.patches)} | ({"range": list(moving.range)} if moving.range else {})
     if isinstance(motion, Root):
-        own = {"motion": "root", "on": list(motion.on), "shape": motion.shape, "angle": amount}
-        own |= {"depth": motion.depth, "panel": motion.width}
-        return out | own | {"patches": [motion.tail], "hinge": _ends(motion.hinge, surface.points)}
+        settings = {"motion": "root", "on": list(motion.on), "shape": motion.shape, "angle": amount}
+        settings |= {"depth": motion.depth, "panel": motion.width}
+        return out | settings | {"patches": [motion.tail], "hinge": _ends(motion.hinge, surface.points)}
     if not isinstance(motion, Blended):
         return out | _base(motion, surface, amount, table)
     out |= {"held": _nodes(motion.held, surface), "driven": _nodes(motion.driven, surface)}
@@ -302,8 +302,8 @@ def _base(base: Motion, surface: Surface, amount: float, table: Path) -> dict[st
     if isinstance(base, Rotation):
         return {**hinge, "angle": amount}
     if isinstance(base, SlotSetting):
-        own = {name: value for name in ("gap", "overlap") if (value := getattr(base, name)) is not None}
-        return {**hinge, "amount": amount, "angle": base.angle, "slot": base.beside, **own}
+        sizes = {name: value for name in ("gap", "overlap") if (value := getattr(base, name)) is not None}
+        return {**hinge, "amount": amount, "angle": base.angle, "slot": base.beside, **sizes}
     if isinstance(base, Track):
         return {**hinge, "amount": amount} | _track(base, table.with_name(table.name.replace("table", "track")))
     return {**hinge, "angle" if base.unit == "deg" else "amount": amount, "law": type(base).__name__}
@@ -380,7 +380,7 @@ def part_of(mesh: Mesh, rows: Sequence[IntArray], nodes: IntArray) -> tuple[Mesh
     node, place = union(nodes, *used), np.full(len(mesh.points), -1)
     place[node] = np.arange(len(node))
     named = zip(mesh.patches, faces, strict=True)
-    patches = [Patch(patch.name, tuple(_renumber(block, place) for block in own)) for patch, own in named]
+    patches = [Patch(patch.name, tuple(_renumber(block, place) for block in blocks)) for patch, blocks in named]
     return Mesh(mesh.points[node], tuple(_renumber(block, place) for block in cells), tuple(patches)), node
 
 

@@ -21,7 +21,7 @@ HALF = 0.5
 def page_of(mesh: Mesh) -> str:
     """Return the page of a mesh."""
     size = {patch.name: diagonal(mesh.points[patch.nodes]) for patch in mesh.patches if len(patch.nodes)}
-    near = [name for name, one in size.items() if one <= HALF * diagonal(mesh.points)]
+    near = [name for name, extent in size.items() if extent <= HALF * diagonal(mesh.points)]
     shown = tuple(near or size)
     data = ReportData(
         title=mesh.name,

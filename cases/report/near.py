@@ -51,9 +51,9 @@ def some_cells(block: Volume, rows: IntArray) -> Volume:
         return Cells(block.shape, block.nodes[rows])
     place = np.full(len(block), -1, dtype=np.intp)
     place[rows] = np.arange(len(rows))
-    own, other = place[block.owner], np.full(len(block.owner), -1)
-    other[: len(block.neighbour)] = place[block.neighbour]
-    inner, outer = np.flatnonzero((own >= 0) & (other >= 0)), np.flatnonzero((own >= 0) != (other >= 0))
+    owner, neighbour = place[block.owner], np.full(len(block.owner), -1)
+    neighbour[: len(block.neighbour)] = place[block.neighbour]
+    inner, outer = np.flatnonzero((owner >= 0) & (neighbour >= 0)), np.flatnonzero((owner >= 0) != (neighbour >= 0))
     order = np.concatenate([inner, outer])
-    faces = turn_faces(take_faces(block.faces, order), own[order] < 0)
-    return Polyhedra(faces, np.where(own < 0, other, own)[order], other[inner])
+    faces = turn_faces(take_faces(block.faces, order), owner[order] < 0)
+    return Polyhedra(faces, np.where(owner < 0, neighbour, owner)[order], neighbour[inner])

@@ -140,7 +140,7 @@ def page(data: ReportData, gallery: Gallery) -> str:
     }
     with damaged(Path("metrics.json"), "table of a run's figures"):
         shown["qualities"] = list(qualities(data))
-        shown["faces"] = [(name, *face_rows(one)) for name, one in data.figures.get("deflections", {}).items()]
+        shown["faces"] = [(name, *face_rows(figures)) for name, figures in data.figures.get("deflections", {}).items()]
         for share in SHARES:
             jinja.filters["inline"] = partial(inline, share=share)
             try:
@@ -157,14 +157,14 @@ def qualities(data: ReportData) -> Iterator[tuple[str, str, Quality | Json]]:
     for box, after in zip(data.boxes, data.after, strict=True):
         figures = data.figures.get("deflections", {}).get(box.name, {})
         repaired = figures.get("repair")
-        for one, then in zip(box.affected.quality_before, after, strict=True):
-            yield box.name, STATES["before"], one
+        for quality, then in zip(box.affected.quality_before, after, strict=True):
+            yield box.name, STATES["before"], quality
             if repaired:
-                yield box.name, STATES["interpolated"], repaired["quality"][one.shape]
+                yield box.name, STATES["interpolated"], repaired["quality"][quality.shape]
             yield box.name, STATES["after"], then
         pinned = figures.get("quality_inside", {}).get("after_pinned")
-        for one in (pinned or {}).values():
-            yield box.name, STATES["after_pinned"], one
+        for quality in (pinned or {}).values():
+            yield box.name, STATES["after_pinned"], quality
 
 
 def policy(scripts: Iterable[str]) -> str:
@@ -211,7 +211,7 @@ def remedies(data: ReportData) -> tuple[str, ...]:
     ]
     advice = [OTHER_REMEDIES[name] for name in failed if name in OTHER_REMEDIES]
     for name in failed if moved else ():
-        options = [text for one in REMEDIES.get(name, ()) for text in (widths if one == WIDER else [one])]
+        options = [text for word in REMEDIES.get(name, ()) for text in (widths if word == WIDER else [word])]
         advice += [f"Try {', '.join(options[:-1])}{' or ' if options[1:] else ''}{options[-1]}."] if options else []
     return tuple(dict.fromkeys(advice))
 

@@ -104,12 +104,12 @@ class Turning:
         motion = data.motion
         if motion is None:
             return cls(MeshMotion((), data.mesh.points, (), ()), ())
-        own, poses = [], []
+        amounts, poses = [], []
         for i, control in enumerate(motion.controls):
-            own += [surface.amount for surface in data.surfaces if {*surface.patches} & {*control.patches}][:1]
+            amounts += [surface.amount for surface in data.surfaces if {*surface.patches} & {*control.patches}][:1]
             for row in motion.measured[i]:
                 poses.append(tuple(row.amount if i == j else other for j, other in enumerate(motion.amounts)))
-        return cls(motion if motion.plan else motion.on(data.mesh.points), tuple(own), tuple(poses))
+        return cls(motion if motion.plan else motion.on(data.mesh.points), tuple(amounts), tuple(poses))
 
     def page_fields(self, nodes: IntArray, points: FloatArray, exact: bool) -> tuple[list[Json], FloatArray]:
         """Return the fields of nodes (K,) at points (K, 3), and the places that the page computes from them."""
@@ -120,11 +120,11 @@ class Turning:
             place[rows] = np.arange(len(rows))
             at = np.flatnonzero(place[nodes] >= 0)
             at = at[fields[:, place[nodes[at]]].any(axis=(0, 2))]
-            parts = [_split(one[place[nodes[at]]], exact) for one in fields]
+            parts = [_split(field[place[nodes[at]]], exact) for field in fields]
             for value, part in zip(control.functions.values(amount), parts, strict=True):
                 computed[at] += value * np.sum(part, axis=0)
             names = zip(("fields", "fields_low"), zip(*parts, strict=True), strict=False)
-            numbers = {name: [single(one) for one in own] for name, own in names}
+            numbers = {name: [single(field) for field in values] for name, values in names}
             out += [{"surface": i, "at": integers(at), **numbers}] if len(at) else []
         return out, np.asarray(computed)
 
@@ -224,8 +224,8 @@ def thin_patch(mesh: Mesh, patch: Patch, keep: IntArray, most: int = MOST_TRIANG
     stays[keep] = True
     stays[mesh.on(*(name for name in mesh.names if name != patch.name))] = True
     stays[sharp_edges(mesh.points, faces, CREASE).ravel()] = True
-    own = np.where(stays[nodes], nodes, -1)
-    key = np.column_stack([np.floor(mesh.points[nodes] / size).astype(np.intp), _side(mesh, patch)[nodes], own])
+    kept_alone = np.where(stays[nodes], nodes, -1)
+    key = np.column_stack([np.floor(mesh.points[nodes] / size).astype(np.intp), _side(mesh, patch)[nodes], kept_alone])
     _, first, box_of = np.unique(key, axis=0, return_index=True, return_inverse=True)
     merged = np.arange(len(mesh.points))
     merged[nodes] = nodes[first[box_of.ravel()]]
@@ -252,9 +252,9 @@ def dots(data: ReportData) -> Iterator[Json]:
     yield _dots("sites", "sites on the surface", sites, ORANGE)
     yield _dots("sites", "sites of zero displacement", [box.zero for box in data.boxes], BLUE)
     for direction, colour in zip("xyz", (BLUE, ORANGE, (30, 30, 30)), strict=True):
-        own = [box.fits.centres[direction] for box in data.boxes if direction in box.fits.centres]
-        if own:
-            yield _dots("centres", f"centres for {direction}", own, colour)
+        centres = [box.fits.centres[direction] for box in data.boxes if direction in box.fits.centres]
+        if centres:
+            yield _dots("centres", f"centres for {direction}", centres, colour)
 
 
 def surfaces(data: ReportData, turning: Turning) -> Json:
@@ -269,26 +269,26 @@ def surfaces(data: ReportData, turning: Turning) -> Json:
     return {"surfaces": out, "stands": motion.amounts if motion else (), "command": data.moves}
 
 
-def _functions(own: ControlRange) -> Json:
+def _functions(control: ControlRange) -> Json:
     """Return a surface's functions for the page: kind and numbers, or samples over the range."""
-    kind = type(own.functions).__name__
-    if isinstance(own.functions, Turn | Powers | Fixed):
-        return asdict(own.functions) | {"kind": kind}
-    amounts = np.linspace(own.low, own.high, SAMPLES)
-    values = [own.functions.values(at).tolist() for at in amounts]
-    return {"kind": "Samples", "low": own.low, "high": own.high, "values": values}
+    kind = type(control.functions).__name__
+    if isinstance(control.functions, Turn | Powers | Fixed):
+        return asdict(control.functions) | {"kind": kind}
+    amounts = np.linspace(control.low, control.high, SAMPLES)
+    values = [control.functions.values(at).tolist() for at in amounts]
+    return {"kind": "Samples", "low": control.low, "high": control.high, "values": values}
 
 
 def cells(data: ReportData, most: int, turning: Turning) -> Json:
     """Return the worst cells that touch a hexahedron, by their least quality at any amount, and the number of all."""
-    found = list(_touching(data, turning))
-    worst = np.concatenate([np.empty(0), *(own.min(axis=0) for *_, own in found)])
+    blocks = list(_touching(data, turning))
+    worst = np.concatenate([np.empty(0), *(quality.min(axis=0) for *_, quality in blocks)])
     limit = np.partition(worst, most - 1)[most - 1] if len(worst) > most else np.inf
-    groups, starts = [], np.cumsum([0, *(len(rows) for _, rows, *_ in found)])
-    for start, (block, rows, sign, qualities) in zip(starts, found, strict=False):
+    groups, starts = [], np.cumsum([0, *(len(rows) for _, rows, *_ in blocks)])
+    for start, (block, rows, sign, qualities) in zip(starts, blocks, strict=False):
         kept = np.flatnonzero(qualities.min(axis=0) <= limit)
-        for shape, typed, own, at in parts_of(block, rows[kept]):
-            corners, nodes = _corners(typed, own)
+        for shape, typed, block_rows, at in parts_of(block, rows[kept]):
+            corners, nodes = _corners(typed, block_rows)
             known = (
                 {} if isinstance(typed, Cells) else {"qualities": [single(quality[kept[at]]) for quality in qualities]}
             )
@@ -319,12 +319,12 @@ def _corners(block: Cells | Polyhedra, rows: IntArray) -> tuple[Json, IntArray]:
     place = np.full(len(block), -1, dtype=np.intp)
     place[rows] = np.arange(len(rows))
     faces, cell = faces_by_cell(block)
-    own = np.repeat(place[cell], np.maximum(np.diff(faces.offsets) - 2, 0))
+    cell_of = np.repeat(place[cell], np.maximum(np.diff(faces.offsets) - 2, 0))
     first = np.repeat(faces.offsets[:-1], np.maximum(np.diff(faces.offsets) - 2, 0))
     step = np.arange(len(first)) - np.searchsorted(first, first) + 1
     triangles = np.column_stack([faces.nodes[first], faces.nodes[first + step], faces.nodes[first + step + 1]])
-    kept = own >= 0
-    return {"table": [0, 1, 2], "cell": integers(own[kept])}, triangles[kept]
+    kept = cell_of >= 0
+    return {"table": [0, 1, 2], "cell": integers(cell_of[kept])}, triangles[kept]
 
 
 def views(data: ReportData) -> Iterator[Json]:
@@ -377,12 +377,12 @@ def pack(scene: Json) -> tuple[str, str]:
     def placed(value: Any) -> Any:
         if isinstance(value, Mapping):
             rows = value.items()
-            return {name: (place if name in ARRAYS else placed)(own) for name, own in rows if name not in KEPT}
-        return [placed(own) for own in value] if isinstance(value, list) else value
+            return {name: (place if name in ARRAYS else placed)(entry) for name, entry in rows if name not in KEPT}
+        return [placed(entry) for entry in value] if isinstance(value, list) else value
 
     def place(value: Any) -> Any:
         if not isinstance(value, str):
-            return [place(own) for own in value] if value else value
+            return [place(entry) for entry in value] if value else value
         numbers = np.frombuffer(b64decode(value), dtype=np.uint8).reshape(-1, 4)
         start = sum(map(len, parts))
         parts.append(numbers.T.tobytes())

@@ -105,16 +105,16 @@ def hexadecimal(colour: Colour) -> str:
 
 def by_size(faces: Iterable[Faces]) -> list[IntArray]:
     """Return faces as arrays (F, k), one for each number k of corners."""
-    found: dict[int, list[IntArray]] = {}
+    blocks: dict[int, list[IntArray]] = {}
     for block in faces:
         if isinstance(block, Cells):
-            found.setdefault(block.nodes.shape[1], []).append(block.nodes)
+            blocks.setdefault(block.nodes.shape[1], []).append(block.nodes)
             continue
         sizes = np.diff(block.offsets)
         for k in np.unique(sizes):
             rows = block.offsets[:-1][sizes == k, None] + np.arange(k)
-            found.setdefault(int(k), []).append(block.nodes[rows])
-    return [np.concatenate(found[k]) for k in sorted(found)]
+            blocks.setdefault(int(k), []).append(block.nodes[rows])
+    return [np.concatenate(blocks[k]) for k in sorted(blocks)]
 
 
 def triangles_of(faces: Iterable[Faces]) -> IntArray:
@@ -144,13 +144,13 @@ class CutPlane:
 
 def directions(points: FloatArray, surface: MovedSurface) -> tuple[int, int]:
     """Return the coordinate axes along a surface's span and chord, from its hinge and its nodes at points (N, 3)."""
-    own = points[surface.nodes]
-    extent = np.ptp(own, axis=0)
+    places = points[surface.nodes]
+    extent = np.ptp(places, axis=0)
     if surface.axis is None:
         span = int(np.argmax(extent))
         return span, int(np.argmax(np.where(np.arange(3) == span, -1.0, extent)))
     span = int(np.argmax(np.abs(surface.axis.direction)))
-    reach = np.abs(surface.axis.radial(own)).max(axis=0)
+    reach = np.abs(surface.axis.radial(places)).max(axis=0)
     reach[span] = -1.0
     return span, int(np.argmax(reach))
 
@@ -172,13 +172,13 @@ def planes(data: ReportData, box: Box, surface: MovedSurface) -> tuple[CutPlane,
     edge = surface.nodes[near[np.argmax(moves)]]
     ends = np.array([data.mesh.points[edge], data.points[edge]])
     what = "the plane" if data.mesh.plane else "section at half span"
-    found = [(what, corners.min(axis=0) - AROUND * size, corners.max(axis=0) + AROUND * size)]
+    windows = [(what, corners.min(axis=0) - AROUND * size, corners.max(axis=0) + AROUND * size)]
     if surface.axis is not None:
         along = surface.axis.direction[span]
         hinge = surface.axis.point + (half - surface.axis.point[span]) / (along or np.inf) * surface.axis.direction
-        found.append(("at the hinge", hinge - close, hinge + close))
-    found.append(("at the trailing edge", ends.min(axis=0) - close, ends.max(axis=0) + close))
-    cuts = [CutPlane(span, half, text, np.array([low, high])) for text, low, high in found]
+        windows.append(("at the hinge", hinge - close, hinge + close))
+    windows.append(("at the trailing edge", ends.min(axis=0) - close, ends.max(axis=0) + close))
+    cuts = [CutPlane(span, half, text, np.array([low, high])) for text, low, high in windows]
     for window in (np.array(check.window) for check in data.checks if check.window):
         if box.hexahedron.contains(window.mean(axis=0)[None]).all():
             station = half if data.mesh.plane else float(window[:, span].mean())
@@ -195,7 +195,7 @@ def slices(data: ReportData, box: Box, surface: MovedSurface) -> tuple[Figure, s
     states = (("undeflected", data.mesh.points), (surface.amount_text, data.points))
     for row, plane in zip(axes, cuts, strict=True):
         pairs = zip(row, states, strict=True)
-        before, after = (draw_slice(one, data, points, box, plane, name) for one, (name, points) in pairs)
+        before, after = (draw_slice(mesh_state, data, points, box, plane, name) for mesh_state, (name, points) in pairs)
         place = f"{plane.what.capitalize()}, {AXES[plane.axis]} = {data.length.text(plane.station)}"
         texts.append(f"{place}: smallest of its cells {before:.3f} before, {after:.3f} after.")
     shades, measure = ScalarMappable(QUALITY_RANGE, QUALITY_MAP), measure_in_words(data.boxes)
@@ -211,15 +211,15 @@ def draw_slice(axes: Axes, data: ReportData, points: FloatArray, box: Box, plane
     """Draw one slice; return the smallest quality of a cell in it."""
     factor, unit, (right, up) = data.length.factor, data.length.shown, plane.across
     signed = zip(data.mesh.cells, box.affected.orientation, strict=True)
-    found = [cut_cells(points, block, plane, sign) for block, sign in signed]
-    polygons = [polygon for some, _ in found for polygon in some]
-    shades = np.concatenate([np.empty(0), *(own for _, own in found)])
+    cuts = [cut_cells(points, block, plane, sign) for block, sign in signed]
+    polygons = [polygon for some, _ in cuts for polygon in some]
+    shades = np.concatenate([np.empty(0), *(rows for _, rows in cuts)])
     looks: dict[str, Any] = {"cmap": QUALITY_MAP, "norm": QUALITY_RANGE, "edgecolors": "0.15", "lw": 0.25}
     sizes = np.array([len(polygon) for polygon in polygons])
     for size in np.unique(sizes):  # an array of polygons is drawn much faster than a list
-        own = np.flatnonzero(sizes == size)
-        corners: Any = factor * np.array([polygons[i] for i in own])
-        axes.add_collection(PolyCollection(corners, array=shades[own], **looks))
+        rows = np.flatnonzero(sizes == size)
+        corners: Any = factor * np.array([polygons[i] for i in rows])
+        axes.add_collection(PolyCollection(corners, array=shades[rows], **looks))
     walls = factor * cut_walls(data.mesh, points, plane)
     axes.add_collection(LineCollection(list(walls), colors="black", linewidths=1.6))
     normal = np.eye(3)[plane.axis]
@@ -261,8 +261,8 @@ def cut_walls(mesh: Mesh, points: FloatArray, plane: CutPlane) -> FloatArray:
     edges, face = edges_of(faces)
     above = points[:, plane.axis] >= plane.station
     crossing = above[edges[:, 0]] != above[edges[:, 1]]
-    places, own = section(points, face[crossing], edges[crossing], plane.axis, plane.station)
-    straight = np.bincount(own, minlength=len(faces))[own] == 2
+    places, rows = section(points, face[crossing], edges[crossing], plane.axis, plane.station)
+    straight = np.bincount(rows, minlength=len(faces))[rows] == 2
     walls = places[straight][:, plane.across].reshape(-1, 2, 2)
     low, high = plane.window[:, plane.across]
     return np.asarray(walls[((walls.min(axis=1) <= high) & (walls.max(axis=1) >= low)).all(axis=1)])
@@ -282,8 +282,8 @@ def with_node(block: Volume, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def cell_edges(block: Volume, rows: IntArray) -> tuple[IntArray, IntArray]:
     """Return the edges (E, 2) of some cells, and the row (E,) to which each belongs."""
     if isinstance(block, Cells):
-        own = block.nodes[rows][:, EDGES[block.shape]]
-        return np.repeat(np.arange(len(rows)), own.shape[1]), own.reshape(-1, 2)
+        ends = block.nodes[rows][:, EDGES[block.shape]]
+        return np.repeat(np.arange(len(rows)), ends.shape[1]), ends.reshape(-1, 2)
     first, last, cell = corner_edges(block, rows)
     once = first < last
     return cell[once], np.column_stack([first[once], last[once]])
@@ -291,8 +291,8 @@ def cell_edges(block: Volume, rows: IntArray) -> tuple[IntArray, IntArray]:
 
 def _cut(points: FloatArray, cell: IntArray, edges: IntArray, count: int, plane: CutPlane) -> list[FloatArray]:
     """Return for each of `count` convex cells the corners (k, 2) of its section, one after another around it."""
-    places, own = section(points, cell, edges, plane.axis, plane.station)
-    number = np.bincount(own, minlength=count)
+    places, rows = section(points, cell, edges, plane.axis, plane.station)
+    number = np.bincount(rows, minlength=count)
     return np.split(places[:, plane.across], np.cumsum(number)[:-1]) if count else []
 
 
@@ -319,8 +319,8 @@ def section(
     a, b, low, high = points[edges[:, 0]], points[edges[:, 1]], height[edges[:, 0]], height[edges[:, 1]]
     places = a + (low / (low - high))[:, None] * (b - a)
     places[:, axis] = station
-    _, own, number = np.unique(cell, return_inverse=True, return_counts=True)
+    _, rows, number = np.unique(cell, return_inverse=True, return_counts=True)
     right, up = (i for i in range(3) if i != axis)
-    off = [places[:, i] - (np.bincount(own, places[:, i]) / number)[own] for i in (right, up)]
-    order = np.lexsort((np.arctan2(off[1], off[0]), own))
+    off = [places[:, i] - (np.bincount(rows, places[:, i]) / number)[rows] for i in (right, up)]
+    order = np.lexsort((np.arctan2(off[1], off[0]), rows))
     return places[order], cell[order]

@@ -86,8 +86,8 @@ def apply_plan(
     files = []
     with _writers(meshes, out) as writers:
         for mesh, write in zip(meshes, writers, strict=True):
-            points, own = points_of(mesh)
-            moved = move(motion, pose, mesh, points, own, zones)
+            points, zones_of_mesh = points_of(mesh)
+            moved = move(motion, pose, mesh, points, zones_of_mesh, zones)
             progress(f"writing {mesh.name}", 0.5)
             beside, target = write(mesh, moved)
             if not np.array_equal(points_of(beside)[0], moved):
@@ -152,21 +152,21 @@ def compare_points(
     be missing; if a point in a box is no place; or if points were rounded.
     """
     table, paths, hint = motion.places, list[Path](), ""
-    found, near, strangers = np.zeros(len(table.places), dtype=np.bool_), 0, 0
-    for mesh, points, own in meshes:
+    seen, near, strangers = np.zeros(len(table.places), dtype=np.bool_), 0, 0
+    for mesh, points, mesh_zones in meshes:
         paths.append(mesh)
-        place = located(motion, mesh, points, own, zones)
-        found[place[place >= 0]] = True
+        place = located(motion, mesh, points, mesh_zones, zones)
+        seen[place[place >= 0]] = True
         for i, box in enumerate(table.boxes):
-            named = {name for zone in own for name in (zone.name, *zone.blocks)} & {*box.zones}
-            for rows in deforming(mesh, own, box.zones, () if named else zones):
+            named = {name for zone in mesh_zones for name in (zone.name, *zone.blocks)} & {*box.zones}
+            for rows in deforming(mesh, mesh_zones, box.zones, () if named else zones):
                 others = points[rows][place[rows] < 0]
                 near += table.nearly(others)
                 strangers += int(table.contains(others, [i]).sum())
-        hint = hint or ("" if found.any() else table.unit_hint(points))
+        hint = hint or ("" if seen.any() else table.unit_hint(points))
     if near:
         raise InputError(f"{near} of its places are nearly points of {_names(paths)}: write all digits")
-    count, places, parts = int(found.sum()), len(found), all(map(is_part, paths))
+    count, places, parts = int(seen.sum()), len(seen), all(map(is_part, paths))
     if not count or (count < places and not (parts and not are_all_parts(paths))):
         text = f"is of another mesh: {count} of its {places} places are points of {_names(paths)}"
         raise InputError("; ".join(filter(None, [text, hint])))
@@ -208,11 +208,11 @@ def deforming(mesh: Path, zones: Sequence[Zone], names: Sequence[str], further: 
         yield slice(None)
         return
     wanted = {*names, *further}
-    own = [zone for zone in zones if "*" in wanted or wanted & {zone.name, *zone.blocks}]
-    if not own:
+    deforming_zones = [zone for zone in zones if "*" in wanted or wanted & {zone.name, *zone.blocks}]
+    if not deforming_zones:
         names = short_list(zone.name for zone in zones)
         raise InputError(f"{mesh}: none of its zones {names} is one that deforms: {short_list(sorted(wanted))}")
-    yield from (slice(zone.start, zone.stop) for zone in own)
+    yield from (slice(zone.start, zone.stop) for zone in deforming_zones)
 
 
 @contextmanager

@@ -71,19 +71,21 @@ class Cluster:
                 while waiting:
                     yield waiting.popleft().result()
             finally:
-                for one in waiting:
-                    one.release()
+                for future in waiting:
+                    future.release()
 
     def check(self, source: Path, out: Path) -> None:
         """Raise InputError unless all workers have this process's versions, see the file, and may write into `out`."""
         asked: list[Any] = [("Python", platform.python_version()), *((name, version(name), name) for name in SAME)]
         with _losses(self.client):
-            for package, own, *words in asked:
-                found = self.client.run(version if words else platform.python_version, *words, on_error="return")
-                for name, other in found.items():
-                    if other != own:
-                        said = f"worker {name} has {'none' if isinstance(other, Exception) else other} of {package}"
-                        raise InputError(f"{said}, but {own} is needed: start it in this environment")
+            for package, version_here, *words in asked:
+                versions_there = self.client.run(
+                    version if words else platform.python_version, *words, on_error="return"
+                )
+                for name, there in versions_there.items():
+                    if there != version_here:
+                        said = f"worker {name} has {'none' if isinstance(there, Exception) else there} of {package}"
+                        raise InputError(f"{said}, but {version_here} is needed: start it in this environment")
             seen = self.client.run(_missing, source.resolve(), source.stat().st_size, out.resolve())
         if blind := [f"{why}, such as {name}" for name, why in seen.items() if why]:
             said = f"{len(blind)} of {len(seen)} workers cannot {blind[0]}"
@@ -142,11 +144,15 @@ def _local_scheduler(count: int, wanted: str) -> Iterator[Any]:
             memory = int(parse_bytes(wanted or MEMORY_LIMIT // (count + 1)))
         if wanted and memory < LEAST:
             raise InputError(f"--worker-memory {wanted}: must be a size such as 2GB, and at least {LEAST // 10**6}MB")
-        own: dict[str, Any] = {"local_directory": str(folder), "memory_limit": memory, "security": Security.temporary()}
-        own |= {"dashboard_address": None, "scheduler_kwargs": {"dashboard_address": "127.0.0.1:0"}}
+        options: dict[str, Any] = {
+            "local_directory": str(folder),
+            "memory_limit": memory,
+            "security": Security.temporary(),
+        }
+        options |= {"dashboard_address": None, "scheduler_kwargs": {"dashboard_address": "127.0.0.1:0"}}
         try:
             with _block_interrupts():
-                cluster = LocalCluster(n_workers=count, threads_per_worker=1, **own)
+                cluster = LocalCluster(n_workers=count, threads_per_worker=1, **options)
         except RuntimeError as error:
             raise LostError(f"workers cannot be started: {error.__cause__ or error}; start fewer") from None
         with cluster, Client(cluster, set_as_default=False, direct_to_workers=True) as client:

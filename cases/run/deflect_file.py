@@ -176,12 +176,12 @@ def _deflect(wanted: OutputFiles, jobs: Sequence[Job], watch: Stopwatch, runner:
 
 def _rows(plan: Plan, wanted: OutputFiles, summaries: Sequence[PoseSummary]) -> list[list[object]]:
     rows: list[dict[str, object]] = []
-    for summary in sorted(summaries, key=lambda one: one.amounts):
+    for summary in sorted(summaries, key=lambda summary: summary.amounts):
         row: dict[str, object] = {"file": wanted.mesh(summary.amounts).name, "verdict": verdict(summary.checks)}
-        row["least_quality"] = min((one.min for one in summary.quality), default="")
-        for name, own in surface_figures(plan, summary.amounts).items():
-            row |= {name: own["amount"], f"{name}_share": "" if own["mean"] is None else own["mean"]}
-            places = zip(("first", "second"), own["hinge"] or (), strict=False)
+        row["least_quality"] = min((quality.min for quality in summary.quality), default="")
+        for name, figures in surface_figures(plan, summary.amounts).items():
+            row |= {name: figures["amount"], f"{name}_share": "" if figures["mean"] is None else figures["mean"]}
+            places = zip(("first", "second"), figures["hinge"] or (), strict=False)
             row |= {f"{name}_{end}_{axis}": x for end, place in places for axis, x in zip("xyz", place, strict=True)}
         rows.append(row)
     return [list(rows[0]), *(list(row.values()) for row in rows)]
@@ -224,7 +224,7 @@ def _write_beside(
 
 def motion_within_ranges(plan: Plan, stage: Stage) -> "MeshMotion | None":
     """Return the plan for the ranges of surfaces, judged at some amounts; None without a range."""
-    if not any(one.range for one, _ in plan.moving):
+    if not any(moving.range for moving, _ in plan.moving):
         return None
     from sdm_deflect.deform.mesh_motion import MeshMotion
 

@@ -73,11 +73,11 @@ def amount_derivatives(
     if not mesh.exists():
         raise InputError(f"{mesh} is not there: name the undeflected mesh of the plan in --mesh")
     compare(motion, plan, [mesh], zones, progress)
-    points, own = points_of(mesh)
+    points, zones_of_mesh = points_of(mesh)
     near, total, seen = near_of(points), np.zeros(len(pose)), np.zeros(len(points), np.intp)
-    place = located(motion, mesh, points, own, zones)
+    place = located(motion, mesh, points, zones_of_mesh, zones)
     plane = not np.ptp(points, axis=0).all()
-    for nodes, rows in pieces(path, points, own, plane):
+    for nodes, rows in pieces(path, points, zones_of_mesh, plane):
         np.add.at(seen, nodes, 1)
         if seen.max() > 1:
             raise InputError(f"{path}: node {np.argmax(seen)} has two rows; give each node once")
@@ -140,10 +140,10 @@ def _of_table(path: Path, count: int, plane: bool) -> Iterator[Piece]:
     with file:
         with damaged(path, "table of sensitivities"):
             titles = read_titles(file, EXAMPLE)
-            own = components_of(titles, plane)
+            components = components_of(titles, plane)
             at = columns_of(titles, {**PLACES, NUMBER: (NUMBER,)})
-        places = [at[name] for name in "xyz"[: len(own)] if name in at]
-        used = [*own, *places, *([at[NUMBER]] if NUMBER in at else [])]
+        places = [at[name] for name in "xyz"[: len(components)] if name in at]
+        used = [*components, *places, *([at[NUMBER]] if NUMBER in at else [])]
         start, numbered = 0, NUMBER in at
         while lines := list(islice(file, POINTS_AT_A_TIME)):
             with damaged(path, "table of sensitivities"):
@@ -153,19 +153,22 @@ def _of_table(path: Path, count: int, plane: bool) -> Iterator[Piece]:
                     raise InputError(f"a node is not one of the mesh, 0 to {count - 1}")
             _check_numbers(path, given)
             rows = np.zeros((len(given), 3 + len(places)))
-            rows[:, : len(own)], rows[:, 3:] = given[:, : len(own)], given[:, len(own) : len(own) + len(places)]
+            rows[:, : len(components)], rows[:, 3:] = (
+                given[:, : len(components)],
+                given[:, len(components) : len(components) + len(places)],
+            )
             yield nodes.astype(np.intp), rows
             start += len(rows)
 
 
 def components_of(titles: Sequence[str], plane: bool) -> list[int]:
     """Return the indices of the titles of x, y and, in space, z; InputError if one is missing."""
-    found = columns_of(titles, TITLES)
-    if [*found] not in ([*TITLES], [*TITLES][:2] if plane else [*TITLES]):
+    columns = columns_of(titles, TITLES)
+    if [*columns] not in ([*TITLES], [*TITLES][:2] if plane else [*TITLES]):
         raise InputError(
             f"there must be Sensitivity_x, Sensitivity_y and in space Sensitivity_z; there is {short_list(titles)}"
         )
-    return list(found.values())
+    return list(columns.values())
 
 
 def _of_arrays(path: Path) -> FloatArray:
@@ -188,12 +191,16 @@ def _of_cgns(path: Path, points: FloatArray, zones: Sequence[Zone], plane: bool)
 
     def columns(node: h5py.Group, label: str, names: Sequence[str] = ()) -> FloatArray:
         """Return the vectors (M, 3) among the arrays of all solutions, or of the coordinates, of a zone."""
-        parts = [one for _, one in children(node, label) if names or location(one) == "Vertex"]
+        parts = [child for _, child in children(node, label) if names or location(child) == "Vertex"]
         arrays = [pair for part in parts for pair in children(part, "DataArray_t")]
         titles = [name for name, _ in arrays]
         found = list(columns_of(titles, PLACES).values()) if names else components_of(titles, plane)
-        own = [reals(arrays[i][1])[()].ravel() for i in found]
-        return np.column_stack([*own, *[np.zeros_like(own[0])] * (3 - len(own))]) if own else np.empty((0, 3))
+        vectors = [reals(arrays[i][1])[()].ravel() for i in found]
+        return (
+            np.column_stack([*vectors, *[np.zeros_like(vectors[0])] * (3 - len(vectors))])
+            if vectors
+            else np.empty((0, 3))
+        )
 
     with about(path), h5py.File(path) as file:
         base, out = base_of(file), []
@@ -203,15 +210,15 @@ def _of_cgns(path: Path, points: FloatArray, zones: Sequence[Zone], plane: bool)
         if sorted(names) != sorted(base.zones):
             raise InputError(f"its zones are {short_list(base.zones)}; those of the mesh are {short_list(names)}")
         for name, zone in zip(names, zones, strict=True):
-            one, size = base.zones[name], zone.stop - zone.start
-            own, places = columns(one, "FlowSolution_t"), columns(one, "GridCoordinates_t", ["x"])
-            if len(own) != size or len(places) not in (0, size):
-                raise InputError(f"zone {name} has {len(own)} sensitivities, and the mesh {size} nodes there")
+            zone_node, size = base.zones[name], zone.stop - zone.start
+            vectors, places = columns(zone_node, "FlowSolution_t"), columns(zone_node, "GridCoordinates_t", ["x"])
+            if len(vectors) != size or len(places) not in (0, size):
+                raise InputError(f"zone {name} has {len(vectors)} sensitivities, and the mesh {size} nodes there")
             start = points[zone.start : zone.stop]
             same = not len(places) or np.abs(places - start).max(initial=0.0) <= near_of(points)
-            out.append(own if same else np.hstack([own, places]))
-        width = min(one.shape[1] for one in out)
-        return np.concatenate([one[:, :width] for one in out])
+            out.append(vectors if same else np.hstack([vectors, places]))
+        width = min(part.shape[1] for part in out)
+        return np.concatenate([part[:, :width] for part in out])
 
 
 def _of_field(path: Path) -> FloatArray:

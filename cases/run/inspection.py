@@ -146,17 +146,19 @@ def file_figures(path: Path, select: Mapping[str, str] = NOTHING, slot: tuple[st
 
 def _hinges(mesh: Mesh) -> dict[str, list[Json]]:
     """Return the hinges of patches; if two patches meet at a line, it is the hinge of the smaller."""
-    found = {name: list(candidates(mesh, [name])) for name in mesh.names}
+    lines = {name: list(candidates(mesh, [name])) for name in mesh.names}
     size = {
-        name: float(np.linalg.norm(np.ptp(mesh.points[mesh.on(name)], axis=0))) for name, own in found.items() if own
+        name: float(np.linalg.norm(np.ptp(mesh.points[mesh.on(name)], axis=0)))
+        for name, ends_of in lines.items()
+        if ends_of
     }
 
     def turns(name: str, ends: FloatArray) -> bool:
-        others = (one for other in size if size[other] < size[name] for one in found[other])
+        others = (one for other in size if size[other] < size[name] for one in lines[other])
         return not any(_on_line(ends.mean(axis=0), other) <= SAME_LINE * size[name] for other in others)
 
-    kept = {name: [ends.tolist() for ends in own if turns(name, ends)] for name, own in found.items()}
-    return {name: own for name, own in kept.items() if own}
+    kept = {name: [ends.tolist() for ends in ends_of if turns(name, ends)] for name, ends_of in lines.items()}
+    return {name: ends_of for name, ends_of in kept.items() if ends_of}
 
 
 def _on_line(point: FloatArray, ends: FloatArray) -> float:
@@ -187,14 +189,14 @@ def _signs(mesh: Mesh, name: str) -> list[float]:
 
 def _components(mesh: Mesh) -> tuple[dict[str, int], list[Part]]:
     """Return the number of components of the patches that have several, and the components."""
-    counts, found = {}, []
+    counts, parts = {}, []
     for patch in mesh.patches:
         part = Part.of(mesh, patch)
         labels = part.components()
         if (count := int(labels.max(initial=-1)) + 1) > 1:
             counts[patch.name] = count
-            found += part.cut(labels, MARK, MOST)
-    return counts, found
+            parts += part.cut(labels, MARK, MOST)
+    return counts, parts
 
 
 def extent(points: FloatArray) -> list[list[float]]:
@@ -207,11 +209,11 @@ def reach(extent: list[list[float]]) -> str:
     return ", " * bool(extent) + " to ".join(f"({', '.join(f'{x:.4g}' for x in corner)})" for corner in extent)
 
 
-def _quality_line(found: Json) -> str:
+def _quality_line(quality: Json) -> str:
     return (
-        f"{found['cells']} {NAMES[found['shape']]}, {found['inverted']} inverted; {found['measure']} "
-        f"min {found['min']:.3f}, 1 % {found['p01']:.3f}, mean {found['mean']:.3f}, "
-        f"{found['below_0_2']:.3%} below 0.2, {found['below_0_4']:.3%} below 0.4"
+        f"{quality['cells']} {NAMES[quality['shape']]}, {quality['inverted']} inverted; {quality['measure']} "
+        f"min {quality['min']:.3f}, 1 % {quality['p01']:.3f}, mean {quality['mean']:.3f}, "
+        f"{quality['below_0_2']:.3%} below 0.2, {quality['below_0_4']:.3%} below 0.4"
     )
 
 
@@ -221,13 +223,13 @@ def _face_quality(mesh: Mesh) -> Json | None:
         return None
     from sdm_deflect.meshing.mesh.orthogonality import face_quality  # loads the compiler
 
-    found = face_quality(mesh)
-    return found.as_dict() if found else None
+    quality = face_quality(mesh)
+    return quality.as_dict() if quality else None
 
 
-def _face_line(found: Json) -> str:
+def _face_line(quality: Json) -> str:
     return (
-        f"faces as OpenFOAM's checkMesh measures them: non-orthogonality max {found['non_orthogonality_max']:.2f}, "
-        f"mean {found['non_orthogonality_mean']:.2f} degrees, {found['severely_non_orthogonal']} above 70; "
-        f"skewness max {found['skewness_max']:.3f}, {found['highly_skew']} above 4"
+        f"faces as OpenFOAM's checkMesh measures them: non-orthogonality max {quality['non_orthogonality_max']:.2f}, "
+        f"mean {quality['non_orthogonality_mean']:.2f} degrees, {quality['severely_non_orthogonal']} above 70; "
+        f"skewness max {quality['skewness_max']:.3f}, {quality['highly_skew']} above 4"
     )

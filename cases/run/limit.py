@@ -135,9 +135,9 @@ class Search:
     def _known(self, made: Sequence[tuple[RepairMode, Trial]]) -> Iterator[str]:
         """Yield for each mode of repair and sign the amounts that hold and the first that fails, as text."""
         for mode, sign in dict.fromkeys((mode, np.sign(trial.angle)) for mode, trial in made):
-            own = [trial for of, trial in made if of == mode and np.sign(trial.angle) == sign]
-            bad = min((abs(trial.angle) for trial in own if trial.fault), default=np.inf)
-            good = max((abs(trial.angle) for trial in own if abs(trial.angle) < bad), default=0.0)
+            trials = [trial for of, trial in made if of == mode and np.sign(trial.angle) == sign]
+            bad = min((abs(trial.angle) for trial in trials if trial.fault), default=np.inf)
+            good = max((abs(trial.angle) for trial in trials if abs(trial.angle) < bad), default=0.0)
             fails = f", and not at {sign * bad:+.4g}" if bad < np.inf else ""
             yield f"known when stopped: repair {mode}: all checks hold up to {sign * good:+.4g} {self.unit}{fails}"
 
@@ -169,8 +169,8 @@ class Search:
         def at(size: float) -> Trial:
             if size not in trials:
                 progress(f"repair {repair}: {sign * size:+.4g} {self.unit}", float("nan"))
-                found = trials[size] = self.trial(sign * size, repair)
-                told(repair, found)
+                made = trials[size] = self.trial(sign * size, repair)
+                told(repair, made)
             return trials[size]
 
         def last(holds: Callable[[Trial], bool]) -> float:
@@ -211,7 +211,7 @@ def search_of(mesh: Mesh, jobs: Sequence[Job], resolution: float = 0.0, precisio
 
     def plan(angle: float, repair: RepairMode) -> Plan:
         (pose,) = in_proportion(jobs, (angle,))
-        turned = (job.at(own) for job, own in zip(jobs, by_job(jobs, pose), strict=True))
+        turned = (job.at(amounts) for job, amounts in zip(jobs, by_job(jobs, pose), strict=True))
         repaired = [replace(job, repair=replace(job.repair, mode=repair)) for job in turned]
         return Plan.of(mesh, repaired).keeping(precision)
 

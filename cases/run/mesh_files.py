@@ -94,8 +94,8 @@ class OutputFiles:
 
     def sensitivity(self, pose: Amounts) -> tuple[Path, Path]:
         """Return the .npz and the .vtu of the sensitivity at one pose."""
-        one = replace(self, out=self.mesh(pose))
-        return one._file("-sensitivity", ".npz"), one._file("-sensitivity", ".vtu")
+        of_pose = replace(self, out=self.mesh(pose))
+        return of_pose._file("-sensitivity", ".npz"), of_pose._file("-sensitivity", ".vtu")
 
     def report(self, pose: Amounts) -> Path:
         """Return the folder of the report at one pose."""
@@ -285,7 +285,7 @@ def write_sensitivity(
     names, (first, *others) = list(rates), list(rates.values())
     several = {SENSITIVITY: np.stack([first, *others]), "surfaces": np.array(names)} if others else {SENSITIVITY: first}
     np.savez_compressed(arrays, points=points, unit=np.array(unit), **several)
-    shown = {f"{SENSITIVITY}_{name}": own for name, own in rates.items()} if others else several
+    shown = {f"{SENSITIVITY}_{name}": rate for name, rate in rates.items()} if others else several
     write_vtu(picture, replace(mesh, points=points, patches=()), shown)
 
 

@@ -193,14 +193,14 @@ def short_turns(plan: Plan) -> tuple[str, ...]:
 
     This is no warning: a blended surface always turns less at its ends.
     """
-    found = []
+    sentences = []
     motion = {surface.label: moving.motion for moving, surface in plan.moving}
     for name, reached in _reaches(plan, plan.largest):
         if reached and reached.mean < REACHED:
             turns, its = ("turn", "their") if "," in name else ("turns", "its")
             why = " (--strip)" * (width_setting(motion[name], plan.mesh.plane) == "strip")
-            found.append(f"{name} {turns} by {reached.mean:.0%} of {its} angle on average{why}")
-    return tuple(found)
+            sentences.append(f"{name} {turns} by {reached.mean:.0%} of {its} angle on average{why}")
+    return tuple(sentences)
 
 
 def width_setting(motion: Motion, plane: bool) -> Literal["", "panel", "strip"]:
@@ -225,8 +225,8 @@ def notes_of(plan: Plan) -> tuple[str, ...]:
 
 def farthest(plan: Plan) -> Iterator[tuple[str, FloatArray, FloatArray]]:
     """Yield each surface's name, place and displacement (3,) of its node that moves farthest, at the largest pose."""
-    for box, own in plan.by_box(plan.largest):
-        for surface, place, move in box.boundary.farthest(own):
+    for box, amounts in plan.by_box(plan.largest):
+        for surface, place, move in box.boundary.farthest(amounts):
             yield surface.label, place, move
 
 
@@ -274,9 +274,9 @@ def _track_row(moving: Moving, law: MotionLaw, amount: float) -> Json:
 
 def amounts(plan: Plan, pose: Amounts) -> Iterator[tuple[str, str]]:
     """Yield the name of each surface with its amount and, where it has one, its hinge, as text."""
-    for name, one in surface_figures(plan, pose).items():
-        ends = [", ".join(f"{x:.6g}" for x in point) for point in one["hinge"] or ()]
-        yield name, f"{one['amount']:+g} {one['unit']}" + (f" about ({ends[0]}) to ({ends[1]})" if ends else "")
+    for name, figures in surface_figures(plan, pose).items():
+        ends = [", ".join(f"{x:.6g}" for x in point) for point in figures["hinge"] or ()]
+        yield name, f"{figures['amount']:+g} {figures['unit']}" + (f" about ({ends[0]}) to ({ends[1]})" if ends else "")
 
 
 def motions(plan: Plan) -> Iterator[tuple[str, str]]:
@@ -288,8 +288,8 @@ def motions(plan: Plan) -> Iterator[tuple[str, str]]:
 
 def _reaches(plan: Plan, pose: Amounts) -> Iterator[tuple[str, ReachedShare | None]]:
     """Yield the name of each surface, and its reached share at a pose."""
-    for box, own in plan.by_box(pose):
-        for surface, reached in box.boundary.reaches(own):
+    for box, amounts in plan.by_box(pose):
+        for surface, reached in box.boundary.reaches(amounts):
             yield surface.label, reached
 
 

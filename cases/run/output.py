@@ -153,7 +153,7 @@ def write_convergence(path: Path, deflections: Sequence[BoxDeflection]) -> None:
 def write_table(path: Path, rows: Iterable[Iterable[object]]) -> None:
     """Write a .csv; text that a spreadsheet would run as a formula has an apostrophe before it (`text_of`)."""
     with path.open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file).writerows([_cell(one) for one in row] for row in rows)
+        csv.writer(file).writerows([_cell(cell) for cell in row] for row in rows)
 
 
 def _cell(value: object) -> object:
@@ -206,8 +206,8 @@ def usable_cores() -> int:
 def blas() -> str:
     """Return the linear algebra libraries that are loaded and their threads."""
     pools = [pool for pool in threadpool_info() if pool["user_api"] == "blas"]
-    found = {f"{pool['internal_api']} {pool.get('version') or ''}, {pool['num_threads']} threads" for pool in pools}
-    return "; ".join(sorted(found)) or "none loaded"
+    lines = {f"{pool['internal_api']} {pool.get('version') or ''}, {pool['num_threads']} threads" for pool in pools}
+    return "; ".join(sorted(lines)) or "none loaded"
 
 
 def _version(name: str) -> str:

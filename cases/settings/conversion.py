@@ -44,22 +44,22 @@ def structure(table: Any, kind: type[T], place: str = "") -> T:
     values: Nested = {}
     for name, of in inline_in(kind).items():
         values |= _inline(rest, name, of, place)
-    own = {name: setting for name, setting in settings_in(kind).items() if len(setting.path) == 1}
-    _check_names(rest, settings_in(kind), own, place)
+    direct = {name: setting for name, setting in settings_in(kind).items() if len(setting.path) == 1}
+    _check_names(rest, settings_in(kind), direct, place)
     for name, value in rest.items():
-        setting, where = own[name], _within(place, name)
+        setting, where = direct[name], _within(place, name)
         values[setting.path[0]] = _of_kind(parse_spelling(value, setting, where), setting.kind, where)
     try:
         return kind(**values)
     except ValueError as error:
         text = str(error)
-        raise InputError(_within(place, text) if text.partition(" ")[0] in own else text) from None
+        raise InputError(_within(place, text) if text.partition(" ")[0] in direct else text) from None
 
 
-def _check_names(given: Nested, known: Mapping[str, Setting], own: Mapping[str, Setting], place: str) -> None:
+def _check_names(given: Nested, known: Mapping[str, Setting], direct: Mapping[str, Setting], place: str) -> None:
     if unknown := next((name for name in given if name not in known), None):
         raise InputError(f"unknown setting {_within(place, unknown)}; {_meant(unknown, known)}")
-    if missing := next((name for name in own if own[name].default is MISSING and name not in given), None):
+    if missing := next((name for name in direct if direct[name].default is MISSING and name not in given), None):
         raise InputError(f"{_within(place, missing)} is missing")
 
 
@@ -146,11 +146,11 @@ def _inline(rest: Nested, name: str, kind: Any, place: str) -> Nested:
     known = settings_in(kind)
     of_group = name not in known or isinstance(rest.get(name), Mapping | kind)
     given = rest.pop(name, {}) if of_group else {}
-    own = {inner: rest.pop(inner) for inner in known if inner in rest}
-    if own and isinstance(given, kind):
+    inner_values = {inner: rest.pop(inner) for inner in known if inner in rest}
+    if inner_values and isinstance(given, kind):
         given = table_of(given)
-    if own and isinstance(given, Mapping):
-        return {name: structure(merge(own, given), kind, place)}
+    if inner_values and isinstance(given, Mapping):
+        return {name: structure(merge(inner_values, given), kind, place)}
     return {} if given == {} else {name: structure(given, kind, name)}
 
 

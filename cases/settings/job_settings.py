@@ -278,12 +278,14 @@ def settings_of(surfaces: Any, hinge: Any, angle: Any, options: Mapping[str, Any
     for name in IN_PYTHON.keys() & options.keys():
         raise InputError(f"unknown setting {name}; did you mean {IN_PYTHON[name]}?")
     given = {name: value for name, value in {"hinge": hinge, "angle": angle, **options}.items() if value is not None}
-    own, rest = _split_options(given)
+    of_surface, rest = _split_options(given)
     several = tables_of(surfaces)
-    if several and own:
-        raise InputError(f"{min(own)} belongs to one surface: put it into the tables of surfaces")
-    share = {"amount": own["angle"]} if "angle" in own and not own.keys() & {"shift", "slot"} else {}
-    tables = several or [{"patches": surfaces, **own, **share}]
+    if several and of_surface:
+        raise InputError(f"{min(of_surface)} belongs to one surface: put it into the tables of surfaces")
+    share = (
+        {"amount": of_surface["angle"]} if "angle" in of_surface and not of_surface.keys() & {"shift", "slot"} else {}
+    )
+    tables = several or [{"patches": surfaces, **of_surface, **share}]
     _check_use(tables, rest)
     try:
         return job_settings({**rest, "surface": tables})
@@ -307,7 +309,7 @@ def tables_of(surfaces: Any) -> list[Nested]:
         and surfaces
         and all(isinstance(surface, Mapping) for surface in surfaces.values())
     ):
-        return [{"patches": name, **own} for name, own in surfaces.items()]
+        return [{"patches": name, **table} for name, table in surfaces.items()]
     rows = surfaces if isinstance(surfaces, list | tuple) else [surfaces]
     return [dict(row) for row in rows] if all(isinstance(row, Mapping) for row in rows) else []
 
@@ -343,17 +345,17 @@ def with_options(nested: Nested, options: Mapping[str, Any], assignments: Sequen
     Further surfaces keep their proportion to its angle. With the option ``patches`` it is the only surface.
     """
     given = {key: value for key, value in options.items() if value not in (None, ())}
-    own, new = _split_options({**given, **parse_assignments(assignments)})
+    of_surface, new = _split_options({**given, **parse_assignments(assignments)})
     for name in ("select", "slide"):
         old, added = (parse_spelling(part.get(name, {}), OF_JOB[name], name) for part in (nested, new))
         if name in new and isinstance(old, Mapping) and isinstance(added, Mapping):
             new[name] = {**old, **added}
     out = {**nested, **new}
     surfaces = _tables(nested.get("surface"))
-    if "patches" in own:
-        out["surface"] = [own]
-    elif own and surfaces:
-        out["surface"] = [{**surfaces[0], **own}, *_in_proportion(surfaces, own.get("angle"))]
+    if "patches" in of_surface:
+        out["surface"] = [of_surface]
+    elif of_surface and surfaces:
+        out["surface"] = [{**surfaces[0], **of_surface}, *_in_proportion(surfaces, of_surface.get("angle"))]
     return out
 
 
@@ -399,8 +401,8 @@ def _split_options(options: Mapping[str, Any]) -> tuple[Nested, Nested]:
         if name not in (*known, "fitting"):
             _refuse_renamed([name])
             raise InputError(f"unknown setting {name}; {nearest(name, known)}")
-    own = {name: value for name, value in options.items() if name in OF_SURFACE and name not in OF_JOB}
-    return own, {name: value for name, value in options.items() if name not in own}
+    of_surface = {name: value for name, value in options.items() if name in OF_SURFACE and name not in OF_JOB}
+    return of_surface, {name: value for name, value in options.items() if name not in of_surface}
 
 
 def _tables(value: Any) -> list[dict[str, Any]]:

@@ -81,12 +81,12 @@ def _condition(name: str, word: str) -> "Condition":
     numbers = _numbers(rest)
     if len(numbers) not in (4, 6):
         raise InputError(f"select.{name}: {word} must be {NUMBERS[kind]}; of a plane mesh without z")
-    one, other = np.array(numbers).reshape(2, -1)
+    first, second = np.array(numbers).reshape(2, -1)
     if kind == "box":
-        return Within(_point(np.minimum(one, other), -np.inf), _point(np.maximum(one, other), np.inf))
-    if not other.any() or not np.isfinite(numbers).all():
+        return Within(_point(np.minimum(first, second), -np.inf), _point(np.maximum(first, second), np.inf))
+    if not second.any() or not np.isfinite(numbers).all():
         raise InputError(f"select.{name}: {word}: point and normal must be finite, and the normal not zero")
-    return Before(_point(one, 0.0), _point(other, 0.0))
+    return Before(_point(first, 0.0), _point(second, 0.0))
 
 
 def _point(of: FloatArray, z: float) -> Point:
@@ -135,8 +135,8 @@ def jobs_of(settings: JobSettings, *, by_range: bool = False) -> tuple[Job, ...]
         raise InputError("box_each = true: each surface has a box of its own; give box in the table of each")
     boxes = [_at(corners) if corners else job.box for corners in given]
     images = [*[-1] * count, *sources]
-    own = zip(job.surfaces, boxes, images, strict=True)
-    return tuple(replace(job, surfaces=(moving,), box=box, image_of=image) for moving, box, image in own)
+    parts = zip(job.surfaces, boxes, images, strict=True)
+    return tuple(replace(job, surfaces=(moving,), box=box, image_of=image) for moving, box, image in parts)
 
 
 def _with_angle(surface: SurfaceSettings) -> SurfaceSettings:
@@ -148,7 +148,7 @@ def _with_angle(surface: SurfaceSettings) -> SurfaceSettings:
     given = [surface.angle, surface.down, surface.up]
     if surface.down is None and surface.up is None:
         return surface
-    if sum(one is not None for one in given) > 1 or not (surface.hinge or surface.device):
+    if sum(value is not None for value in given) > 1 or not (surface.hinge or surface.device):
         raise InputError("down and up need a hinge, and take the place of the angle: give one of the three")
     vertical = "xyz".index(surface.vertical or _upward(surface.hinge))
     direction = _rotation(surface.hinge).axis.direction if surface.hinge else np.eye(3)[3 - vertical]
@@ -163,8 +163,8 @@ def _upward(hinge: Sequence[Corner] | None) -> str:
 
 def _with_reflections(settings: JobSettings, sources: Sequence[int]) -> JobSettings:
     """Return settings with reflections of surfaces added at the end, each in a box of its own."""
-    own = settings.surface
-    return replace(settings, surface=(*own, *(_reflection(own[i]) for i in sources)), box_each=True)
+    surfaces = settings.surface
+    return replace(settings, surface=(*surfaces, *(_reflection(surfaces[i]) for i in sources)), box_each=True)
 
 
 def _reflection(surface: SurfaceSettings) -> SurfaceSettings:
@@ -208,17 +208,17 @@ def swept(settings: JobSettings, angles: Any, *, by_range: bool = False) -> tupl
             jobs = jobs_of(settings, by_range=by_range)
             return jobs, in_proportion(jobs, wanted)
         rows = tuple((angle,) for angle in wanted)
-    largest = (max(own, key=abs) for own in zip(*rows, strict=True))
+    largest = (max(column, key=abs) for column in zip(*rows, strict=True))
     moved = (replace(surface, angle=most, amount=most) for surface, most in zip(surfaces, largest, strict=True))
     settings = replace(settings, surface=tuple(moved))
-    mirrored = [(i, one.sign) for i, one in enumerate(settings.surface) if one.mirror]
+    mirrored = [(i, given.sign) for i, given in enumerate(settings.surface) if given.mirror]
     poses = tuple((*row, *(sign * row[i] for i, sign in mirrored)) for row in rows)
     return jobs_of(settings, by_range=by_range), poses
 
 
 def _rows(angles: Any, settings: JobSettings) -> tuple[Amounts, ...]:
     """Return rows of amounts, from numbers or a .csv, in the order of the surfaces; nothing for single angles."""
-    names = [one.patches for one in settings.surface]
+    names = [surface.patches for surface in settings.surface]
     if isinstance(angles, str | Path) and Path(angles).suffix == ".csv":
         given = _columns(Path(angles), names)
     elif (
@@ -239,10 +239,10 @@ def _columns(path: Path, names: Sequence[tuple[str, ...]]) -> FloatArray:
     wanted = ",".join(name[0] for name in names)
     titles, given = read_rows(path, "table of amounts", wanted)
     with damaged(path, "table of amounts"):
-        found = columns_of(titles, {name[0]: name for name in names})
-    if len(found) < len(names) or len(found) < len(titles):
+        columns = columns_of(titles, {name[0]: name for name in names})
+    if len(columns) < len(names) or len(columns) < len(titles):
         raise InputError(f"{path}: one column for each surface, titled {wanted}; its titles are {','.join(titles)}")
-    return given[:, [found[name[0]] for name in names]]
+    return given[:, [columns[name[0]] for name in names]]
 
 
 def job_of(settings: JobSettings, *, by_range: bool = False) -> Job:
@@ -250,7 +250,7 @@ def job_of(settings: JobSettings, *, by_range: bool = False) -> Job:
     if not settings.surface:
         raise InputError("no surface to move: name its patches (--surface); sdm quality MESH lists them")
     return Job(
-        surfaces=tuple(_moving(one, _stays_beside(one, settings), by_range) for one in settings.surface),
+        surfaces=tuple(_moving(given, _stays_beside(given, settings), by_range) for given in settings.surface),
         slides=tuple(Sliding(patch, shape) for patch, shape in settings.slide.items()),
         box=_box(settings),
         sections=tuple(_section(section) for section in settings.section),
@@ -264,8 +264,8 @@ def job_of(settings: JobSettings, *, by_range: bool = False) -> Job:
 
 def _stays_beside(surface: SurfaceSettings, settings: JobSettings) -> tuple[str, ...]:
     """Return the patches on which nodes of a blended surface are held: fixed patches and other surfaces."""
-    own = attrgetter("hinge", "device", "angle", "shift", "track", "slot", "gap", "overlap")
-    others = (other for other in settings.surface if own(other) != own(surface))
+    turn = attrgetter("hinge", "device", "angle", "shift", "track", "slot", "gap", "overlap")
+    others = (other for other in settings.surface if turn(other) != turn(surface))
     return (*settings.fixed, *(name for other in others for name in other.patches)) if settings.fixed else ()
 
 

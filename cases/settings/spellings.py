@@ -59,9 +59,11 @@ def table_of_arrays(value: Any) -> Any:
     from sdm_deflect.deform.surface.motions import Table
     from sdm_deflect.meshing.mesh.cells import bounded
 
-    points, vectors = (bounded(one, "table") for one in value)
+    points, vectors = (bounded(array, "table") for array in value)
     plane = points.ndim == vectors.ndim == 2 and points.shape[1] == vectors.shape[1] == 2
-    points, vectors = (np.column_stack([one, np.zeros(len(one))]) if plane else one for one in (points, vectors))
+    points, vectors = (
+        np.column_stack([array, np.zeros(len(array))]) if plane else array for array in (points, vectors)
+    )
     return Table(points, vectors, plane=plane)
 
 

@@ -163,8 +163,8 @@ def layer_sites(nearby: Nearby, nodes: IntArray, edge: float) -> IntArray:
     good &= first < ALONE * nearby.second
     rows = np.flatnonzero(good)
     rows = rows[np.lexsort((-first[rows], nearby.node[rows]))]
-    _, own = np.unique(nearby.node[rows], return_index=True)
-    return rows[own][:: max(1, -(-len(own) // MOST_LAYER_SITES))]
+    _, one_each = np.unique(nearby.node[rows], return_index=True)
+    return rows[one_each][:: max(1, -(-len(one_each) // MOST_LAYER_SITES))]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -92,7 +92,7 @@ class Fitting:
         """Raise InputError if the kernel lacks what it requires, or is given a radius that it does not have."""
         needs = KERNELS[self.kernel]
         if self.kernel_radius and not needs.radius:
-            others = " or ".join(name for name, one in KERNELS.items() if one.radius)
+            others = " or ".join(name for name, kernel in KERNELS.items() if kernel.radius)
             raise InputError(
                 f"kernel_radius = {self.kernel_radius:g}: the {needs.name} has none; leave it out, or set "
                 f"kernel = {others}"

@@ -35,43 +35,43 @@ def candidates(mesh: Mesh, names: Sequence[str]) -> Iterator[FloatArray]:
     In a plane mesh both points are the middle of the two nodes where the skins meet.
     Slotted flaps, and tails on a fuselage, have none.
     """
-    own = polygons_of(mesh.faces_of(names))
-    edges, face = _smooth_border(mesh, own, polygons_of(mesh.faces_of([n for n in mesh.names if n not in names])))
-    if are_lines(own):
+    flap = polygons_of(mesh.faces_of(names))
+    edges, face = _smooth_border(mesh, flap, polygons_of(mesh.faces_of([n for n in mesh.names if n not in names])))
+    if are_lines(flap):
         if len(at := distinct(edges.ravel())) == 2:
             yield np.tile(mesh.points[at].mean(axis=0), (2, 1))
         return
     if not len(edges):
         return
-    points = mesh.points[distinct(own.nodes)]
+    points = mesh.points[distinct(flap.nodes)]
     centred = points - points.mean(axis=0)
     chord, span = np.linalg.eigh(centred.T @ centred)[1].T[1:]
     way, places = mesh.points[edges[:, 1]] - mesh.points[edges[:, 0]], mesh.points[edges].mean(axis=1)
-    length, normals = np.linalg.norm(way, axis=1), unit(area_vectors(mesh.points, own))[face]
+    length, normals = np.linalg.norm(way, axis=1), unit(area_vectors(mesh.points, flap))[face]
     station, along = (places - points.mean(axis=0)) @ chord, np.abs(way @ span) > ALONG * length
     for side in (-1.0, 1.0):
         rows = np.flatnonzero(along & (side * station > 0.0))
         if len(rows) < 2 or np.linalg.norm(normals[rows].mean(axis=0)) > ONE_SKIN:
             continue
-        found, middle = places[rows], np.average(places[rows], axis=0, weights=length[rows])
-        axis = Axis(middle, np.linalg.svd(found - middle)[2][0])
-        covers = np.ptp(found @ span) > COVERED * np.ptp(points @ span)
-        if covers and np.abs(axis.radial(found) @ chord).max() < STRAIGHT * np.ptp(points @ chord):
+        line, middle = places[rows], np.average(places[rows], axis=0, weights=length[rows])
+        axis = Axis(middle, np.linalg.svd(line - middle)[2][0])
+        covers = np.ptp(line @ span) > COVERED * np.ptp(points @ span)
+        if covers and np.abs(axis.radial(line) @ chord).max() < STRAIGHT * np.ptp(points @ chord):
             ends = (points - middle) @ axis.direction
             pair = middle + np.outer([ends.min(), ends.max()], axis.direction)
             yield pair[np.argsort(np.abs(pair @ span))]
 
 
-def _smooth_border(mesh: Mesh, own: Polygons, rest: Polygons) -> tuple[IntArray, IntArray]:
+def _smooth_border(mesh: Mesh, flap: Polygons, rest: Polygons) -> tuple[IntArray, IntArray]:
     """Return the edges (E, 2) across which the skin goes on smoothly, and the patch's face (E,) at each."""
     on = np.zeros(len(mesh.points), dtype=np.bool_)
-    on[own.nodes] = True
+    on[flap.nodes] = True
     if len(rest):
         rest = take_faces(rest, np.flatnonzero(np.logical_or.reduceat(on[rest.nodes], rest.offsets[:-1])))
-    faces = Polygons(np.append(own.nodes, rest.nodes), np.append(own.offsets, own.offsets[-1] + rest.offsets[1:]))
+    faces = Polygons(np.append(flap.nodes, rest.nodes), np.append(flap.offsets, flap.offsets[-1] + rest.offsets[1:]))
     joints = Joints.of(faces)
-    within = joints.first < len(own)
-    kept = within != (joints.second < len(own))
+    within = joints.first < len(flap)
+    kept = within != (joints.second < len(flap))
     kept &= joints.cosines(mesh.points, faces) > np.cos(np.radians(SMOOTH))
     return joints.edges[kept], np.where(within, joints.first, joints.second)[kept]
 
@@ -136,7 +136,7 @@ def device(
     aft *= np.sign(aft[0]) or 1.0
     planes = ((first, across), (second, -across), (first, aft))
     before = tuple(Before(tuple(point.tolist()), tuple(normal.tolist())) for point, normal in planes)
-    sides = (",".join(map(repr, (*one.point, *one.normal))) for one in before)
+    sides = (",".join(map(repr, (*plane.point, *plane.normal))) for plane in before)
     behind = Selection(name, patch, before, text=" ".join([patch, *(f"side:{side}" for side in sides)]))
     ends = " and ETA 1 at ".join(f"{'xyz'[span]} = {end:.4g}" for end in (low, high))
     hinge = np.array(sorted((first, second), key=lambda point: float(point[span])))

@@ -382,14 +382,14 @@ class Table:
                 return cls(stored["points"], stored["vectors"], hinge)
         titles, rows = read_rows(path, TABLE, TITLES)
         with damaged(path, TABLE):
-            found = columns_of(titles, {**PLACES, **VECTORS})
-            if {*found} not in ({*"xyz", "dx", "dy", "dz"}, {*"xy", "dx", "dy"}):
+            columns = columns_of(titles, {**PLACES, **VECTORS})
+            if {*columns} not in ({*"xyz", "dx", "dy", "dz"}, {*"xy", "dx", "dy"}):
                 raise InputError(f"titles must be {TITLES}, in a plane mesh x,y,dx,dy; they are {','.join(titles)}")
             points, vectors = np.zeros((2, len(rows), 3))
             for i, name in enumerate("xyz"):
-                if name in found:
-                    points[:, i], vectors[:, i] = rows[:, found[name]], rows[:, found[f"d{name}"]]
-            return cls(points, vectors, hinge, "z" not in found)
+                if name in columns:
+                    points[:, i], vectors[:, i] = rows[:, columns[name]], rows[:, columns[f"d{name}"]]
+            return cls(points, vectors, hinge, "z" not in columns)
 
     @property
     def axis(self) -> Axis | None:
@@ -416,10 +416,10 @@ class Table:
         first = first_coincident(self.points)
         torn = np.flatnonzero((self.vectors != self.vectors[first]).any(axis=1))
         if len(torn):
-            at, one, other = (
+            at, vector, other = (
                 row.tolist() for row in (self.points[torn[0]], self.vectors[first[torn[0]]], self.vectors[torn[0]])
             )
-            raise InputError(f"table: the point {at} is given twice, with the displacements {one} and {other}")
+            raise InputError(f"table: the point {at} is given twice, with the displacements {vector} and {other}")
         rows = np.flatnonzero(first == np.arange(len(first)))
         return self.points[rows], self.vectors[rows]
 

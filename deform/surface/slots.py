@@ -120,7 +120,7 @@ class SlotSetting(Hinged):
     def slot(self, surface: Surface) -> Slot:
         """Return the slot of the undeflected mesh."""
         return min(
-            (Slot.of(surface.mesh, name, self.beside) for name in surface.patches), key=lambda one: one.setting.gap
+            (Slot.of(surface.mesh, name, self.beside) for name in surface.patches), key=lambda slot: slot.setting.gap
         )
 
     def law(self, surface: Surface) -> TrackLaw:

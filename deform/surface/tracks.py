@@ -82,14 +82,14 @@ class Track(Hinged):
         example = ",".join(TITLES[:5])
         titles, given = read_rows(Path(path), "track", example)
         with damaged(Path(path), "track"):
-            found = columns_of(titles, {name: (name, *([CPACS] if name == TITLES[0] else [])) for name in TITLES})
-            plane, second = "dz" not in found, "dx2" in found
+            columns = columns_of(titles, {name: (name, *([CPACS] if name == TITLES[0] else [])) for name in TITLES})
+            plane, second = "dz" not in columns, "dx2" in columns
             shifts = ["dx", "dy", *([] if plane else ["dz"])]
             wanted = {*TITLES[:2], *shifts, *(f"{name}2" for name in shifts if second)}
-            if {*found} != wanted:
+            if {*columns} != wanted:
                 raise InputError(f"titles must be {example}, in a plane mesh without dz; they are {','.join(titles)}")
             rows = np.zeros((len(given), 8))
-            for name, column in found.items():
+            for name, column in columns.items():
                 rows[:, TITLES.index(name)] = given[:, column]
             if not second:
                 rows[:, 5:] = rows[:, 2:5]

@@ -432,12 +432,12 @@ def _placements(job: Job, surfaces: Sequence[Surface]) -> Iterator[tuple[Placeme
 
 
 def _check_parts(mesh: Mesh, moves: list[str], fixed: tuple[str, ...], sliding: dict[str, str]) -> None:
-    for one, other, what in (
+    for names, others, what in (
         (moves, fixed, "moving and fixed"),
         (moves, sliding, "moving and sliding"),
         (fixed, sliding, "fixed and sliding"),
     ):
-        both = sorted(set(one) & set(other))
+        both = sorted(set(names) & set(others))
         if both:
             raise InputError(f"{mesh.name}: patch {both[0]} cannot be {what} at once")
     twice = sorted({name for name in moves if moves.count(name) > 1})

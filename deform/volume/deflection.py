@@ -284,24 +284,24 @@ class Deflection:
         rates = {}
         for box in self.boxes:
             for row, (_, surface) in enumerate(box.plan.moving):
-                own, changed, mirror = np.zeros_like(self.points), box.plan.movable, box.plan.mirror
+                rate, changed, mirror = np.zeros_like(self.points), box.plan.movable, box.plan.mirror
                 if mirror and box.image_of:
-                    own = mirror.reflect(_rate(box.image_of, row), own)
+                    rate = mirror.reflect(_rate(box.image_of, row), rate)
                 else:
-                    own[changed] = _rate(box, row)[changed]
-                rates[surface.label] = own
+                    rate[changed] = _rate(box, row)[changed]
+                rates[surface.label] = rate
         return rates
 
 
-def _rate(one: BoxDeflection, row: int) -> FloatArray:
+def _rate(deflection: BoxDeflection, row: int) -> FloatArray:
     """Return the derivative (N, 3) by the amount of surface `row` at the end of the last step, on its centres."""
-    plan, step, count = one.plan, one.steps[-1], len(one.steps)
-    boundary = plan.boundary.frozen_at(one.amounts)
+    plan, step, count = deflection.plan, deflection.steps[-1], len(deflection.steps)
+    boundary = plan.boundary.frozen_at(deflection.amounts)
     h = DEGREES if plan.job.surfaces[row].motion.unit == "deg" else SHARE
-    before = step.known[: len(plan.sites.moving)] - boundary.displacement(one.amounts) if count > 1 else 0.0
+    before = step.known[: len(plan.sites.moving)] - boundary.displacement(deflection.amounts) if count > 1 else 0.0
     ends = []
     for k in (-2, -1, 1, 2):
-        amounts = tuple(amount + k * h * (i == row) for i, amount in enumerate(one.amounts))
+        amounts = tuple(amount + k * h * (i == row) for i, amount in enumerate(deflection.amounts))
         move = boundary.displacement(amounts)
         points = take(step.start, move + before, step, keep_centers=True, runner=plan.runner).points
         points[plan.sites.moving] = boundary.mesh.points[plan.sites.moving] + move
@@ -314,19 +314,23 @@ def deflect(
 ) -> Deflection:
     """Deflect every box to a pose, by default the plan's; start from the centres of an earlier deflection."""
     known, done = earlier.boxes if earlier else [None] * len(plan.boxes), list[BoxDeflection]()
-    for (box, own), reused in zip(plan.by_box(pose or plan.pose), known, strict=True):
-        done.append(_reflect(box, own, done, progress) if box.mirror else deflect_box(box, own, progress, reused))
+    for (box, amounts), reused in zip(plan.by_box(pose or plan.pose), known, strict=True):
+        done.append(
+            _reflect(box, amounts, done, progress) if box.mirror else deflect_box(box, amounts, progress, reused)
+        )
     return Deflection(plan, tuple(done))
 
 
 def _reflect(plan: BoxPlan, amounts: Amounts, done: Sequence[BoxDeflection], progress: Progress) -> BoxDeflection:
     """Return the reflection of the deflection of another box, already done, to the same amounts."""
-    mirror, one = plan.mirror, done[plan.job.image_of]
+    mirror, source = plan.mirror, done[plan.job.image_of]
     assert mirror
-    one = one if one.amounts == amounts else deflect_box(one.plan, amounts, progress)
-    repair = mirror.reflect(one.exact - one.interpolated, np.zeros_like(one.exact)) if one.repaired else None
-    found = BoxDeflection.at(plan, amounts, mirror.reflect(one.exact, plan.mesh.points), repair)
-    return replace(found, steps=one.steps, residual=one.site_error, image_of=one)
+    source = source if source.amounts == amounts else deflect_box(source.plan, amounts, progress)
+    repair = (
+        mirror.reflect(source.exact - source.interpolated, np.zeros_like(source.exact)) if source.repaired else None
+    )
+    reflected = BoxDeflection.at(plan, amounts, mirror.reflect(source.exact, plan.mesh.points), repair)
+    return replace(reflected, steps=source.steps, residual=source.site_error, image_of=source)
 
 
 def deflect_box(

@@ -124,7 +124,7 @@ class Job(JobOptions):
 
         A surface with a range adds the ends of the range, with the others at rest.
         """
-        columns = [own for own in zip(*poses, strict=True) if len({*own}) > 1]
+        columns = [amounts for amounts in zip(*poses, strict=True) if len({*amounts}) > 1]
         ends = [poses[column.index(end(column))] for column in columns for end in (min, max)] or [poses[0]]
         for i, surface in enumerate(self.surfaces):
             ends += [
@@ -134,9 +134,11 @@ class Job(JobOptions):
 
     def over(self, poses: Sequence[Amounts]) -> "Job":
         """Return the job with ranges that contain the amounts of its own `poses`."""
-        ranges = [(min(0.0, *own), max(0.0, *own)) for own in zip(*poses, strict=True)]
+        ranges = [(min(0.0, *amounts), max(0.0, *amounts)) for amounts in zip(*poses, strict=True)]
         pairs = zip(self.surfaces, ranges, strict=True)
-        surfaces = (replace(one, range=one.range or own) if any(own) else one for one, own in pairs)
+        surfaces = (
+            replace(surface, range=surface.range or amounts) if any(amounts) else surface for surface, amounts in pairs
+        )
         return replace(self, surfaces=tuple(surfaces))
 
     def at(self, amounts: Amounts) -> "Job":
@@ -168,15 +170,15 @@ def in_proportion(jobs: Sequence[Job], angles: Sequence[float]) -> tuple[Amounts
 
     Raises InputError if the first surface's own amount is zero, but another one's is not.
     """
-    own = pose_of(jobs)
-    return tuple(own if angle == own[0] else tuple(angle * ratio for ratio in _ratios(jobs)) for angle in angles)
+    pose = pose_of(jobs)
+    return tuple(pose if angle == pose[0] else tuple(angle * ratio for ratio in _ratios(jobs)) for angle in angles)
 
 
 def _ratios(jobs: Sequence[Job]) -> Amounts:
-    own, surfaces = pose_of(jobs), [surface for job in jobs for surface in job.surfaces]
+    pose, surfaces = pose_of(jobs), [surface for job in jobs for surface in job.surfaces]
     moves = next((surface for surface in surfaces if surface.amount), surfaces[0])
-    if own[0] or moves is surfaces[0]:
-        return tuple(amount / own[0] if own[0] else 1.0 for amount in own)
+    if pose[0] or moves is surfaces[0]:
+        return tuple(amount / pose[0] if pose[0] else 1.0 for amount in pose)
     raise InputError(
         f"angle = 0 of {', '.join(surfaces[0].patches)}, the first surface: the others cannot be in proportion to it; "
         f"put {', '.join(moves.patches)} first, or give rows of amounts"
@@ -215,27 +217,27 @@ def _with_devices(mesh: Mesh, jobs: Sequence[Job]) -> tuple[Mesh, tuple[Job, ...
 
     Notes of the mesh say which end of a wing is the first station.
     """
-    cuts, found, notes = [*jobs[0].selections], [], []
+    cuts, prepared, notes = [*jobs[0].selections], [], []
     for job in jobs:
         surfaces = []
-        for one in job.surfaces:
-            motion = one.motion
+        for surface in job.surfaces:
+            motion = surface.motion
             base = motion.base if isinstance(motion, Blended) else motion
             if isinstance(base, SoughtHinge) and base.device:
                 from sdm_deflect.deform.surface.hinges import device, rise
 
                 wall, first, second, share = base.device
-                hinge, cut, note = device(mesh, one.patches[0], wall, (first, second), share)
+                hinge, cut, note = device(mesh, surface.patches[0], wall, (first, second), share)
                 cuts.append(cut)
                 notes.append(note)
                 turn = Rotation.about(*hinge)
                 if base.vertical is not None:
                     rise(turn.axis.direction, base.vertical)
-                one = replace(one, motion=replace(motion, base=turn) if isinstance(motion, Blended) else turn)
-            surfaces.append(one)
-        found.append(replace(job, surfaces=tuple(surfaces)))
+                surface = replace(surface, motion=replace(motion, base=turn) if isinstance(motion, Blended) else turn)
+            surfaces.append(surface)
+        prepared.append(replace(job, surfaces=tuple(surfaces)))
     mesh = replace(mesh, notes=(*mesh.notes, *notes)) if notes else mesh
-    return mesh, tuple(replace(job, selections=tuple(cuts)) for job in found)
+    return mesh, tuple(replace(job, selections=tuple(cuts)) for job in prepared)
 
 
 def _with_panels(mesh: Mesh, jobs: Sequence[Job]) -> Mesh:
@@ -245,11 +247,11 @@ def _with_panels(mesh: Mesh, jobs: Sequence[Job]) -> Mesh:
 
 def _without_inner(mesh: Mesh, jobs: Sequence[Job]) -> Mesh:
     """Return the mesh without the patches between cells, whose nodes follow it; those that a job names stay patches."""
-    found = inner_patches(mesh.patches, lambda: mesh.cells, len(mesh.points))
-    return mesh.without(unnamed(found, mesh, jobs))
+    inner = inner_patches(mesh.patches, lambda: mesh.cells, len(mesh.points))
+    return mesh.without(unnamed(inner, mesh, jobs))
 
 
-def unnamed(found: Collection[str], mesh: Mesh, jobs: Sequence[Job]) -> list[str]:
+def unnamed(inner: Collection[str], mesh: Mesh, jobs: Sequence[Job]) -> list[str]:
     """Return the patches between cells (`found`) that no job names, in the mesh's order.
 
     Raises InputError for one with a role that has nodes of a moving surface.
@@ -257,13 +259,13 @@ def unnamed(found: Collection[str], mesh: Mesh, jobs: Sequence[Job]) -> list[str
     named = {name for job in jobs for name in job.names}
     moving = {name for job in jobs for surface in job.surfaces for name in surface.patches}
     surfaces = mesh.on(*(name for name in mesh.names if any(meant(text, name) or text == name for text in moving)))
-    for name in (name for name in mesh.names if name in named - moving and name in found):
+    for name in (name for name in mesh.names if name in named - moving and name in inner):
         if len(np.intersect1d(mesh.patch(name).nodes, surfaces, assume_unique=True)):
             raise InputError(
                 f"{mesh.name}: {name} lies between cells and has nodes of the moving surface: give it no role, and it "
                 "follows the mesh"
             )
-    return [name for name in mesh.names if name in found and name not in named]
+    return [name for name in mesh.names if name in inner and name not in named]
 
 
 def _of_one_hand(mesh: Mesh) -> Mesh:

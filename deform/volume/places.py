@@ -69,8 +69,8 @@ class PlaceTable:
     def of(cls, plan: Plan) -> "tuple[PlaceTable, IntArray, IntArray]":
         """Return the table of a plan, its sorted nodes (M,), and the index (M,) of the place of each."""
         mesh, boxes, nodes = plan.mesh, [], []
-        for one in plan.boxes:
-            region, thin = one.region, one.boundary.thin
+        for part in plan.boxes:
+            region, thin = part.region, part.boundary.thin
             box = PlanBox(region.hexahedron, region.zones, thin.halfway if thin else None)
             within = [
                 zone.start + np.flatnonzero(box.contains(mesh.points[zone.start : zone.stop]))
@@ -78,9 +78,9 @@ class PlaceTable:
                 if zone.name in region.zones
             ]
             boxes.append(box)
-            nodes.append(union(*within, one.movable))
+            nodes.append(union(*within, part.movable))
         rows, first = np.unique(np.concatenate(nodes), return_index=True)
-        own = np.repeat(np.arange(len(boxes)), list(map(len, nodes)))[first]
+        box_of = np.repeat(np.arange(len(boxes)), list(map(len, nodes)))[first]
         points = mesh.points[rows]
         keys = hashes(points)
         order = np.argsort(keys, kind="stable")
@@ -93,7 +93,7 @@ class PlaceTable:
         first = order[np.append(True, ~again)]
         rank = np.argsort(np.argsort(first))  # places in the order of nodes
         kept = np.sort(first)
-        table = cls(points[kept], own[kept], tuple(boxes), mesh.point_count, len(mesh.zones))
+        table = cls(points[kept], box_of[kept], tuple(boxes), mesh.point_count, len(mesh.zones))
         return table, rows, rank[place]
 
     def find(self, points: FloatArray) -> IntArray:

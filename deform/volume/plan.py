@@ -164,7 +164,7 @@ class BoxPlan:
         for slide in job.repair_slides:
             shapes |= dict.fromkeys(mesh.expand([slide.patch], "repair_slides"), slide.shape)
         kept = [shape for modifier in self.modifiers for shape in modifier.shapes()]
-        shapes |= {one.name: one.shape for one in kept if one.of_patch}
+        shapes |= {part.name: part.shape for part in kept if part.of_patch}
         inside = np.zeros(len(mesh.points), dtype=np.bool_)
         both, images, size = self.boundary.both, (self.boundary.thin or self.boundary).images, self.boundary.size
         moving, fixed = both(self.sites.moving), both(self.sites.fixed)
@@ -180,7 +180,7 @@ class BoxPlan:
             bound = images.within(free)
             inside[np.setdiff1d(images.nodes, bound.nodes, assume_unique=True)] = False
             images = bound
-        within = [(one.nodes, one.shape) for one in kept if not isinstance(one.shape, str) and not one.of_patch]
+        within = [(part.nodes, part.shape) for part in kept if not isinstance(part.shape, str) and not part.of_patch]
         freedom = FreeNodes.of(mesh, points, inside, np.flatnonzero(free), shapes, images, within)
         return freedom.with_columns(self.layers, both(self._rigid), mesh.points, points)
 
@@ -197,10 +197,10 @@ class BoxPlan:
     @cached_property
     def moved_walls(self) -> BoolArray:
         """Which nodes (N,) are on a wall that is joined with a moving surface."""
-        found, certain = np.zeros(len(self.mesh.points), dtype=np.bool_), len(self.sites.moving) + len(self.sites.fixed)
+        moved, certain = np.zeros(len(self.mesh.points), dtype=np.bool_), len(self.sites.moving) + len(self.sites.fixed)
         rows = union(*self.parts[:-1])
-        found[self.boundary.both(self.sites.known[rows[rows < certain]])] = True
-        return found
+        moved[self.boundary.both(self.sites.known[rows[rows < certain]])] = True
+        return moved
 
     @cached_property
     def reach(self) -> float:
@@ -231,19 +231,19 @@ class BoxPlan:
     def modifiers(self) -> tuple[Modifier, ...]:
         """Modifiers in the order in which they act; those that are off are not loaded."""
         job, sites = self.job, self.sites
-        found: list[Modifier] = []
+        modifiers: list[Modifier] = []
         if job.near_wall:
             from sdm_deflect.deform.around.near_wall import FollowWalls
 
             certain, sheared = len(sites.moving) + len(sites.fixed), np.flatnonzero(sites.sheared)
             near = (sites.edges, sheared, self.edge, self.reach, self.boundary.mesh.normal)
-            found.append(FollowWalls(sites.known, certain, tuple(self.parts), *near, self.boundary.components))
+            modifiers.append(FollowWalls(sites.known, certain, tuple(self.parts), *near, self.boundary.components))
         if self.region.sections:
             from sdm_deflect.deform.around.sections import StayInFaces
 
             faces = ((section.patch, nodes, section.component) for section, nodes in self.region.sections)
-            found.append(StayInFaces(tuple(faces)))
-        return (*found, *self.more, *([sites.bind] if sites.bind else []))
+            modifiers.append(StayInFaces(tuple(faces)))
+        return (*modifiers, *self.more, *([sites.bind] if sites.bind else []))
 
     def start(self, points: FloatArray) -> Start:
         """Return the start of a step, with the interpolated mesh at `points` (N, 3)."""

@@ -87,11 +87,11 @@ def check_disjoint(boxes: Sequence[tuple[str, Hexahedron]], settings: str = "box
 
     The message ends with the `settings` that make them smaller.
     """
-    for (one, a), (other, b) in combinations(boxes, 2):
+    for (first, a), (second, b) in combinations(boxes, 2):
         depth = shared_depth(a, b)
         if depth > TOUCHING * float(np.ptp(a.corners, axis=0).max()):
             raise InputError(
-                f"the boxes of {one} and {other} overlap by {2.0 * depth:.3g}; make them smaller ({settings})"
+                f"the boxes of {first} and {second} overlap by {2.0 * depth:.3g}; make them smaller ({settings})"
             )
 
 

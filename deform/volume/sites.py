@@ -151,12 +151,12 @@ class Sites:
 
     def finer_edge(self, boundary: PrescribedMotion, parts: Sequence[IntArray]) -> float:
         """Return the smaller median edge of the moving surfaces and of the parts to which they belong."""
-        points, own = boundary.mesh.points[self.known], np.zeros(len(self.known), dtype=np.bool_)
+        points, inside = boundary.mesh.points[self.known], np.zeros(len(self.known), dtype=np.bool_)
         edge = self.edge
         for part in parts[:-1]:
-            own[:] = False
-            own[part] = True
-            edges = self.edges[own[self.edges].all(axis=1)]
+            inside[:] = False
+            inside[part] = True
+            edges = self.edges[inside[self.edges].all(axis=1)]
             lengths = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
             if len(lengths := lengths[lengths > 0.0]):
                 edge = min(edge, float(np.median(lengths)))
@@ -165,14 +165,14 @@ class Sites:
 
 def _on_sides(boundary: PrescribedMotion, nodes: IntArray, points: FloatArray) -> BoolArray:
     """Return which of the nodes (K,), at points (K, 3), are on a fixed plane patch with all others on one side."""
-    found, near = np.zeros(len(nodes), dtype=np.bool_), PLANE_TOLERANCE * boundary.size
+    on_side, near = np.zeros(len(nodes), dtype=np.bool_), PLANE_TOLERANCE * boundary.size
     for name in boundary.fixed:
-        own = np.isin(nodes, boundary.mesh.patch(name).nodes)
-        if np.count_nonzero(own) > 2:
-            heights = Plane.fitted(points[own], boundary.mesh.normal).distance(points)
-            if np.abs(heights[own]).max() <= near and ((heights >= -near).all() or (heights <= near).all()):
-                found |= own
-    return found
+        on_patch = np.isin(nodes, boundary.mesh.patch(name).nodes)
+        if np.count_nonzero(on_patch) > 2:
+            heights = Plane.fitted(points[on_patch], boundary.mesh.normal).distance(points)
+            if np.abs(heights[on_patch]).max() <= near and ((heights >= -near).all() or (heights <= near).all()):
+                on_side |= on_patch
+    return on_side
 
 
 def _edges(boundary: PrescribedMotion, known: IntArray) -> IntArray:
@@ -191,9 +191,9 @@ def _shear_mask(boundary: PrescribedMotion, known: IntArray, edges: IntArray, ce
     """Return the mask `Sites.sheared`; the first `certain` of the known nodes (B,) are moving or fixed."""
     move = np.zeros((len(known), 3))
     for surface, law in zip(boundary.surfaces, boundary.laws, strict=True):
-        own = law.displacement(SMALL)
-        largest = float(np.linalg.norm(own, axis=1).max())
-        move[np.searchsorted(boundary.nodes, surface.nodes)] = own / largest if largest else own
+        displacement = law.displacement(SMALL)
+        largest = float(np.linalg.norm(displacement, axis=1).max())
+        move[np.searchsorted(boundary.nodes, surface.nodes)] = displacement / largest if largest else displacement
     turning = LocalRotation.of(boundary.mesh.points[known], edges, certain, boundary.mesh.normal)
     return np.asarray(turning.strain(move)[: len(boundary.nodes)] * boundary.size > SHEARED)
 
@@ -253,7 +253,9 @@ def _bind(boundary: PrescribedMotion, region: BoxNodes) -> "ConstrainedNodes | N
     def within(nodes: IntArray) -> IntArray:
         return np.setdiff1d(np.intersect1d(nodes, region.inside, assume_unique=True), known, assume_unique=True)
 
-    slides = tuple(NodesOnShape(one.patch, within(one.nodes), one.surface, of_patch=True) for one in boundary.sliding)
+    slides = tuple(
+        NodesOnShape(patch.patch, within(patch.nodes), patch.surface, of_patch=True) for patch in boundary.sliding
+    )
     slid, planes = union(*(slide.nodes for slide in slides), within(pairs)), []
     for section, nodes in region.sections:
         if len(both := np.intersect1d(nodes, slid, assume_unique=True)):
@@ -265,13 +267,13 @@ def _bind(boundary: PrescribedMotion, region: BoxNodes) -> "ConstrainedNodes | N
 
 def _sides(boundary: PrescribedMotion) -> tuple[tuple[Plane, float, float], ...]:
     """Return `ConstrainedNodes.sides`: sliding planes and periodic planes with the whole surface on one side."""
-    sliding = [(one.surface, ZERO_LENGTH) for one in boundary.sliding if isinstance(one.surface, Plane)]
-    found = []
+    sliding = [(patch.surface, ZERO_LENGTH) for patch in boundary.sliding if isinstance(patch.surface, Plane)]
+    sides = []
     for plane, near in (*sliding, *((wall, PLANE_TOLERANCE) for wall in boundary.walls)):
         side, tol = plane.distance(boundary.mesh.points[boundary.nodes]), near * boundary.size
         if (side >= -tol).all() or (side <= tol).all():
-            found.append((plane, tol, float(np.copysign(1.0, side.sum()))))
-    return tuple(found)
+            sides.append((plane, tol, float(np.copysign(1.0, side.sum()))))
+    return tuple(sides)
 
 
 def _surface_edge(boundary: PrescribedMotion, distinct: IntArray) -> float:

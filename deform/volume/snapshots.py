@@ -63,13 +63,13 @@ class Snapshots(NamedTuple):
         Raises InputError if a surface cannot move so far, or if the fields miss a deflection by more than `MISSED`.
         """
         while True:
-            found = cls._read(box, row, control, progress, known)
-            error = found.error() / box.sites.tolerance
+            snapshots = cls._read(box, row, control, progress, known)
+            error = snapshots.error() / box.sites.tolerance
             if error <= MISSED:
-                return found
+                return snapshots
             if control.functions.finer is None:
                 smaller = f"{0.5 * control.low:g}:{0.5 * control.high:g}"
-                curved = any(not isinstance(one.surface, Plane) for one in box.boundary.sliding)
+                curved = any(not isinstance(patch.surface, Plane) for patch in box.boundary.sliding)
                 raise InputError(
                     f"{box.mesh.name}: no plan for {control.name} from {control.low:g} to {control.high:g}: sums of "
                     f"{control.functions.count} fields miss deflections by {error:.2g} of the tolerance, and "
@@ -87,20 +87,20 @@ class Snapshots(NamedTuple):
         other end (at the opposite amount, if the other end is 0). If the functions ask for `separate` readings, each is
         a deflection of its own with its repair, and more accurate by as much as errors grow between them.
         """
-        own, reads = _with_free_nodes_repaired(box), control.reads
+        plan, reads = _with_free_nodes_repaired(box), control.reads
         poses = [_alone(box, row, amount) for amount in reads]
         if control.functions.separate:
             inverse = _inverse(control, reads)
             shares = [control.functions.values(amount) @ inverse for amount in control.samples(SAMPLES)]
             growth = min(MOST_GROWTH, float(np.abs(shares).sum(axis=1).max()))
-            own = replace(own, margin=growth * own.margin)
-            found = tuple(deflect_box(own, pose, progress) for pose in poses)
-            return cls(control, box, row, found, inverse, found)
-        end = _deflect(own, poses[int(np.argmax(np.abs(reads)))], progress, known)
-        return cls(control, box, row, (), np.empty(0), (end,))._fading(own, poses, progress, known)
+            plan = replace(plan, margin=growth * plan.margin)
+            deflections = tuple(deflect_box(plan, pose, progress) for pose in poses)
+            return cls(control, box, row, deflections, inverse, deflections)
+        end = _deflect(plan, poses[int(np.argmax(np.abs(reads)))], progress, known)
+        return cls(control, box, row, (), np.empty(0), (end,))._fading(plan, poses, progress, known)
 
     def _fading(
-        self, own: BoxPlan, poses: Sequence[Amounts], progress: Progress, known: BoxDeflection | None
+        self, plan: BoxPlan, poses: Sequence[Amounts], progress: Progress, known: BoxDeflection | None
     ) -> "Snapshots":
         """Read amounts between the ends on the centres of the end that is there; repairs of the ends fade."""
         control, reads, (end,) = self.control, self.control.reads, self.ends
@@ -108,19 +108,21 @@ class Snapshots(NamedTuple):
         ends = {last: end}
         if self.box.boundary.laws[self.row].functions.count <= 2:
             others = {*np.flatnonzero(np.isin(reads, (control.low, control.high))).tolist()} - {last}
-            ends |= {i: _deflect(own, poses[i], progress, known) for i in others}
+            ends |= {i: _deflect(plan, poses[i], progress, known) for i in others}
             steps, first = len(end.steps), end.steps[0] if len(end.steps) == 1 else None
-            found = [ends.get(i) or deflect_in_steps(own, pose, steps, progress, first) for i, pose in enumerate(poses)]
+            deflections = [
+                ends.get(i) or deflect_in_steps(plan, pose, steps, progress, first) for i, pose in enumerate(poses)
+            ]
         else:
-            found = _on_shared_centers(own, poses, end, progress)
-        plain = [replace(one, exact=one.interpolated, repaired=None) for one in found]
+            deflections = _on_shared_centers(plan, poses, end, progress)
+        plain = [replace(deflection, exact=deflection.interpolated, repaired=None) for deflection in deflections]
         weights = _inverse(control, reads)
-        for i, one in enumerate(found):
-            if one.repaired:
+        for i, deflection in enumerate(deflections):
+            if deflection.repaired:
                 share = control.share(reads[i])
                 weights[:, i] -= share
                 weights = np.column_stack([weights, share])
-                plain.append(one)
+                plain.append(deflection)
         return self._replace(deflections=tuple(plain), weights=weights, ends=tuple(ends.values()))
 
     @property
@@ -136,7 +138,7 @@ class Snapshots(NamedTuple):
 
     def nearest(self, amount: float) -> BoxDeflection:
         """Return the deflection at the end of the range nearest to an amount."""
-        return min(self.ends, key=lambda one: abs(one.amounts[self.row] - amount))
+        return min(self.ends, key=lambda end: abs(end.amounts[self.row] - amount))
 
     def error(self) -> float:
         """Return the largest distance between the sum of fields and a deflection on the centres of one reading.
@@ -157,7 +159,7 @@ class Snapshots(NamedTuple):
         for low, high in pairwise(sorted({0.0, *reads})):
             middle = 0.5 * (low + high)
             shares = functions.values(middle) @ weights
-            off = on_centers(middle) - sum(share * one for share, one in zip(shares, known, strict=True))
+            off = on_centers(middle) - sum(share * residual for share, residual in zip(shares, known, strict=True))
             error = max(error, float(np.abs(off).max(initial=0.0)))
         return error
 
@@ -166,12 +168,12 @@ def _inverse(control: ControlRange, reads: Sequence[float]) -> FloatArray:
     """Return the weights (k, k) of deflections at k amounts; InputError if the range is too narrow for them."""
     values = np.array([control.functions.values(amount) for amount in reads], dtype=np.float64)
     try:
-        found = np.asarray(np.linalg.inv(values))
+        inverse = np.asarray(np.linalg.inv(values))
     except np.linalg.LinAlgError:
-        found = np.full_like(values, np.inf)
-    if not (np.abs(found) < LARGEST).all():
+        inverse = np.full_like(values, np.inf)
+    if not (np.abs(inverse) < LARGEST).all():
         raise InputError(f"range = {control.low:g}:{control.high:g} of {control.name} is too narrow for a plan")
-    return found
+    return inverse
 
 
 def _on_shared_centers(
@@ -188,13 +190,17 @@ def _on_shared_centers(
         before = len(step.fits.interpolant.centers)
         for pose in poses:
             step = deflect_in_steps(box, pose, 1, progress, step).steps[0]
-        found = [deflect_in_steps(box, pose, 1, progress, step, keep_centers=True) for pose in poses]
+        deflections = [deflect_in_steps(box, pose, 1, progress, step, keep_centers=True) for pose in poses]
         added = len(step.fits.interpolant.centers) > before
         grown |= added
         # centres that one pose adds may raise the error of another above the tolerance
-        if not added or max(one.site_error for one in found) <= box.sites.tolerance / box.margin:
+        if not added or max(deflection.site_error for deflection in deflections) <= box.sites.tolerance / box.margin:
             break
-    return found if grown else [end if pose == end.amounts else one for pose, one in zip(poses, found, strict=True)]
+    return (
+        deflections
+        if grown
+        else [end if pose == end.amounts else deflection for pose, deflection in zip(poses, deflections, strict=True)]
+    )
 
 
 def _alone(box: BoxPlan, row: int, amount: float) -> Amounts:
@@ -220,17 +226,17 @@ def _with_free_nodes_repaired(box: BoxPlan) -> BoxPlan:
     return replace(box, boundary=replace(box.boundary, job=job))
 
 
-def residuals(one: BoxDeflection, steps: int) -> FloatArray:
+def residuals(deflection: BoxDeflection, steps: int) -> FloatArray:
     """Return the errors of a deflection's interpolants at the data sites in each step (steps, S, 3).
 
     Boundary sites come first, then zero sites; layer sites are left out, because each step chooses its own. Steps
     that the deflection does not have are 0.
     """
-    sites, out = one.plan.sites, []
+    sites, out = deflection.plan.sites, []
     counts = np.cumsum([0, len(sites.moving), len(sites.fixed)])
     chosen = zip(counts, (sites.distinct, sites.sampled, sites.sampled_sliding), strict=True)
     rows = np.concatenate([start + some for start, some in chosen])
-    for step in one.steps:
+    for step in deflection.steps:
         parts = [step.off[rows]]
         for zero in sites.zero:
             parts.append(np.zeros((len(zero.points), 3)))

@@ -113,9 +113,9 @@ def _passed(
 ) -> tuple[Confined, FloatArray, float]:  # fmt: skip
     """Return the fit, the displacements (M, 3) of free or bound nodes, and the seconds that evaluation took."""
     nodes = start.points[start.known]
-    own = DataSites(nodes[start.rows], known[start.rows][:, start.components], start.components)
+    first = DataSites(nodes[start.rows], known[start.rows][:, start.components], start.components)
     further = [sites for modifier in start.modifiers for sites in modifier.sites(known, last)]
-    sites = [own, *further, *start.zero]
+    sites = [first, *further, *start.zero]
     if earlier and keep_centers:
         u = earlier.refit(sites, start.how.strategy)
     else:

@@ -193,9 +193,11 @@ def scan_cells(task: CellScan, item: tuple[int, int, int]) -> CellsFound:
     other = other_handed(view.points, cells, task.sign[block]) if inverted else np.empty(0, dtype=np.intp)
     if len(other) and isinstance(stored, Cells):
         stored = replace(stored, nodes=other_hand(stored, other))
-    found = touching(cells, view.changed) if task.loaded or view.changed.any() else np.empty(0, dtype=np.intp)
-    found = found[found < stop - start]  # one row stands for all polyhedra outside
-    return CellsFound(start + found, _some(stored, cells, found), inverted, len(other), _faces_seen(task, view, cells))
+    touched = touching(cells, view.changed) if task.loaded or view.changed.any() else np.empty(0, dtype=np.intp)
+    touched = touched[touched < stop - start]  # one row stands for all polyhedra outside
+    return CellsFound(
+        start + touched, _some(stored, cells, touched), inverted, len(other), _faces_seen(task, view, cells)
+    )
 
 
 def beside(task: CellScan, item: tuple[int, IntArray]) -> CellsFound:
@@ -265,7 +267,7 @@ def submesh(
     points = np.empty((len(nodes), 3))
     for some, at in ((task.boundary, border.points), (inside, places), (beyond, gather_points(pieces, beyond))):
         points[np.searchsorted(nodes, some)] = at
-    blocks = [_block(shape, own, nodes) for (shape, _), own in zip(pieces.blocks, scanned, strict=True)]
+    blocks = [_block(shape, parts, nodes) for (shape, _), parts in zip(pieces.blocks, scanned, strict=True)]
     bad = tuple(sum(piece.inverted - piece.mirrored for piece in block) for block in scanned)
     whole = FullMesh(pieces, nodes, tuple(rows for _, rows in blocks), task.sign, bad)
     return _renumber(mesh, points, tuple(cells for cells, _ in blocks), whole)
@@ -277,11 +279,11 @@ def _in_order(mesh: MeshOnDisk) -> tuple[MeshOnDisk, Mesh]:
     patches, notes = corners_in_order(border.patches, border.points)
     if not notes:
         return mesh, border
-    numbers, own = border.numbers(np.arange(len(border.points))), []
+    numbers, ordered = border.numbers(np.arange(len(border.points))), []
     for patch, old in zip(patches, mesh.patches, strict=True):
         faces = tuple(replace(block, nodes=numbers[block.nodes]) for block in patch.faces)
-        own.append(replace(patch, faces=faces, loose=old.loose))
-    return replace(mesh, patches=tuple(own), notes=(*mesh.notes, *notes)), replace(border, patches=patches)
+        ordered.append(replace(patch, faces=faces, loose=old.loose))
+    return replace(mesh, patches=tuple(ordered), notes=(*mesh.notes, *notes)), replace(border, patches=patches)
 
 
 def _without(mesh: MeshOnDisk, names: Sequence[str]) -> MeshOnDisk:
@@ -303,10 +305,10 @@ def boundary_in_file(pieces: Pieces, nodes: IntArray) -> IntArray:
     near: list[Cells] = []
     for block, (shape, count) in enumerate(pieces.blocks):
         for start in range(0, count, threads.LIMITS.cells):
-            own = pieces.cells_of(block, start, min(start + threads.LIMITS.cells, count)).nodes
-            near.append(Cells(shape, own[np.isin(own, nodes).any(axis=1)]))
+            block_nodes = pieces.cells_of(block, start, min(start + threads.LIMITS.cells, count)).nodes
+            near.append(Cells(shape, block_nodes[np.isin(block_nodes, nodes).any(axis=1)]))
     known = union(*(cells.nodes for cells in near))
-    cells = tuple(Cells(one.shape, np.searchsorted(known, one.nodes)) for one in near)
+    cells = tuple(Cells(part.shape, np.searchsorted(known, part.nodes)) for part in near)
     skin = on_boundary(cells, len(known), np.searchsorted(known, np.intersect1d(known, nodes, assume_unique=True)))
     return known[skin]
 
@@ -348,7 +350,7 @@ def _renumber(mesh: MeshOnDisk, points: FloatArray, cells: tuple[Volume, ...], w
     return Mesh(points, cells, patches, zones, mesh.name, source, mesh.notes, whole, periodic, files)
 
 
-def _task(mesh: MeshOnDisk, border: Mesh, own: Mesh, jobs: Sequence[Job], poses: Sequence[Amounts]) -> CellScan:
+def _task(mesh: MeshOnDisk, border: Mesh, loaded: Mesh, jobs: Sequence[Job], poses: Sequence[Amounts]) -> CellScan:
     """Return the task for jobs at some poses of all surfaces; `own` is the border that `prepare` returned for them."""
     boxes: list[tuple[Hexahedron, IntArray]] = []
     moving, halfway = [np.empty(0, dtype=np.intp)], None
@@ -357,12 +359,12 @@ def _task(mesh: MeshOnDisk, border: Mesh, own: Mesh, jobs: Sequence[Job], poses:
             from .mirror import with_box_of
 
             job = with_box_of(job, boxes[job.image_of][0])
-        boundary = PrescribedMotion.of(own, job)
+        boundary = PrescribedMotion.of(loaded, job)
         zones, box = confining_box(boundary, job.ends(amounts))
         names = {zone.name for zone in zones}
         spans = [(zone.start, zone.stop) for zone in mesh.zones if zone.name in names]
         boxes.append((box.hexahedron, np.array(spans, dtype=np.intp).reshape(-1, 2)))
-        moving.append(own.numbers(boundary.both(boundary.nodes)))
+        moving.append(loaded.numbers(boundary.both(boundary.nodes)))
         halfway = boundary.thin.halfway if boundary.thin else None
     keys, sign = node_keys(len(border.points)), (1.0,) * len(mesh.pieces.blocks)
     faces = distinct(np.concatenate([np.empty(0, np.uint64), *(patch_keys(patch, keys) for patch in border.patches)]))

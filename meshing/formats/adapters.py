@@ -61,7 +61,7 @@ def _check(mesh: Mesh) -> Mesh:
 
 def _of_arrays(points: Any, patches: Mapping[str, Any]) -> Mesh:
     try:
-        named = tuple(Patch(name, (), np.unique(whole(own, f"patch {name}"))) for name, own in patches.items())
+        named = tuple(Patch(name, (), np.unique(whole(nodes, f"patch {name}"))) for name, nodes in patches.items())
         return Mesh(points, (), named, name="arrays")
     except InputError as error:
         raise InputError(f"arrays: {error}") from None
@@ -73,7 +73,7 @@ def _of_meshio(mesh: Any) -> Accepted:
             raise InputError(f"meshio mesh: cells of type {block.type} are not supported")
     shapes, faces = _kinds({block.type for block in mesh.cells})
     cells = tuple(_cells(block.type, block.data) for block in mesh.cells if block.type in shapes)
-    patches = tuple(Patch(name, own) for name, own in _meshio_patches(mesh, faces).items() if own)
+    patches = tuple(Patch(name, blocks) for name, blocks in _meshio_patches(mesh, faces).items() if blocks)
     points = np.asarray(mesh.points, dtype=np.float64)
     if points.ndim == 2 and points.shape[1] == 2:
         points = np.column_stack([points, np.zeros(len(points))])
@@ -101,8 +101,8 @@ def _meshio_patches(mesh: Any, faces: tuple[str, ...]) -> dict[str, tuple[Cells,
 
 def _groups(mesh: Any, dimension: int) -> dict[str, list[IntArray]]:
     tags = mesh.cell_data.get("gmsh:physical", ())
-    names = {int(tag): name for name, (tag, own) in mesh.field_data.items() if own == dimension} if len(tags) else {}
-    return {name: [np.flatnonzero(own == tag) for own in tags] for tag, name in names.items()}
+    names = {int(tag): name for name, (tag, of) in mesh.field_data.items() if of == dimension} if len(tags) else {}
+    return {name: [np.flatnonzero(numbers == tag) for numbers in tags] for tag, name in names.items()}
 
 
 def _of_pyvista(mesh: Any) -> Accepted:
@@ -110,13 +110,13 @@ def _of_pyvista(mesh: Any) -> Accepted:
     _check_grid(grid)
     label, names = np.asarray(grid.cell_data["patch"]), grid.field_data["patch_names"]
     names = bytes(names).decode().split("\0")[:-1] if names.dtype == np.uint8 else map(str, names)
-    nodes = {VTK_SHAPES[int(kind)]: own for kind, own in grid.cells_dict.items()}
+    nodes = {VTK_SHAPES[int(kind)]: block_nodes for kind, block_nodes in grid.cells_dict.items()}
     labels = {shape: label[grid.celltypes == kind] for kind, shape in VTK_SHAPES.items()}
     shapes, faces = _kinds({*nodes})
-    cells = tuple(_cells(shape, own) for shape, own in nodes.items() if shape in shapes)
+    cells = tuple(_cells(shape, block_nodes) for shape, block_nodes in nodes.items() if shape in shapes)
     blocks = {shape: (nodes[shape], labels[shape]) for shape in faces if shape in nodes}
     patches = (
-        Patch(name, tuple(_cells(shape, own[label == i]) for shape, (own, label) in blocks.items()))
+        Patch(name, tuple(_cells(shape, block_nodes[label == i]) for shape, (block_nodes, label) in blocks.items()))
         for i, name in enumerate(names)
     )
     flow = Mesh(np.asarray(grid.points, dtype=np.float64), cells, tuple(filter(len, patches)))
@@ -158,7 +158,9 @@ def to_pyvista(mesh: Mesh, displacement: FloatArray, orientation: Sequence[float
     rows, kinds = (np.concatenate([none, *(pair[i] for pair in cells)]) for i in (0, 1))
     grid = pv.UnstructuredGrid(rows, kinds, mesh.points)
     grid.point_data["displacement"] = displacement
-    quality = [quality_of(mesh.points, *one) for one in zip(mesh.cells, repeat(None), orientation, strict=False)]
+    quality = [
+        quality_of(mesh.points, *cells_of) for cells_of in zip(mesh.cells, repeat(None), orientation, strict=False)
+    ]
     grid.cell_data["quality"] = np.concatenate([none, *quality, *(np.full(len(block), np.nan) for block, _ in faces)])
     grid.cell_data["patch"] = np.concatenate([none, *(np.full(len(block), i) for block, i in blocks)])
     grid.field_data["patch_names"] = ["volume", *mesh.names]
@@ -177,6 +179,9 @@ def to_meshio(mesh: Mesh, displacement: FloatArray) -> Any:
         blocks += [(patch.name, block) for patch in mesh.patches for block in simple_faces(patch)]
     except MeshFileError as error:
         raise InputError(f"{mesh.name}: {error}; use to_pyvista, or save a .vtu file") from None
-    sets = {name: [np.arange(len(block) if own == name else 0) for own, block in blocks] for name in mesh.names}
+    sets = {
+        name: [np.arange(len(block) if block_name == name else 0) for block_name, block in blocks]
+        for name in mesh.names
+    }
     cells = [(block.shape, block.nodes) for _, block in blocks]
     return meshio.Mesh(mesh.points, cells, point_data={"displacement": displacement}, cell_sets=sets)

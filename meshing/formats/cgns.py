@@ -56,12 +56,12 @@ def in_pieces(path: Path, file: Any) -> MeshOnDisk | None:
     if len(base.zones) != 1 or base.dimension != 3 or may_fit(base):
         return None
     ((name, zone),) = base.zones.items()
-    found, (count,) = sections(zone), base.sizes[name]
-    points, cells = _points(path, base, name, count), _cells(path, found)
-    faces = _faces(found, count) if points and cells else None
+    elements, (count,) = sections(zone), base.sizes[name]
+    points, cells = _points(path, base, name, count), _cells(path, elements)
+    faces = _faces(elements, count) if points and cells else None
     if faces is None:
         return None
-    border = zone_border(base.node, zone, faces, found[-1].last, count, base.dimension)
+    border = zone_border(base.node, zone, faces, elements[-1].last, count, base.dimension)
     patches = without(border.patches, {fault.patch for fault in border.faults})
     pieces = TablePieces(str(path.resolve()), count, points, cells).orient()
     notes = (*notes_of({name: border.faults}), *coordinates_beside(file, base))
@@ -78,12 +78,12 @@ def _points(path: Path, base: Base, zone: str, count: int) -> tuple[PointRange, 
     return tuple(PointRange(0, count, table, i, i + 1) for i, table in enumerate(tables))
 
 
-def _cells(path: Path, found: Sequence[ElementSection]) -> tuple[CellTable, ...]:
+def _cells(path: Path, elements: Sequence[ElementSection]) -> tuple[CellTable, ...]:
     """Return where the cells of all sections stand; empty if some are packed, mixed or polyhedra."""
-    if any(_is_mixed(section) for section in found):
+    if any(_is_mixed(section) for section in elements):
         return ()
     cells = []
-    for section in found:
+    for section in elements:
         if shape := CELLS.get(section.kind):
             table = _table(path, section)
             if table is None:
@@ -112,10 +112,10 @@ def _table(path: Path, section: ElementSection) -> FileTable | None:
     return FileTable(path.resolve(), begin, stored.dtype.str, len(section), size) if begin else None
 
 
-def _faces(found: Sequence[ElementSection], points: int) -> list[NumberedFaces] | None:
+def _faces(elements: Sequence[ElementSection], points: int) -> list[NumberedFaces] | None:
     """Return the faces of all sections without cells; None if a section has faces and cells."""
     faces = []
-    for section in found:
+    for section in elements:
         for block, numbers in blocks(section, points, 3) if section.kind not in CELLS else ():
             if not len(numbers):
                 return None
@@ -154,12 +154,12 @@ class Cgns(Format):
             for name, size in base.sizes.items():
                 stop = start + prod(size)
                 arrays = enumerate(coordinate_data(base, name))
-                parts += [Dataset(own.name, own.dtype, start, stop, axis, axis + 1) for axis, own in arrays]
+                parts += [Dataset(array.name, array.dtype, start, stop, axis, axis + 1) for axis, array in arrays]
                 start = stop
             if not may_fit(base):
                 return Datasets.of(path, parts)
-            found = read_base(file, lambda _: None)
-            return Datasets(path, parts, found.index, found.first)
+            mesh_of_file = read_base(file, lambda _: None)
+            return Datasets(path, parts, mesh_of_file.index, mesh_of_file.first)
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """See `Format.write`; each patch is a family and a boundary condition that its family specifies."""

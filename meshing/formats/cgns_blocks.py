@@ -93,7 +93,7 @@ def block_border(base: Any, zone: Any, size: Size, left_handed: bool) -> tuple[B
     for axis in wide(size):
         for at in (0, size[axis] - 1):
             free[axis, at] = np.ones(prod(_faces_along(size, axis)), dtype=np.bool_)
-    found: dict[str, list[Cells]] = {}
+    by_patch: dict[str, list[Cells]] = {}
     faults: list[Fault] = []
     families, numbers, constraints = set(), 0, list[tuple[str, Constraint]]()
     for name, node, patch, of_family in named_conditions(base, zone, faults, always=True):
@@ -105,14 +105,16 @@ def block_border(base: Any, zone: Any, size: Size, left_handed: bool) -> tuple[B
                 check_taken(zone, 64 * numbers, "what its boundary conditions name")
                 rows = _take_free(plane, free)
                 if len(rows):
-                    found.setdefault(patch, []).append(faces(size, BlockFace(plane.axis, plane.at, rows), left_handed))
+                    by_patch.setdefault(patch, []).append(
+                        faces(size, BlockFace(plane.axis, plane.at, rows), left_handed)
+                    )
     rest = [
         Patch(f"{AXES[axis]}{'max' if at else 'min'}", (faces(size, BlockFace(axis, at, rows), left_handed),))
         for (axis, at), mask in free.items()
         if len(rows := np.flatnonzero(mask))
     ]
     kinds = common_constraints(constraints)
-    patches = [Patch(name, tuple(own), constraint=kinds[name]) for name, own in found.items()]
+    patches = [Patch(name, tuple(patch_faces), constraint=kinds[name]) for name, patch_faces in by_patch.items()]
     return Border(patches, frozenset(families), faults), rest
 
 
@@ -124,9 +126,9 @@ def equal_neighbours(points: FloatArray, size: Size) -> IntArray:
         for side in (np.take(grid, [0], axis), np.take(grid, [-1], axis)):
             for along in range(side.ndim):
                 ahead = np.moveaxis(side, along, 0)
-                one, other = ahead[:-1].ravel(), ahead[1:].ravel()
-                same = (points[one] == points[other]).all(axis=1)
-                pairs.append(np.stack([one[same], other[same]], axis=1))
+                behind, before = ahead[:-1].ravel(), ahead[1:].ravel()
+                same = (points[behind] == points[before]).all(axis=1)
+                pairs.append(np.stack([behind[same], before[same]], axis=1))
     return np.concatenate(pairs)
 
 
@@ -205,8 +207,8 @@ def _plane_of_range(
 ) -> Iterator[BlockFace]:
     """Yield the faces of a range; an edge, a point, or a whole plane block has none."""
     low, high = np.minimum(begin, end), np.maximum(begin, end)
-    found = _face_axis(low, high, where, size)
-    if found is None:  # by points, or faces told by the points around them
+    plane = _face_axis(low, high, where, size)
+    if plane is None:  # by points, or faces told by the points around them
         flat = [d for d in wide(size) if low[d] == high[d]]
         if not flat and len(wide(size)) == len(size):
             raise MeshFileError("its range is no face of the block")
@@ -214,7 +216,7 @@ def _plane_of_range(
             return
         axis, at, high = flat[0], int(low[flat[0]]), high - 1
     else:
-        axis, at = found
+        axis, at = plane
     rows = _numbers([np.arange(low[d], high[d] + 1) for d in _others(size, axis)], _faces_along(size, axis))
     yield BlockFace(axis, at, rows)
 
@@ -256,10 +258,10 @@ def _planes_of_points(at: IntArray, size: Size) -> Iterator[BlockFace]:
 def _planes_of_faces(at: IntArray, where: str, size: Size) -> Iterator[BlockFace]:
     """Yield the faces at indices (K, axes), which are constant along the named axis, or else along one of them."""
     low, high = at.min(axis=0, initial=max(size)), at.max(axis=0, initial=0)
-    found = _face_axis(low, high, where, size) if len(at) else None
-    if found is None:
+    plane = _face_axis(low, high, where, size) if len(at) else None
+    if plane is None:
         raise MeshFileError("its list of faces is on no side of the block; give it by ranges, one for each side")
-    axis, number = found
+    axis, number = plane
     yield BlockFace(axis, number, np.unique(at[:, _others(size, axis)] @ strides(_faces_along(size, axis))))
 
 

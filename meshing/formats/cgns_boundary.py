@@ -85,28 +85,32 @@ def zone_border(base: Any, zone: Any, faces: Sequence[NumberedFaces], last: int,
     a patch of the section's name.
     """
     faults: list[Fault] = []
-    found = _conditions(base, zone, faults, (last, points, dimension))
+    conditions = _conditions(base, zone, faults, (last, points, dimension))
     free = [np.ones(len(part.numbers), dtype=np.bool_) for part in faces]
-    constraints = common_constraints((condition.patch, condition.constraint) for condition in found)
-    named = _by_patch(found, faces, last, free, faults)
+    constraints = common_constraints((condition.patch, condition.constraint) for condition in conditions)
+    named = _by_patch(conditions, faces, last, free, faults)
     for part, left in zip(faces, free, strict=True):
         if left.any() and (section := part.section or (UNNAMED if part.outer and faults else None)):
             named.setdefault(section, []).append(chosen(part.faces, np.flatnonzero(left)))
-    patches = [Patch(name, tuple(own), constraint=constraints.get(name, "")) for name, own in named.items() if own]
-    families = {one.patch: one.of_family for one in found}
+    patches = [
+        Patch(name, tuple(patch_faces), constraint=constraints.get(name, ""))
+        for name, patch_faces in named.items()
+        if patch_faces
+    ]
+    families = {one.patch: one.of_family for one in conditions}
     return Border(patches, frozenset(filter(families.get, families)), faults)
 
 
 def _by_patch(
-    found: Sequence[BoundaryCondition],
+    conditions: Sequence[BoundaryCondition],
     faces: Sequence[NumberedFaces],
     last: int,
     free: Sequence[BoolArray],
     faults: list[Fault],
 ) -> dict[str, list[Cells | Polygons]]:
     """Return the faces of each patch, and remove them from the free ones."""
-    named: dict[str, list[Cells | Polygons]] = {condition.patch: [] for condition in found}
-    for condition in sorted(found, key=lambda condition: condition.by_points):
+    named: dict[str, list[Cells | Polygons]] = {condition.patch: [] for condition in conditions}
+    for condition in sorted(conditions, key=lambda condition: condition.by_points):
         with as_faults(faults, condition.name, condition.patch, condition.of_family):
             rows = _on_points(condition, faces, free) if condition.by_points else _by_number(condition, faces, last)
             for part, row, left in zip(faces, rows, free, strict=True):
@@ -118,14 +122,14 @@ def _by_patch(
 
 def _conditions(base: Any, zone: Any, faults: list[Fault], sizes: tuple[int, int, int]) -> list[BoundaryCondition]:
     """Return the conditions of a zone with faces; `sizes` are last element's number, number of points and dimension."""
-    found: list[BoundaryCondition] = []
+    conditions: list[BoundaryCondition] = []
     for name, node, patch, of_family in named_conditions(base, zone, faults, always=False):
         with as_faults(faults, name, patch, of_family):
             by_points, numbers = _numbers(node, place_of(node), location(node), *sizes)
             if len(numbers):
                 held_by = constraint(base, node)
-                found.append(BoundaryCondition(name, patch, of_family, by_points, np.unique(numbers), held_by))
-    return found
+                conditions.append(BoundaryCondition(name, patch, of_family, by_points, np.unique(numbers), held_by))
+    return conditions
 
 
 def named_conditions(base: Any, zone: Any, faults: list[Fault], always: bool) -> Iterator[tuple[str, Any, str, bool]]:
@@ -169,15 +173,15 @@ def without(patches: Sequence[Patch], absent: Container[str]) -> tuple[Patch, ..
     for patch in named:
         faces.setdefault(patch.name, []).extend(patch.faces)
     constraints = common_constraints((patch.name, patch.constraint) for patch in named)
-    return tuple(Patch(name, tuple(own), constraint=constraints[name]) for name, own in faces.items())
+    return tuple(Patch(name, tuple(patch_faces), constraint=constraints[name]) for name, patch_faces in faces.items())
 
 
 def notes_of(faults: Mapping[str, Sequence[Fault]]) -> tuple[str, ...]:
     """Return a sentence for each absent patch and for all else that could not be read; zones are named."""
     absent: dict[str, list[str]] = {}
     notes = []
-    for zone, own in faults.items():
-        for fault in own:
+    for zone, zone_faults in faults.items():
+        for fault in zone_faults:
             reason = sentence(f"zone {zone}: {fault.reason}")
             if fault.patch:
                 name = fault.patch if fault.of_family or len(faults) == 1 else f"{zone}/{fault.patch}"
@@ -204,7 +208,7 @@ def patch_name(base: Any, name: str, node: Any, always: bool = False) -> tuple[s
     if not has(node, "FamilyName") or not (always or text(node) == "FamilySpecified"):
         return name, False
     family = text(child(node, "FamilyName"))
-    nested = [own for _, own in children(child(base, family), "FamilyName_t")] if has(base, family) else []
+    nested = [named for _, named in children(child(base, family), "FamilyName_t")] if has(base, family) else []
     return (text(nested[0]) if nested else family), True
 
 
@@ -214,7 +218,7 @@ def constraint(base: Any, node: Any) -> Constraint:
         kind = text(node)
         if kind == "FamilySpecified":
             family = child(base, text(child(node, "FamilyName")))
-            kind = next((text(own) for _, own in children(family, "FamilyBC_t")), "")
+            kind = next((text(named) for _, named in children(family, "FamilyBC_t")), "")
     except MeshFileError:  # it has no kind that can be read
         return ""
     return "symmetry" if kind == "BCSymmetryPlane" else ""

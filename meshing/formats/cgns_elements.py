@@ -42,7 +42,7 @@ class ElementSection:
 
 def sections(zone: Any) -> list[ElementSection]:
     """Return the sections of a zone in the order of their elements' numbers; MeshFileError if damaged or not linear."""
-    found = []
+    elements = []
     for name, node in children(zone, "Elements_t"):
         head, bounds = integers(node).tolist(), integers(child(node, "ElementRange")).tolist()
         kind = head[0] if head else None
@@ -53,12 +53,12 @@ def sections(zone: Any) -> list[ElementSection]:
             )
         if len(bounds) != 2 or not 1 <= bounds[0] <= bounds[1]:
             raise MeshFileError(f"section {name} has the range {bounds}; the file is damaged")
-        found.append(ElementSection(name, kind, bounds[0], bounds[1], node))
-    found.sort(key=lambda section: section.first)
-    for one, other in pairwise(found):
-        if other.first <= one.last:
-            raise MeshFileError(f"elements of the sections {one.name} and {other.name} have the same numbers")
-    return found
+        elements.append(ElementSection(name, kind, bounds[0], bounds[1], node))
+    elements.sort(key=lambda section: section.first)
+    for first, second in pairwise(elements):
+        if second.first <= first.last:
+            raise MeshFileError(f"elements of the sections {first.name} and {second.name} have the same numbers")
+    return elements
 
 
 def blocks(section: ElementSection, points: int, dimension: int) -> Iterator[tuple[Cells, IntArray]]:
@@ -128,8 +128,8 @@ def _mixed_elements(section: ElementSection, points: int) -> Iterator[tuple[Cell
     distinct, first = np.unique(kinds, return_index=True)
     for kind in distinct[np.argsort(first)].tolist():
         if kind not in SIZES:
-            found = f"section {section.name} holds elements of SIDS type {kind}"
-            raise MeshFileError(f"{found}; only linear ones can be read")
+            fault = f"section {section.name} holds elements of SIDS type {kind}"
+            raise MeshFileError(f"{fault}; only linear ones can be read")
         rows = np.flatnonzero(kinds == kind)
         if np.any(offsets[rows + 1] - begin[rows] != 1 + SIZES[kind]):
             raise MeshFileError(f"section {section.name}: its offsets do not fit its elements; the file is damaged")
@@ -148,21 +148,21 @@ def _block(
         )
     nodes -= 1
     shape = SHAPES[kind]
-    own = Cells(shape, mirror_nodes(shape, nodes) if shape == "wedge" else nodes)
-    return own, np.arange(section.first, section.last + 1)[rows]
+    block = Cells(shape, mirror_nodes(shape, nodes) if shape == "wedge" else nodes)
+    return block, np.arange(section.first, section.last + 1)[rows]
 
 
-def read_polyhedra(found: Sequence[ElementSection], points: int) -> tuple[Polyhedra, IntArray]:
+def read_polyhedra(elements: Sequence[ElementSection], points: int) -> tuple[Polyhedra, IntArray]:
     """Return the polyhedra of a zone, and the number in the file (F,) of each of their faces.
 
     MeshFileError if the sections are damaged or do not fit one another.
     """
-    surfaces = [section for section in found if section.kind == NGON]
+    surfaces = [section for section in elements if section.kind == NGON]
     if not surfaces:
         raise MeshFileError("there are cells by their faces (NFACE_n), but no faces (NGON_n)")
     faces = _faces(surfaces, points)
     numbers = np.concatenate([np.arange(section.first, section.last + 1) for section in surfaces])
-    cells = [section for section in found if section.kind == NFACE]
+    cells = [section for section in elements if section.kind == NFACE]
     owner, neighbour, inward = _sides_by_cell(cells, numbers) if cells else _sides_by_face(surfaces)
     if len(owner) and max(owner.max(), neighbour.max()) >= 2 * len(owner):
         raise MeshFileError("there are more cells than sides of faces; the file is damaged")
@@ -176,14 +176,14 @@ def read_polyhedra(found: Sequence[ElementSection], points: int) -> tuple[Polyhe
 def _faces(surfaces: Sequence[ElementSection], points: int) -> Polygons:
     nodes, sizes = [], []
     for section in surfaces:
-        stored, own = _split(section)
+        stored, offsets = _split(section)
         bad = int(np.count_nonzero((stored < 1) | (stored > points)))
-        if bad or np.any(np.diff(own) < 3):
+        if bad or np.any(np.diff(offsets) < 3):
             raise MeshFileError(
                 f"section {section.name}: faces of fewer than 3 corners, or of points that are not there"
             )
         nodes.append(stored - 1)
-        sizes.append(np.diff(own))
+        sizes.append(np.diff(offsets))
     return polygons(np.concatenate(nodes), np.concatenate(sizes))
 
 
@@ -228,8 +228,10 @@ def _sides_of(row: IntArray, cell: IntArray, inward: BoolArray, faces: int) -> S
 def _sides_by_face(surfaces: Sequence[ElementSection]) -> Sides:
     """Read the two cells of each face; its normal points from the first to the second."""
     stored = [integers(child(section.node, "ParentElements")) for section in surfaces]
-    fit = all(len(own) == 2 * len(section) for section, own in zip(surfaces, stored, strict=True))
-    parents = np.concatenate([own.reshape(2, -1) for own in stored], axis=1) if fit else np.empty((2, 0), dtype=np.intp)
+    fit = all(len(values) == 2 * len(section) for section, values in zip(surfaces, stored, strict=True))
+    parents = (
+        np.concatenate([values.reshape(2, -1) for values in stored], axis=1) if fit else np.empty((2, 0), dtype=np.intp)
+    )
     if not np.any(parents > 0):
         raise MeshFileError("ParentElements do not fit the faces (NGON_n), and there is no NFACE_n")
     cells = np.where(parents > 0, parents - parents[parents > 0].min(), -1)

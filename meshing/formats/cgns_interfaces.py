@@ -39,22 +39,22 @@ def motions(node: Any) -> tuple[RigidMotion, ...] | None:
 
     MeshFileError if it lacks three numbers for a vector.
     """
-    for _, own in children(node, PROPERTY):
-        for _, periodic in children(own, PERIODIC):
+    for _, group in children(node, PROPERTY):
+        for _, periodic in children(group, PERIODIC):
             return tuple(_readings(*(_vector(periodic, name) for name in VECTORS)))
     return None
 
 
 def images(
-    own: FloatArray, other: FloatArray, nodes: IntArray, found: tuple[RigidMotion, ...], tree: Callable[[], cKDTree]
+    here: FloatArray, there: FloatArray, nodes: IntArray, possible: tuple[RigidMotion, ...], tree: Callable[[], cKDTree]
 ) -> IntArray | None:
     """Return pairs (K, 2): nodes of a zone with points (N, 3), and their images (M, 3) in another zone with a `tree`.
 
     None if no motion leads every node to an image.
     """
-    allowed = TOLERANCE * max(float(np.abs(points).max(initial=0.0)) for points in (own, other))
-    for rotation, shift in found:
-        apart, partners = tree().query(own[nodes] @ rotation.T + shift)
+    allowed = TOLERANCE * max(float(np.abs(points).max(initial=0.0)) for points in (here, there))
+    for rotation, shift in possible:
+        apart, partners = tree().query(here[nodes] @ rotation.T + shift)
         if apart.max(initial=0.0) <= allowed:
             return np.stack([nodes, partners], axis=1)
     return None
@@ -67,15 +67,15 @@ def write_pairs(zone: Any, name: str, mesh: Mesh, kind: Integer, axes: int) -> N
     for i, pair in enumerate(pairs, 1):
         turn, shift = pair.rotation.T, -pair.shift @ pair.rotation
         back = Periodic(pair.name, pair.patches[::-1], pair.nodes[:, ::-1], turn, shift)
-        for way, one in (("to", pair), ("from", back)):
+        for way, side in (("to", pair), ("from", back)):
             node = create(group, f"Periodic {i} {way}", "GridConnectivity_t", name)
             create(node, "GridConnectivityType", "GridConnectivityType_t", "Abutting1to1")
             create(node, "GridLocation", "GridLocation_t", "Vertex")
-            create(node, "PointList", "IndexArray_t", (one.nodes[:, :1] + 1).astype(kind))
-            create(node, "PointListDonor", "IndexArray_t", (one.nodes[:, 1:] + 1).astype(kind))
-            own = create(create(node, "GridConnectivityProperty", PROPERTY), "Periodic", PERIODIC)
-            for vector, values in zip(VECTORS, _vectors(one), strict=True):
-                create(own, vector, "DataArray_t", values[:axes].astype(np.float32))
+            create(node, "PointList", "IndexArray_t", (side.nodes[:, :1] + 1).astype(kind))
+            create(node, "PointListDonor", "IndexArray_t", (side.nodes[:, 1:] + 1).astype(kind))
+            periodic = create(create(node, "GridConnectivityProperty", PROPERTY), "Periodic", PERIODIC)
+            for vector, values in zip(VECTORS, _vectors(side), strict=True):
+                create(periodic, vector, "DataArray_t", values[:axes].astype(np.float32))
 
 
 def _vector(periodic: Any, name: str) -> FloatArray:
@@ -147,41 +147,41 @@ def interfaces(
 
     Raises InputError if they name too many points for the file.
     """
-    found, total = [], 0
+    touching, total = [], 0
     faults: list[Fault] = []
     for group in (group for _, group in children(zone, "ZoneGridConnectivity_t")):
-        for own, node in chain(*(children(group, label) for label in LABELS)):
+        for title, node in chain(*(children(group, label) for label in LABELS)):
             try:
-                one = _interface(own, node, sizes[name], sizes, faces)
-                one = replace(one, motions=motions(node)) if one else None
+                interface = _interface(title, node, sizes[name], sizes, faces)
+                interface = replace(interface, motions=motions(node)) if interface else None
             except MeshFileError as error:
-                faults.append(Fault("", False, f"interface {own}: {error}"))
+                faults.append(Fault("", False, f"interface {title}: {error}"))
                 continue
-            if one is not None:
-                total += len(one.nodes)
+            if interface is not None:
+                total += len(interface.nodes)
                 check_taken(zone, 64 * total, "what its interfaces name")
-                found.append(one)
-    return found, faults
+                touching.append(interface)
+    return touching, faults
 
 
-def pairs(own: FloatArray, other: FloatArray, interface: Interface, tree: Callable[[], cKDTree]) -> IntArray | None:
+def pairs(points: FloatArray, others: FloatArray, interface: Interface, tree: Callable[[], cKDTree]) -> IntArray | None:
     """Return pairs (K, 2): points of a zone (N, 3), and the points of the other zone (M, 3) on which they lie.
 
     Where the file lists no pair, or a wrong one, the nearest point counts, from the other zone's `tree`. None if a
     point lies on no other: the interface is periodic, or the zones only touch.
     """
-    here = own[interface.nodes]
+    here = points[interface.nodes]
     distance = np.linalg.norm(here, axis=1)
     allowed = NEAR * np.maximum(distance, np.median(distance))
     for given in (interface.partners, None):
         partners = tree().query(here)[1] if given is None else given
-        if len(partners) == len(here) and np.all(np.linalg.norm(other[partners] - here, axis=1) <= allowed):
+        if len(partners) == len(here) and np.all(np.linalg.norm(others[partners] - here, axis=1) <= allowed):
             return np.stack([interface.nodes, partners], axis=1)
     return None
 
 
 def periodic_pairs(
-    own: FloatArray, other: FloatArray, interface: Interface, tree: Callable[[], cKDTree]
+    points: FloatArray, others: FloatArray, interface: Interface, tree: Callable[[], cKDTree]
 ) -> IntArray | None:
     """Return pairs (K, 2): points of a zone (N, 3), and their images in the other zone (M, 3).
 
@@ -190,7 +190,7 @@ def periodic_pairs(
     nodes, partners = interface.nodes, interface.partners
     if partners is not None and len(partners) == len(nodes):
         return np.stack([nodes, partners], axis=1)
-    return images(own, other, nodes, interface.motions or (), tree)
+    return images(points, others, nodes, interface.motions or (), tree)
 
 
 def meeting(points: FloatArray, faces: IntArray) -> IntArray:
@@ -198,18 +198,18 @@ def meeting(points: FloatArray, faces: IntArray) -> IntArray:
 
     Faces with fewer than k distinct places, and places that three or more faces share, are left out.
     """
-    nodes, own = np.unique(faces, return_inverse=True)
+    nodes, corner = np.unique(faces, return_inverse=True)
     _, place = np.unique(points[nodes] + 0.0, axis=0, return_inverse=True)  # -0.0 is 0.0
-    corners = place.ravel()[own.reshape(faces.shape)]
+    corners = place.ravel()[corner.reshape(faces.shape)]
     order = np.argsort(corners, axis=1)
     rows, each, count = np.unique(
         np.take_along_axis(corners, order, axis=1), axis=0, return_inverse=True, return_counts=True
     )
     whole = (np.diff(rows, axis=1) > 0).all(axis=1) & (count == 2)
-    found = np.flatnonzero(whole[each.ravel()])
-    found = found[np.argsort(each.ravel()[found], kind="stable")]
+    at_corners = np.flatnonzero(whole[each.ravel()])
+    at_corners = at_corners[np.argsort(each.ravel()[at_corners], kind="stable")]
     ranked = np.take_along_axis(faces, order, axis=1)
-    return np.stack([ranked[found[0::2]].ravel(), ranked[found[1::2]].ravel()], axis=1)
+    return np.stack([ranked[at_corners[0::2]].ravel(), ranked[at_corners[1::2]].ravel()], axis=1)
 
 
 def _interface(
@@ -315,9 +315,9 @@ def _nodes_of_faces(values: IntArray, faces: Sequence[NumberedFaces]) -> Iterato
             yield part.faces.nodes[rows[there]].ravel()
         else:
             offsets = part.faces.offsets
-            own = np.zeros(len(part.faces), dtype=np.bool_)
-            own[rows[there]] = True
-            yield part.faces.nodes[np.repeat(own, np.diff(offsets))]
+            listed = np.zeros(len(part.faces), dtype=np.bool_)
+            listed[rows[there]] = True
+            yield part.faces.nodes[np.repeat(listed, np.diff(offsets))]
 
 
 def _corners(parts: Iterator[IntArray] | Sequence[IntArray]) -> IntArray:

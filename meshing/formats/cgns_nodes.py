@@ -33,10 +33,10 @@ def children(node: Any, label: str) -> Iterator[tuple[str, Any]]:
 
 def child(node: Any, name: str) -> Any:
     """Return the child of that name; MeshFileError if it is missing or a link."""
-    found = _own(node, name)
-    if not isinstance(found, h5py.Group):
+    group = _own(node, name)
+    if not isinstance(group, h5py.Group):
         raise MeshFileError(f"{node.name.strip('/') or 'the file'} has no {name}")
-    return found
+    return group
 
 
 def has(node: Any, name: str) -> bool:
@@ -55,13 +55,13 @@ def data(node: Any) -> Any:
     MeshFileError if it is absent, a link, stored in another file or dataset, or much larger than the file.
     """
     name = node.name.strip("/")
-    found = _own(node, DATA)
-    if not isinstance(found, h5py.Dataset) or found.shape is None:
+    stored = _own(node, DATA)
+    if not isinstance(stored, h5py.Dataset) or stored.shape is None:
         raise MeshFileError(f"{name} holds no data; the file is damaged")
-    if found.external or found.is_virtual:
+    if stored.external or stored.is_virtual:
         raise _linked(f"the data of {name}")
-    check_stored(found, name)
-    return found
+    check_stored(stored, name)
+    return stored
 
 
 def check_taken(node: Any, size: int, what: str) -> None:
@@ -115,16 +115,16 @@ def create_sized(parent: Any, name: str, size: int, kind: type[np.generic]) -> A
 
 def node_names(names: Iterable[str], taken: Container[str]) -> list[str]:
     """Return valid names of nodes (32 bytes, no slash or null), distinct from one another and from the names taken."""
-    found: list[str] = []
+    fitted: list[str] = []
     for name in names:
         plain = name.replace("/", "_").replace("\0", "_").strip(" .")
         stem = plain.encode()[:NAME_LENGTH].decode("utf-8", "ignore") or "unnamed"
         fitting, i = stem, 2
-        while fitting in found or fitting in taken:
+        while fitting in fitted or fitting in taken:
             fitting = f"{stem.encode()[: NAME_LENGTH - 1 - len(str(i))].decode('utf-8', 'ignore')} {i}"
             i += 1
-        found.append(fitting)
-    return found
+        fitted.append(fitting)
+    return fitted
 
 
 def _empty(parent: Any, name: str, label: str, kind: str) -> Any:

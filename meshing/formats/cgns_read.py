@@ -124,11 +124,11 @@ def _only_base(file: Any) -> tuple[Any, tuple[int, int]]:
 
 def coordinates_beside(file: Any, base: Base) -> tuple[str, ...]:
     """Return warnings about coordinates that do not move: those of other bases, and of other times in the zones."""
-    own = base.node.name.strip("/")
-    zones = {f"base {name}": children(one, "Zone_t") for name, one in children(file, "CGNSBase_t") if name != own}
+    used = base.node.name.strip("/")
+    zones = {f"base {name}": children(grid, "Zone_t") for name, grid in children(file, "CGNSBase_t") if name != used}
     others = [name for name, those in zones.items() if any(any(children(zone, GRID)) for _, zone in those)]
     for name, zone in base.zones.items():
-        others += [f"{one} of zone {name}" for one, _ in children(zone, GRID) if one != "GridCoordinates"]
+        others += [f"{grid} of zone {name}" for grid, _ in children(zone, GRID) if grid != "GridCoordinates"]
     return tuple(Warned(STAYS.format(other)) for other in others)
 
 
@@ -205,8 +205,8 @@ def _without_absent(zones: Sequence[_CgnsZone]) -> list[_CgnsZone]:
     for zone in zones:
         absent = {fault.patch for fault in zone.faults} | (families & zone.part.families)
         mesh = replace(zone.part.mesh, patches=without(zone.part.mesh.patches, absent)) if absent else zone.part.mesh
-        own = frozenset(PART.format(name) if name in absent else name for name in zone.part.families)
-        kept.append(replace(zone, part=replace(zone.part, mesh=mesh, families=own)))
+        renamed = frozenset(PART.format(name) if name in absent else name for name in zone.part.families)
+        kept.append(replace(zone, part=replace(zone.part, mesh=mesh, families=renamed)))
     return kept
 
 
@@ -301,14 +301,14 @@ def _block(base: Base, name: str, points: FloatArray) -> _CgnsZone:
 
 def _unstructured(base: Base, name: str, points: FloatArray) -> _CgnsZone:
     zone = base.zones[name]
-    found = sections(zone)
-    if not found:
+    elements = sections(zone)
+    if not elements:
         raise MeshFileError("it has no elements")
-    polyhedral = any(section.kind in (NGON, NFACE) for section in found)
+    polyhedral = any(section.kind in (NGON, NFACE) for section in elements)
     if polyhedral and base.dimension == 2:
         raise MeshFileError("cells by their faces (NGON_n) in two dimensions; triangles and quads can be read")
-    volume, faces = _polyhedral(found, points) if polyhedral else _cells_and_faces(found, points, base.dimension)
-    border = zone_border(base.node, zone, faces, found[-1].last, len(points), base.dimension)
+    volume, faces = _polyhedral(elements, points) if polyhedral else _cells_and_faces(elements, points, base.dimension)
+    border = zone_border(base.node, zone, faces, elements[-1].last, len(points), base.dimension)
     patches = tuple(replace(patch, faces=tuple(simple(patch.faces))) for patch in border.patches)
     mesh = Mesh(points, tuple(simple(volume)), patches)
     check_faces(mesh)
@@ -317,10 +317,10 @@ def _unstructured(base: Base, name: str, points: FloatArray) -> _CgnsZone:
 
 
 def _cells_and_faces(
-    found: Sequence[ElementSection], points: FloatArray, dimension: int
+    elements: Sequence[ElementSection], points: FloatArray, dimension: int
 ) -> tuple[tuple[Cells, ...], list[NumberedFaces]]:
     cells, faces = [], []
-    for section in found:
+    for section in elements:
         for block, numbers in blocks(section, len(points), dimension):
             if len(numbers):
                 faces.append(NumberedFaces(section.name, block, numbers))
@@ -329,10 +329,10 @@ def _cells_and_faces(
     return tuple(cells), faces
 
 
-def _polyhedral(found: Sequence[ElementSection], points: FloatArray) -> tuple[tuple[Polyhedra], list[NumberedFaces]]:
-    if others := [section.name for section in found if section.kind not in (NGON, NFACE)]:
+def _polyhedral(elements: Sequence[ElementSection], points: FloatArray) -> tuple[tuple[Polyhedra], list[NumberedFaces]]:
+    if others := [section.name for section in elements if section.kind not in (NGON, NFACE)]:
         raise MeshFileError(f"cells by their faces (NGON_n) and other elements ({short_list(others)}) in one zone")
-    block, numbers = read_polyhedra(found, len(points))
+    block, numbers = read_polyhedra(elements, len(points))
     inner = len(block.neighbour)
     faces = [
         NumberedFaces(None, block.faces.rows(0, inner), numbers[:inner], outer=False),

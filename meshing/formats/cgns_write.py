@@ -49,12 +49,12 @@ def write_base(file: Any, mesh: Mesh, report: Callable[[float], None]) -> tuple[
     constraints: dict[str, Constraint] = {}
     lost, written = [], set[str]()
     for i, (zone, zone_name) in enumerate(zip(mesh.zones, zones, strict=True)):
-        own = part(mesh, zone)
-        written |= {pair.name for pair in pairs_to_write(own)}
-        fresh = [patch.name for patch in own.patches if patch.name not in families]
+        zone_mesh = part(mesh, zone)
+        written |= {pair.name for pair in pairs_to_write(zone_mesh)}
+        fresh = [patch.name for patch in zone_mesh.patches if patch.name not in families]
         families |= dict(zip(fresh, node_names(fresh, (*zones, *families.values())), strict=True))
-        constraints |= {patch.name: patch.constraint for patch in own.patches}
-        lost += _write_zone(base, zone_name, own, families, AXES[:axes])
+        constraints |= {patch.name: patch.constraint for patch in zone_mesh.patches}
+        lost += _write_zone(base, zone_name, zone_mesh, families, AXES[:axes])
         report((i + 1) / len(zones))
     for name, family in families.items():
         _write_family(base, family, constraints[name] == "symmetry")
@@ -168,13 +168,13 @@ def write_polyhedra(zone: Any, mesh: Mesh, cells: Polyhedra, kind: Integer) -> d
     by_cell = polygons(signed[np.argsort(cell, kind="stable")], np.bincount(cell, minlength=len(cells)))
     _write_polygons(zone, "cells", NFACE, faces + 1, by_cell, kind)
     keys = node_keys(len(mesh.points))
-    own = [patch_keys(patch, keys) for patch in mesh.patches]
-    rows, there = places(np.concatenate([keys[:0], *own]), face_keys(cells.faces, keys))
+    patch_faces = [patch_keys(patch, keys) for patch in mesh.patches]
+    rows, there = places(np.concatenate([keys[:0], *patch_faces]), face_keys(cells.faces, keys))
     ends, numbers = np.cumsum([len(patch) for patch in mesh.patches], dtype=np.intp), {}
-    for patch, found, known in zip(mesh.patches, np.split(rows, ends), np.split(there, ends), strict=False):
+    for patch, face_rows, known in zip(mesh.patches, np.split(rows, ends), np.split(there, ends), strict=False):
         if loose := len(patch) - np.count_nonzero(known):
             raise MeshFileError(f"{loose} of {len(patch)} faces of patch {patch.name} are of no cell")
-        numbers[patch.name] = np.sort(found) + 1
+        numbers[patch.name] = np.sort(face_rows) + 1
     return numbers
 
 
@@ -195,7 +195,7 @@ def _write_polygons(zone: Any, name: str, element: int, first: int, faces: Polyg
 
 
 def _section(zone: Any, name: str, element: int, first: int, count: int, kind: Integer) -> Any:
-    (own,) = node_names([name], zone)
-    section = create(zone, own, "Elements_t", np.array([element, 0], dtype=np.int32))
+    (section_name,) = node_names([name], zone)
+    section = create(zone, section_name, "Elements_t", np.array([element, 0], dtype=np.int32))
     create(section, "ElementRange", "IndexRange_t", np.array([first, first + count - 1], dtype=kind))
     return section

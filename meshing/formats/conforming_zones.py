@@ -38,14 +38,14 @@ FORMS = (
 
 def _turns() -> IntArray:
     """Return the 24 orders of a hexahedron's corners by rotations."""
-    found = []
+    turns = []
     for axes, signs in product(permutations(range(3)), product((1, -1), repeat=3)):
         turn = np.zeros((3, 3), dtype=np.intp)
         turn[range(3), axes] = signs
         if np.linalg.det(turn) > 0:
             moved = (2 * CORNERS - 1) @ turn
-            found.append([int(np.argmin(np.abs(2 * CORNERS - 1 - corner).sum(axis=1))) for corner in moved])
-    return np.array(found, dtype=np.intp)
+            turns.append([int(np.argmin(np.abs(2 * CORNERS - 1 - corner).sum(axis=1))) for corner in moved])
+    return np.array(turns, dtype=np.intp)
 
 
 TURNS = _turns()
@@ -84,15 +84,15 @@ def _quads(nodes: IntArray, distinct: IntArray) -> Iterator[Cells]:
 def _hexahedra(nodes: IntArray, distinct: IntArray) -> Iterator[Cells]:
     known = np.zeros(len(nodes), dtype=np.bool_)
     shapes = []
-    for shape, one, corners in FORMS:
-        found = np.full((len(nodes), len(corners)), -1)
+    for shape, merged, corners in FORMS:
+        shaped = np.full((len(nodes), len(corners)), -1)
         for turn in TURNS:
             turned = nodes[:, turn]
-            fit = (distinct == len(corners)) & np.all([turned[:, a] == turned[:, b] for a, b in one], axis=0)
-            found[fit] = turned[fit][:, list(corners)]
-        own = found[:, 0] >= 0
-        known |= own
-        shapes.append(Cells(shape, found[own]))
+            fit = (distinct == len(corners)) & np.all([turned[:, a] == turned[:, b] for a, b in merged], axis=0)
+            shaped[fit] = turned[fit][:, list(corners)]
+        fitting = shaped[:, 0] >= 0
+        known |= fitting
+        shapes.append(Cells(shape, shaped[fitting]))
     yield Cells("hexahedron", nodes[~known])
     yield from shapes
 
@@ -144,9 +144,9 @@ def fit_zones(parts: Sequence[ZoneMesh], touching: Iterable[tuple[int, int]], sa
     same : Rows (K, 2) of points that are one, counted through all zones.
     """
     if len(parts) == 1 and not parts[0].block and not same:
-        (one,) = parts
-        every = np.arange(len(one.mesh.points))
-        return Fitted(replace(one.mesh, zones=(Zone(one.name, 0, len(every)),)), every, every)
+        (single,) = parts
+        every = np.arange(len(single.mesh.points))
+        return Fitted(replace(single.mesh, zones=(Zone(single.name, 0, len(every)),)), every, every)
     starts = np.cumsum([0, *(len(part.mesh.points) for part in parts)])
     groups = _groups(len(parts), touching)
     order = np.concatenate([np.arange(starts[i], starts[i + 1]) for group in groups for i in group])
@@ -159,11 +159,11 @@ def fit_zones(parts: Sequence[ZoneMesh], touching: Iterable[tuple[int, int]], sa
     begin = 0
     common = _common(groups, parts)
     for group in groups:
-        own = [parts[i] for i in group]
+        touching_parts = [parts[i] for i in group]
         numbers = [index[starts[i] : starts[i + 1]] for i in group]
-        zones.append(_zone(own, numbers, begin))
-        cells += _cells(own, numbers)
-        patches += _patches(own, numbers, common)
+        zones.append(_zone(touching_parts, numbers, begin))
+        cells += _cells(touching_parts, numbers)
+        patches += _patches(touching_parts, numbers, common)
         begin = zones[-1].stop
     mesh = Mesh(points, tuple(cells), tuple(patches), tuple(zones))
     return Fitted(_without_inner(mesh, twice) if twice.any() else mesh, index, first)
@@ -201,7 +201,7 @@ def _components(count: int, pairs: IntArray) -> IntArray:
 def _common(groups: Sequence[Sequence[int]], parts: Sequence[ZoneMesh]) -> set[str]:
     """Return the names of patches that occur in zones that do not touch."""
     names = [{patch.name for i in group for patch in parts[i].mesh.patches} for group in groups]
-    count = Counter(name for own in names for name in own)
+    count = Counter(name for zone_names in names for name in zone_names)
     return {name for name, groups_with in count.items() if groups_with > 1}
 
 
@@ -211,11 +211,11 @@ def _zone(parts: Sequence[ZoneMesh], numbers: Sequence[IntArray], begin: int) ->
 
 
 def _cells(parts: Sequence[ZoneMesh], numbers: Sequence[IntArray]) -> tuple[Volume, ...]:
-    found = [renumber(block, number) for part, number in zip(parts, numbers, strict=True) for block in part.mesh.cells]
+    blocks = [renumber(block, number) for part, number in zip(parts, numbers, strict=True) for block in part.mesh.cells]
     if len(parts) == 1 and not parts[0].block:
-        return tuple(found)
-    simple = [some for block in found if isinstance(block, Cells) for some in true_shapes(block)]
-    return (*_by_shape(simple), *(block for block in found if isinstance(block, Polyhedra)))
+        return tuple(blocks)
+    simple = [some for block in blocks if isinstance(block, Cells) for some in true_shapes(block)]
+    return (*_by_shape(simple), *(block for block in blocks if isinstance(block, Polyhedra)))
 
 
 def _one(blocks: Sequence[Cells]) -> Cells:
@@ -225,18 +225,20 @@ def _one(blocks: Sequence[Cells]) -> Cells:
 def _patches(parts: Sequence[ZoneMesh], numbers: Sequence[IntArray], common: Set[str]) -> list[Patch]:
     """Return the patches of touching zones; families are joined, other `common` names get the zone's name in front."""
     apart = _separate_names(parts)
-    found: dict[str, list[Faces]] = {}
+    by_patch: dict[str, list[Faces]] = {}
     kinds: list[tuple[str, Constraint]] = []
     for part, index in zip(parts, numbers, strict=True):
         for patch in part.mesh.patches:
             name = f"{part.name}/{patch.name}" if patch.name in apart else patch.name
             name = f"{parts[0].name}/{name}" if name in common else name
             kinds.append((name, patch.constraint))
-            found.setdefault(name, []).extend(_without_collapsed(patch, index))
+            by_patch.setdefault(name, []).extend(_without_collapsed(patch, index))
     constraints = common_constraints(kinds)
     if len(parts) == 1 and not parts[0].block:
-        return [Patch(name, tuple(own), constraint=constraints[name]) for name, own in found.items()]
-    patches = [Patch(name, _sorted_faces(own), constraint=constraints[name]) for name, own in found.items()]
+        return [Patch(name, tuple(patch_faces), constraint=constraints[name]) for name, patch_faces in by_patch.items()]
+    patches = [
+        Patch(name, _sorted_faces(patch_faces), constraint=constraints[name]) for name, patch_faces in by_patch.items()
+    ]
     return [patch for patch in patches if patch.faces]
 
 
@@ -267,13 +269,13 @@ def _by_shape(blocks: Sequence[Cells]) -> tuple[Cells, ...]:
 def _without_inner(mesh: Mesh, twice: BoolArray) -> Mesh:
     """Remove from the patches the faces between two cells; all corners of these are in several zones (``twice``)."""
     keys = node_keys(len(mesh.points))
-    own = [face_keys(faces, keys) for patch in mesh.patches for faces in patch.faces]
-    given = distinct(np.concatenate([keys[:0], *own]))
+    patch_faces = [face_keys(faces, keys) for patch in mesh.patches for faces in patch.faces]
+    given = distinct(np.concatenate([keys[:0], *patch_faces]))
     count = np.zeros(len(given), dtype=np.intp)
     for part in cell_face_keys(mesh.cells, keys, twice):
         rows, there = places(part, given)
         np.add.at(count, rows[there], 1)
-    patches, each = [], iter(own)
+    patches, each = [], iter(patch_faces)
     for patch in mesh.patches:
         kept = [chosen(faces, np.flatnonzero(count[np.searchsorted(given, next(each))] < 2)) for faces in patch.faces]
         if any(len(faces) for faces in kept):

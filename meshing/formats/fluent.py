@@ -132,12 +132,12 @@ def read_mesh(mesh: Any, report: Callable[[float], None]) -> Mesh:
         by_name.setdefault(zone.name, []).append(place[zone.first - 1 : zone.last])
     patches = []
     for name, parts in by_name.items():
-        own = np.concatenate(parts)
-        if (own >= 0).any():
-            kept = take_faces(cells.faces, own[own >= 0])
+        file_rows = np.concatenate(parts)
+        if (file_rows >= 0).any():
+            kept = take_faces(cells.faces, file_rows[file_rows >= 0])
             patches.append(Patch(name, (Cells("line", kept.nodes.reshape(-1, 2)) if plane else kept,)))
-    found = Mesh(points, plane_cells(points, cells) if plane else (cells,), tuple(patches))
-    return _with_pairs(found, zones)
+    fluent_mesh = Mesh(points, plane_cells(points, cells) if plane else (cells,), tuple(patches))
+    return _with_pairs(fluent_mesh, zones)
 
 
 def _group(file: Any) -> Any:
@@ -148,8 +148,8 @@ def _group(file: Any) -> Any:
     for kind, part, sentence in REFUSED:
         if part not in member(mesh, kind):
             continue
-        own = member(mesh, f"{kind}/{part}")
-        if len(own) and not ("nZones" in own.attrs and number(own, "nZones") == 0):
+        array = member(mesh, f"{kind}/{part}")
+        if len(array) and not ("nZones" in array.attrs and number(array, "nZones") == 0):
             raise MeshFileError(sentence)
     return mesh
 
@@ -220,14 +220,14 @@ def _cells_within(points: FloatArray, faces: Polygons, c0: IntArray, c1: IntArra
     rows = np.concatenate([inner, outer])
     if not len(rows):
         raise MeshFileError("there are no volume cells")
-    own = take_faces(faces, rows)
-    if len(own.nodes) and (own.nodes.min() < 0 or own.nodes.max() >= len(points)):
+    kept = take_faces(faces, rows)
+    if len(kept.nodes) and (kept.nodes.min() < 0 or kept.nodes.max() >= len(points)):
         raise MeshFileError(f"faces name nodes that are not among the {len(points)} (1 to {len(points)})")
     plane = len(faces.nodes) == 2 * len(faces)
-    own = turn_faces(own, (c0 > 0)[rows] != plane)
-    if _volume(points, own.rows(len(inner), len(rows)), plane) < 0.0:
-        own = turn_faces(own, np.ones(len(rows), dtype=np.bool_))
-    cells = Polyhedra(own, np.where(c0 > 0, c0, c1)[rows] - 1, c1[inner] - 1)
+    kept = turn_faces(kept, (c0 > 0)[rows] != plane)
+    if _volume(points, kept.rows(len(inner), len(rows)), plane) < 0.0:
+        kept = turn_faces(kept, np.ones(len(rows), dtype=np.bool_))
+    cells = Polyhedra(kept, np.where(c0 > 0, c0, c1)[rows] - 1, c1[inner] - 1)
     check_cells(cells, 3 if plane else 4)
     return cells, rows
 

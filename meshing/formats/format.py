@@ -80,11 +80,11 @@ class Format:
     def points(self, path: Path, progress: Progress = silent) -> tuple[FloatArray, tuple[Zone, ...]]:
         """Return the points (N, 3) of a mesh and its zones; reads cells only if necessary."""
         with about(path):
-            found = self.layout(path, None, progress)
-        if found is None:
+            layout = self.layout(path, None, progress)
+        if layout is None:
             mesh = self.read(path, progress)
             return mesh.points, mesh.zones
-        return found.pieces.coordinates(0, found.pieces.points), found.zones
+        return layout.pieces.coordinates(0, layout.pieces.points), layout.zones
 
     def read_copy(self, path: Path, source: Path) -> Mesh:
         """Return the mesh in a copy of a file; files beside the source, such as names, count for the copy."""
@@ -183,9 +183,9 @@ def whole(mesh: MeshOnDisk, report: Callable[[float], None]) -> Mesh:
         for cells in true_shapes(Cells(table.shape, table.everything(len(points), passed))):
             blocks.append(orient(points, cells) if cells.shape in PLANE else cells)
     patches = tuple(replace(patch, faces=tuple(simple(patch.faces))) for patch in mesh.patches)
-    found = Mesh(points, tuple(blocks), patches, mesh.zones, notes=mesh.notes, periodic=mesh.periodic)
-    check_faces(found)
-    return found
+    complete = Mesh(points, tuple(blocks), patches, mesh.zones, notes=mesh.notes, periodic=mesh.periodic)
+    check_faces(complete)
+    return complete
 
 
 def fitting_names(names: Sequence[str], unfit: str, reserved: Container[str] = ()) -> dict[str, str]:

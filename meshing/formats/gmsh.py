@@ -245,8 +245,8 @@ def _mesh_of(
     solids, faces = KINDS[dimension]
     blocks = _by_kind(given, solids | faces)
     cells = tuple(_cells(solids[kind], parts, stored) for kind, parts in blocks.items() if kind in solids)
-    own = {kind: (_nodes(parts, stored), parts) for kind, parts in blocks.items() if kind in faces}
-    border = group_patches(own, group_names(file, dimension - 1), faces)
+    faces_stored = {kind: (_nodes(parts, stored), parts) for kind, parts in blocks.items() if kind in faces}
+    border = group_patches(faces_stored, group_names(file, dimension - 1), faces)
     pieces = replace(points, cells=cells).orient()
     listed, notes = pairs_listed(file, dimension - 1, stored.index)
     pairs = pairs_of(border, listed, pieces.places)
@@ -341,7 +341,7 @@ def write_mesh(mesh: Mesh, out: Path) -> tuple[str, ...]:
 
 def _new_names(mesh: Mesh, names: Sequence[str]) -> list[str]:
     pairs = zip(mesh.names, names, strict=True)
-    return [f"patch {own} is called {name}" for own, name in pairs if own != name]
+    return [f"patch {old} is called {name}" for old, name in pairs if old != name]
 
 
 def _with_tags(mesh: Mesh) -> list[tuple[Cells, int]]:

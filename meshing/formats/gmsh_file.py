@@ -190,13 +190,13 @@ def open_gmsh(path: Path, data: bytes | mmap) -> GmshFile:
     if "MeshFormat" not in sections:
         raise MeshFileError("has no section $MeshFormat; the file is damaged")
     begin, end = sections["MeshFormat"]
-    head, _, one = data[begin:end].partition(b"\n")
+    head, _, mark = data[begin:end].partition(b"\n")
     words = head.decode("ascii", "replace").split()
     if len(words) < 3 or words[0] not in VERSIONS:
         raise MeshFileError(f"is of version {' '.join(words[:1])}; 2.2 and 4.1 are read: {CONVERT}")
     if words[2] != "8":
         raise MeshFileError(f"numbers of {words[2]} bytes are not read, only those of 8")
-    order = "" if words[1] == "0" else "<" if one[:4] == b"\1\0\0\0" else ">"
+    order = "" if words[1] == "0" else "<" if mark[:4] == b"\1\0\0\0" else ">"
     return GmshFile(path, data, VERSIONS[words[0]], order, sections)
 
 
@@ -247,11 +247,11 @@ def nodes(file: GmshFile) -> Nodes:
     """Return the nodes; MeshFileError if they are truncated, or two have the same number."""
     cursor = file.cursor("Nodes")
     parts = list(_nodes22(cursor) if file.version == 22 else _nodes41(cursor))
-    points = [own for _, own in parts]
+    points = [part for _, part in parts]
     placed = cursor.placed if isinstance(cursor, TextCursor) else ()
-    if _in_order([own for own, _ in parts]):
+    if _in_order([part for part, _ in parts]):
         return Nodes(points, None, placed)
-    known = np.concatenate([np.empty(0, np.intp), *(own.integers()[:, 0] for own, _ in parts)])
+    known = np.concatenate([np.empty(0, np.intp), *(part.integers()[:, 0] for part, _ in parts)])
     if twice := len(known) - len(distinct(known)):
         raise MeshFileError(f"{twice} of {len(known)} nodes have the number of another")
     return Nodes(points, known, placed)
@@ -303,9 +303,9 @@ def periodic(file: GmshFile, dimension: int) -> Iterator[tuple[str, IntArray]]:
         return
     as_text = file.version == 22 or b"Affine" in file.content("Periodic")  # copied as it was read
     links = _links22(file) if as_text else _links41(file.cursor("Periodic"))
-    for (own, entity, source), nodes in links:
-        if own == dimension:
-            yield f"{'curve' if own == 1 else 'surface'}s {source} and {entity}", nodes[:, ::-1]
+    for (entity_dimension, entity, source), nodes in links:
+        if entity_dimension == dimension:
+            yield f"{'curve' if entity_dimension == 1 else 'surface'}s {source} and {entity}", nodes[:, ::-1]
 
 
 def _links22(file: GmshFile) -> Iterator[Link]:

@@ -52,8 +52,8 @@ def check_stored(stored: Any, name: str) -> None:
     check_unpacked(largest, length, f"the data of {name}")
     if stored.chunks:
         expected = prod(-(-size // chunk) for size, chunk in zip(stored.shape, stored.chunks, strict=True))
-        if (found := stored.id.get_num_chunks()) < expected:
-            raise MeshFileError(f"{name} holds {found} of {expected} parts of its data; the file is incomplete")
+        if (held_chunks := stored.id.get_num_chunks()) < expected:
+            raise MeshFileError(f"{name} holds {held_chunks} of {expected} parts of its data; the file is incomplete")
     elif stored.id.get_storage_size() != stored.nbytes:
         raise MeshFileError(f"{name} holds no data, or not all; the file is damaged")
 
@@ -188,14 +188,14 @@ class Datasets:
             with damage(), h5py.File(beside, "r+") as file:
                 moved = self._moved(file, points) if len(self.index) > self.count else None
                 for i, part in enumerate(self.parts, 1):
-                    own, axes = file[part.name], slice(part.first, part.end)
+                    dataset, axes = file[part.name], slice(part.first, part.end)
                     nodes = slice(part.start, part.stop) if moved is None else self.index[part.start : part.stop]
-                    before, new = own[()], points[nodes, axes]
+                    before, new = dataset[()], points[nodes, axes]
                     put = moved[nodes, axes] if moved is not None else before.reshape(new.shape) != new
                     if put.any():
                         check_large(new[put], part.kind)
                         np.copyto(before.reshape(new.shape), new, "same_kind", put)
-                        own[...] = before
+                        dataset[...] = before
                     progress(f"writing {out.name}", i / len(self.parts))
 
     def _moved(self, file: Any, points: FloatArray) -> BoolArray:
@@ -203,8 +203,8 @@ class Datasets:
         moved = np.zeros(points.shape, dtype=np.bool_)
         for part in self.parts:
             nodes = np.flatnonzero((self.stored >= part.start) & (self.stored < part.stop))
-            own = file[part.name][()].reshape(part.stop - part.start, -1)[self.stored[nodes] - part.start]
-            moved[nodes, part.first : part.end] = own != points[nodes, part.first : part.end]
+            stored = file[part.name][()].reshape(part.stop - part.start, -1)[self.stored[nodes] - part.start]
+            moved[nodes, part.first : part.end] = stored != points[nodes, part.first : part.end]
         return moved
 
 

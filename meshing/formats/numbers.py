@@ -186,13 +186,13 @@ def table(prefix: str, rows: FloatArray | IntArray, number: int | None) -> Itera
     line = " ".join(words) + "\n"
     width = line.count("%")
     for start in range(0, len(rows), ROWS):
-        own = rows[start : start + ROWS]
-        values: list[float] = [0] * (width * len(own))
-        for i, column in enumerate(own.T):
+        block = rows[start : start + ROWS]
+        values: list[float] = [0] * (width * len(block))
+        for i, column in enumerate(block.T):
             values[i::width] = column.tolist()
         if number is not None:
-            values[width - 1 :: width] = range(number + start, number + start + len(own))
-        yield (line * len(own)) % tuple(values)
+            values[width - 1 :: width] = range(number + start, number + start + len(block))
+        yield (line * len(block)) % tuple(values)
 
 
 def ahead(work: Callable[[bytes], Result], texts: Iterable[bytes]) -> Iterator[Result]:
@@ -210,8 +210,8 @@ def ahead(work: Callable[[bytes], Result], texts: Iterable[bytes]) -> Iterator[R
 
 def many_numbers(text: bytes, kind: type[np.float64 | np.int64]) -> NumberLines:
     """Return the same as `numbers` for whole lines; plain ones are read much faster."""
-    found = plain_numbers(text, kind)
-    return numbers(text, kind) if found is None else found
+    plain = plain_numbers(text, kind)
+    return numbers(text, kind) if plain is None else plain
 
 
 def plain_numbers(text: bytes, kind: type[np.float64 | np.int64]) -> NumberLines | None:

@@ -100,8 +100,8 @@ def _patches(mesh: Mesh, whole: Bounded, types: Mapping[str, str]) -> tuple[list
     thin = {patch.name: str(patch.constraint) for patch in mesh.patches if patch.constraint in THIN}
     patches = []
     for name, start, count in whole.patches:
-        own = whole.cells.faces.rows(start, start + count).nodes
-        kind = kind_of(name, is_planar(mesh.points[own]), count_sides(mesh.points, own) > 0)
+        patch_nodes = whole.cells.faces.rows(start, start + count).nodes
+        kind = kind_of(name, is_planar(mesh.points[patch_nodes]), count_sides(mesh.points, patch_nodes) > 0)
         patches.append(FoamPatch(names[name], thin.get(name, types.get(name, kind)), count, start))
     return patches, [f"patch {old} is called {new}" for old, new in names.items() if old != new]
 
@@ -146,9 +146,9 @@ def count_sides(points: FloatArray, nodes: IntArray) -> int:
 
 def touches_sides(points: FloatArray, nodes: IntArray) -> BoolArray:
     """Return whether nodes reach the low and the high side (2, 3) of each axis with an extent."""
-    low, high, own = points.min(axis=0), points.max(axis=0), points[nodes]
+    low, high, places = points.min(axis=0), points.max(axis=0), points[nodes]
     near = FLAT * (high - low).max()
-    reached = np.array([own.min(axis=0) <= low + near, own.max(axis=0) >= high - near])
+    reached = np.array([places.min(axis=0) <= low + near, places.max(axis=0) >= high - near])
     return np.asarray(reached & (high - low > near), dtype=np.bool_)
 
 

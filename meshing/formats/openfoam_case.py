@@ -91,16 +91,20 @@ def pairs_of(foam: Sequence[FoamPatch], patches: Sequence[Patch], places: Places
     places : Coordinates (K, 3) of nodes (K,).
     """
     faces = {patch.name: polygons_of(patch.faces) for patch in patches}
-    found = []
-    for one in foam:
-        other = one.entries.get("neighbourPatch", "")
-        if one.type in COUPLED and other in faces and (one.name < other or not _names(foam, other, one.name)):
-            found.append(_pair(one, (one.name, other), faces[one.name], faces[other], places))
-        elif one.type in MATCHED and not other:  # of old: one patch with both sides
-            own, half = faces[one.name], len(faces[one.name]) // 2
-            sides = own.rows(0, half), own.rows(half, len(own))
-            found.append(_pair(one, (one.name, one.name), *sides, places))
-    return (*found, *_sides(patches, "empty", places), *_sides(patches, "wedge", places))
+    pairs = []
+    for entry in foam:
+        partner = entry.entries.get("neighbourPatch", "")
+        if (
+            entry.type in COUPLED
+            and partner in faces
+            and (entry.name < partner or not _names(foam, partner, entry.name))
+        ):
+            pairs.append(_pair(entry, (entry.name, partner), faces[entry.name], faces[partner], places))
+        elif entry.type in MATCHED and not partner:  # of old: one patch with both sides
+            both, half = faces[entry.name], len(faces[entry.name]) // 2
+            sides = both.rows(0, half), both.rows(half, len(both))
+            pairs.append(_pair(entry, (entry.name, entry.name), *sides, places))
+    return (*pairs, *_sides(patches, "empty", places), *_sides(patches, "wedge", places))
 
 
 def constraint_of(patch: FoamPatch) -> Constraint:
@@ -113,32 +117,32 @@ def constraint_of(patch: FoamPatch) -> Constraint:
     return "symmetry" if guessed else CONSTRAINTS.get(patch.type, "")
 
 
-def _names(foam: Sequence[FoamPatch], one: str, other: str) -> bool:
-    return any(patch.name == one and patch.entries.get("neighbourPatch") == other for patch in foam)
+def _names(foam: Sequence[FoamPatch], name: str, neighbour: str) -> bool:
+    return any(patch.name == name and patch.entries.get("neighbourPatch") == neighbour for patch in foam)
 
 
-def _pair(patch: FoamPatch, names: tuple[str, str], one: Polygons, other: Polygons, places: Places) -> Periodic:
+def _pair(patch: FoamPatch, names: tuple[str, str], first: Polygons, second: Polygons, places: Places) -> Periodic:
     """Return a pair with the first motion that brings one side's nodes to the other's; without nodes if none does."""
-    nodes = union(one.nodes), union(other.nodes)
+    nodes = union(first.nodes), union(second.nodes)
     points = places(nodes[0]), places(nodes[1])
     if len(nodes[0]) == len(nodes[1]) and len(nodes[0]) and np.isfinite(points).all():
-        for rotation, shift in _motions(patch, one, other, points, places):
-            found = _match(one, other, (rotation, shift), places)
-            if found is not None:
-                here, there = (places(side) for side in found.T)
+        for rotation, shift in _motions(patch, first, second, points, places):
+            matched = _match(first, second, (rotation, shift), places)
+            if matched is not None:
+                here, there = (places(side) for side in matched.T)
                 if not np.array_equal(rotation, np.eye(3)):
                     rotation = rotation_of(here - here.mean(axis=0), there - there.mean(axis=0))
                 shift = _shift(here @ rotation.T, there)
-                return Periodic(patch.name, names, found, rotation, shift)
+                return Periodic(patch.name, names, matched, rotation, shift)
     return Periodic(patch.name, names, np.empty((0, 2), dtype=np.intp))
 
 
 def _motions(
-    patch: FoamPatch, one: Polygons, other: Polygons, points: tuple[FloatArray, FloatArray], places: Places
+    patch: FoamPatch, first_side: Polygons, second_side: Polygons, points: tuple[FloatArray, FloatArray], places: Places
 ) -> Iterator[RigidMotion]:
     """Yield possible motions from one side to the other, the likeliest first; `points` are the nodes of both."""
-    if patch.type in MATCHED and len(one) == len(other):
-        yield from _in_order(one, other, places)
+    if patch.type in MATCHED and len(first_side) == len(second_side):
+        yield from _in_order(first_side, second_side, places)
     axis, centre = (_vector(patch.entries.get(key, "")) for key in ("rotationAxis", "rotationCentre"))
     if axis is not None and axis.any():
         with suppress(InputError):  # a side whose centre is on the axis
@@ -149,13 +153,13 @@ def _motions(
 def _in_order(one: Polygons, other: Polygons, places: Places) -> Iterator[RigidMotion]:
     """Yield motions that bring each face to the face of the same number: a translation, or else the best rotation."""
     centres, near = [_centres(side, places) for side in (one, other)], NEAR * np.ptp(places(other.nodes), axis=0).max()
-    found = [translation_between(*centres)]
+    motions = [translation_between(*centres)]
     if np.array_equal(one.offsets, other.offsets):
         first, size = (np.repeat(values, np.diff(one.offsets)) for values in (one.offsets[:-1], np.diff(one.offsets)))
         back = first - (np.arange(len(one.nodes)) - first)  # in opposite sense from the same corner on
         back[back < first] += size[back < first]
-        found.append(_rigid(places(one.nodes), places(other.nodes[back])))
-    for rotation, shift in (*found, _rigid(*centres)):
+        motions.append(_rigid(places(one.nodes), places(other.nodes[back])))
+    for rotation, shift in (*motions, _rigid(*centres)):
         off = centres[0] @ rotation.T + shift - centres[1]
         if np.abs(off).max(initial=0.0) <= near:
             yield rotation, shift
@@ -164,10 +168,10 @@ def _in_order(one: Polygons, other: Polygons, places: Places) -> Iterator[RigidM
 def _vector(text: str) -> FloatArray | None:
     """Return three numbers in parentheses; None if there are none."""
     try:
-        found = np.array(text.strip("() ").split(), dtype=np.float64)
+        vector = np.array(text.strip("() ").split(), dtype=np.float64)
     except ValueError:
         return None
-    return found if found.shape == (3,) and np.isfinite(found).all() else None
+    return vector if vector.shape == (3,) and np.isfinite(vector).all() else None
 
 
 def _shift(points: FloatArray, others: FloatArray) -> FloatArray:
@@ -188,17 +192,17 @@ def _centres(faces: Polygons, places: Places) -> FloatArray:
     return np.asarray(sums / np.diff(faces.offsets)[:, None])
 
 
-def _match(one: Polygons, other: Polygons, motion: RigidMotion, places: Places) -> IntArray | None:
+def _match(first: Polygons, second: Polygons, motion: RigidMotion, places: Places) -> IntArray | None:
     """Return pairs (K, 2) of nodes of faces and images among the nodes of other faces; None if they do not match.
 
     Different faces, as on a sliding interface, may still have nodes at the same places.
     """
-    nodes, rotation, shift = (union(one.nodes), union(other.nodes)), *motion
+    nodes, rotation, shift = (union(first.nodes), union(second.nodes)), *motion
     there = places(nodes[1])
     near = NEAR * float(np.ptp(there, axis=0).max())
-    found = images_of_faces(one, other, places(one.nodes) @ rotation.T + shift, places(other.nodes), near)
-    if found is not None:
-        return found
+    pairs = images_of_faces(first, second, places(first.nodes) @ rotation.T + shift, places(second.nodes), near)
+    if pairs is not None:
+        return pairs
     distance, rows = cKDTree(there).query(places(nodes[0]) @ rotation.T + shift)
     same = len(nodes[0]) == len(there) and distance.max() <= near and len(distinct(rows)) == len(rows)
     return np.column_stack([nodes[0], nodes[1][rows]]) if same else None
@@ -206,17 +210,17 @@ def _match(one: Polygons, other: Polygons, motion: RigidMotion, places: Places) 
 
 def _sides(patches: Sequence[Patch], kind: Constraint, places: Places) -> Iterator[Periodic]:
     """Yield the two sides of a case one cell thick as a pair; the pair has no nodes if these do not match."""
-    own = [patch for patch in patches if patch.constraint == kind and len(patch)]
-    if not own:
+    sides = [patch for patch in patches if patch.constraint == kind and len(patch)]
+    if not sides:
         return
-    names, faces = (own[0].name, own[-1].name), polygons_of([block for patch in own for block in patch.faces])
-    found: Sides | None = None
+    names, faces = (sides[0].name, sides[-1].name), polygons_of([block for patch in sides for block in patch.faces])
+    matched: Sides | None = None
     if kind == "empty" and np.isfinite(places(faces.nodes)).all():
-        found = _flat_sides(faces, places)
-    elif kind == "wedge" and len(own) == 2:
-        found = _wedge_sides(polygons_of(own[0].faces), polygons_of(own[1].faces), places)
+        matched = _flat_sides(faces, places)
+    elif kind == "wedge" and len(sides) == 2:
+        matched = _wedge_sides(polygons_of(sides[0].faces), polygons_of(sides[1].faces), places)
     name = "_".join(dict.fromkeys(names))
-    nodes, rotation, shift = found or (np.empty((0, 2), dtype=np.intp), np.eye(3), np.zeros(3))
+    nodes, rotation, shift = matched or (np.empty((0, 2), dtype=np.intp), np.eye(3), np.zeros(3))
     yield Periodic(name, names, nodes, rotation, shift, thin=True)
 
 
@@ -226,19 +230,19 @@ def _flat_sides(faces: Polygons, places: Places) -> Sides | None:
     near = NEAR * float(np.ptp(points, axis=0).max())
     for axis in np.argsort(np.ptp(points, axis=0)).tolist():
         low = points[faces.offsets[:-1], axis] < 0.5 * (points[:, axis].min() + points[:, axis].max())
-        one, other = take_faces(faces, np.flatnonzero(low)), take_faces(faces, np.flatnonzero(~low))
-        heights = [places(union(side.nodes))[:, axis] for side in (one, other)]
+        front, back = take_faces(faces, np.flatnonzero(low)), take_faces(faces, np.flatnonzero(~low))
+        heights = [places(union(side.nodes))[:, axis] for side in (front, back)]
         if len(heights[0]) == len(heights[1]) and max(map(np.ptp, heights)) <= near:
             shift = np.zeros(3)
             shift[axis] = np.median(heights[1]) - np.median(heights[0])
-            if (found := _match(one, other, (np.eye(3), shift), places)) is not None:
-                return found, np.eye(3), shift
+            if (pairs := _match(front, back, (np.eye(3), shift), places)) is not None:
+                return pairs, np.eye(3), shift
     return None
 
 
-def _wedge_sides(one: Polygons, other: Polygons, places: Places) -> Sides | None:
+def _wedge_sides(front_faces: Polygons, back_faces: Polygons, places: Places) -> Sides | None:
     """Return the nodes of both sides of a wedge, which meet on its axis, and the motion; None without a wedge."""
-    points = places(union(one.nodes)), places(union(other.nodes))
+    points = places(union(front_faces.nodes)), places(union(back_faces.nodes))
     if len(points[0]) != len(points[1]) or len(points[0]) < 3 or not np.isfinite(points).all():
         return None
     front, back = (Plane.fitted(side) for side in points)
@@ -252,8 +256,8 @@ def _wedge_sides(one: Polygons, other: Polygons, places: Places) -> Sides | None
     size = np.abs(np.vstack(points)).max()
     hinge = Axis(np.where(np.abs(centre) < EXACT * size, 0.0, centre), axis)
     motion = rotation_between(*points, hinge)
-    found = _match(one, other, motion, places)
-    return None if found is None else (found, *motion)
+    pairs = _match(front_faces, back_faces, motion, places)
+    return None if pairs is None else (pairs, *motion)
 
 
 @contextmanager
@@ -330,7 +334,7 @@ def _copy(
             folders[:] = {*folders} - ignored(name, folders)
             links = [folder for folder in folders if (here / folder).is_symlink() and here / folder not in followed]
             folders[:] = {*folders}.difference(links)
-            for path in (here / one for one in (*links, *files)):
+            for path in (here / relative for relative in (*links, *files)):
                 if path.is_symlink() and not (here == mesh and path.name in POINTS):
                     (place / path.name).symlink_to(_target(path, case))
                 else:
@@ -397,7 +401,7 @@ def meshes_beside(case: Path) -> tuple[str, ...]:
 def _holders(case: Path) -> list[Warned]:
     """Return a warning of other files with points beside those of the mesh."""
     mesh = case / MESH if (case / MESH).is_dir() else case
-    names = sorted(one.name for one in mesh.glob("points?*") if one.name not in POINTS)
+    names = sorted(file.name for file in mesh.glob("points?*") if file.name not in POINTS)
     return [Warned(OF_HOLDERS.format(short_list(names)))] if names else []
 
 
@@ -414,7 +418,7 @@ def points_folder(path: Path) -> Path:
     for folder in (case / MESH, case):
         if any((folder / name).is_file() for name in POINTS):
             return folder
-        if (folder / "faces").is_file() and (others := sorted(one.name for one in folder.glob("points*"))):
+        if (folder / "faces").is_file() and (others := sorted(file.name for file in folder.glob("points*"))):
             copy = f"copy it to points{'.gz' * others[0].endswith('.gz')}"
             raise MeshFileError(f"{folder} has no points; there is {short_list(others)}: {copy}")
     if any(is_part(folder) for folder in sorted(case.glob(STALE[0]))):

@@ -61,8 +61,8 @@ class FoamFile:
     def kind(self, what: str) -> np.dtype[np.generic]:
         """Type of a binary ``label`` or ``scalar``; 32 and 64 bits unless the file's `arch` says otherwise."""
         arch = self.entries.get("arch", "")
-        found = re.search(rf"{what}=(\d+)", arch)
-        bits = int(found[1]) if found else {"label": 32, "scalar": 64}[what]
+        stated = re.search(rf"{what}=(\d+)", arch)
+        bits = int(stated[1]) if stated else {"label": 32, "scalar": 64}[what]
         if bits not in (32, 64):
             raise MeshFileError(f"arch has {what}={bits}; only 32 and 64 are read")
         order = ">" if "MSB" in arch else "<"
@@ -91,8 +91,8 @@ def read_header(data: bytes, name: str, stored: int) -> FoamFile:
     header = HEADER.search(data)
     if not header:
         raise MeshFileError(f"{name}: has no FoamFile header; it is truncated, or not a file of OpenFOAM")
-    found = ENTRY.findall(INNER.sub(b"", header[1]))
-    entries = {key.decode(): value.decode("utf-8", "replace").strip('"') for key, value in found}
+    pairs = ENTRY.findall(INNER.sub(b"", header[1]))
+    entries = {key.decode(): value.decode("utf-8", "replace").strip('"') for key, value in pairs}
     return FoamFile(data, header.end(), entries, stored)
 
 
@@ -159,14 +159,14 @@ def _count(file: FoamFile, text: bytes, columns: int) -> tuple[int, bool, int]:
 
     MeshFileError if rows of `columns` numbers do not fit the length of the text.
     """
-    found = COUNT.match(text)
-    if not found:
+    match = COUNT.match(text)
+    if not match:
         raise MeshFileError("no list follows the header; the file is truncated or damaged")
-    count = int(found[1])
+    count = int(match[1])
     check_unpacked(count * columns * 8, file.stored, f"a list of {count}")
     if len(text) > WIDEST * (count * columns + 1000):
         raise MeshFileError(f"holds {len(text)} bytes where {count} numbers or faces should be; the file is damaged")
-    return count, found[2] == b"{", found.end()
+    return count, match[2] == b"{", match.end()
 
 
 class BinaryList(NamedTuple):
@@ -184,13 +184,13 @@ def locate_list(file: FoamFile, at: int, what: str, columns: int) -> BinaryList:
     A file without `arch` may have labels of either size; the size with which the list ends properly counts.
     """
     kind = file.kind(what)
-    found = BINARY_COUNT.match(file.data, at)
-    if not found:
+    match = BINARY_COUNT.match(file.data, at)
+    if not match:
         raise MeshFileError("no list follows the header; the file is truncated or damaged")
-    count, begin = int(found[1]), found.end() + 1
+    count, begin = int(match[1]), match.end() + 1
     if count == 0:
-        return BinaryList(kind, 0, found.end(), False)
-    uniform = file.data[found.end() : begin] == b"{"
+        return BinaryList(kind, 0, match.end(), False)
+    uniform = file.data[match.end() : begin] == b"{"
     rows = 1 if uniform else count
     if what == "label" and "label=" not in file.entries.get("arch", "") and not _ends(file, begin + 4 * rows * columns):
         kind = np.dtype("<i8") if _ends(file, begin + 8 * rows * columns) else kind
@@ -216,10 +216,10 @@ def _binary(file: FoamFile, at: int, what: str, columns: int) -> tuple[FloatArra
     return rows, begin
 
 
-def _check(found: int, expected: int) -> None:
-    if found != expected:
-        cause = "truncated or damaged" if found < expected else "damaged"
-        raise MeshFileError(f"holds {found} numbers or faces where {expected} should be; the file is {cause}")
+def _check(count: int, expected: int) -> None:
+    if count != expected:
+        cause = "truncated or damaged" if count < expected else "damaged"
+        raise MeshFileError(f"holds {count} numbers or faces where {expected} should be; the file is {cause}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -260,7 +260,7 @@ def parse(text: bytes) -> list[FoamPatch]:
 
 def _entries(words: Iterator[bytes]) -> dict[str, str]:
     """Return the entries of a dictionary up to its closing brace; inner dictionaries are skipped."""
-    found: dict[str, str] = {}
+    entries: dict[str, str] = {}
     key: list[bytes] = []
     depth = 1
     while depth:
@@ -270,8 +270,8 @@ def _entries(words: Iterator[bytes]) -> dict[str, str]:
             key = []
         elif word == b";":
             if key and depth == 1:
-                found[key[0].decode("utf-8", "replace")] = b" ".join(key[1:]).decode("utf-8", "replace")
+                entries[key[0].decode("utf-8", "replace")] = b" ".join(key[1:]).decode("utf-8", "replace")
             key = []
         else:
             key.append(word)
-    return found
+    return entries

@@ -63,9 +63,9 @@ class Lists(NamedTuple):
         sides = np.zeros(int(spans.max()) + 1, dtype=np.uint8)
         for part in chain(_batches(self.owner), _batches(self.neighbour)):
             first = int(part.min())
-            found = np.bincount(part - first)
-            own = sides[first : first + len(found)]
-            own[:] = np.minimum(own + found, FEWEST)
+            counts = np.bincount(part - first)
+            sides_of = sides[first : first + len(counts)]
+            sides_of[:] = np.minimum(sides_of + counts, FEWEST)
         check_sides(int(np.count_nonzero(sides < FEWEST)), len(sides))
         return len(sides)
 
@@ -175,18 +175,18 @@ def _tables(path: Path, what: str, width: int = 1, lists: int = 1) -> list[FileT
     """Return the tables of a file, of rows of labels or scalars; None as `_lists`."""
     if not path.is_file():
         return None
-    found: list[FileTable] = []
+    tables: list[FileTable] = []
     with about(path), _memory_map(path) as file:
         if not file.binary or (lists > 1 and file.entries.get("class") != COMPACT):
             return None
         at = file.start
         for _ in range(lists):
-            own = locate_list(file, at, what, width)
-            if own.uniform or not own.rows:
+            stored = locate_list(file, at, what, width)
+            if stored.uniform or not stored.rows:
                 return None
-            found.append(FileTable(path.resolve(), own.begin, own.kind.str, own.rows, width))
-            at = own.begin + own.rows * found[-1].step + 1
-    return found
+            tables.append(FileTable(path.resolve(), stored.begin, stored.kind.str, stored.rows, width))
+            at = stored.begin + stored.rows * tables[-1].step + 1
+    return tables
 
 
 @contextmanager
@@ -211,11 +211,11 @@ def check_offsets(offsets: FileTable, nodes: FileTable) -> None:
 
 def _spans(labels: FileTable) -> IntArray:
     """Return the least and the largest (R, 2) of each `SPAN` of labels."""
-    found = [np.empty((0, 2), dtype=np.intp)]
+    spans = [np.empty((0, 2), dtype=np.intp)]
     for part in _batches(labels):
         starts = np.arange(0, len(part), SPAN)
-        found.append(np.column_stack([np.minimum.reduceat(part, starts), np.maximum.reduceat(part, starts)]))
-    return np.concatenate(found)
+        spans.append(np.column_stack([np.minimum.reduceat(part, starts), np.maximum.reduceat(part, starts)]))
+    return np.concatenate(spans)
 
 
 def _batches(labels: FileTable) -> Iterator[IntArray]:

@@ -68,8 +68,8 @@ class Plot3d(Format):
 
     def _read(self, path: Path, mapped: Path, progress: Progress = silent) -> Mesh:
         with about(path), path.open("rb") as file:
-            found = Plot3dFile.open(file, partial(progress, f"reading {path.name}"))
-            return join_blocks(found.points(), found.sizes, map_of(mapped, found.sizes)).mesh
+            stored = Plot3dFile.open(file, partial(progress, f"reading {path.name}"))
+            return join_blocks(stored.points(), stored.sizes, map_of(mapped, stored.sizes)).mesh
 
     def files(self, path: Path) -> Iterable[Path]:
         return path, *maps(path)
@@ -89,13 +89,13 @@ class Plot3d(Format):
             check_points(points, len(joined.first))
             new, changed = points[joined.index], (points != old[joined.first])[joined.index]
             changes, moved, real = [], stored.values, stored.layout.real
-            for at, axis, own in stored.layout.columns():
-                rows = np.flatnonzero(changed[own, axis])
+            for at, axis, points_of in stored.layout.columns():
+                rows = np.flatnonzero(changed[points_of, axis])
                 if moved is not None:
-                    moved[at + rows] = new[own][rows, axis]
+                    moved[at + rows] = new[points_of][rows, axis]
                 elif real:
-                    table = FileTable(source, at, real.str, own.stop - own.start)
-                    changes.append(Change(table, rows, new[own][rows, axis, None]))
+                    table = FileTable(source, at, real.str, points_of.stop - points_of.start)
+                    changes.append(Change(table, rows, new[points_of][rows, axis, None]))
             if moved is not None:
                 with fresh(out, source) as beside, beside.open("wb") as copy:
                     copy_text(file, _words(file, report), moved, copy)
@@ -129,9 +129,9 @@ class Layout(NamedTuple):
     def columns(self) -> Iterator[tuple[int, int, slice]]:
         """Yield for each block and axis the begin of its coordinates, the axis, and the slice of the block's points."""
         start, size = 0, self.real.itemsize if self.real else 1
-        for begin, own in zip(self.begins, self.sizes, strict=False):
-            count = prod(own)
-            for axis in range(len(own)):
+        for begin, extent in zip(self.begins, self.sizes, strict=False):
+            count = prod(extent)
+            for axis in range(len(extent)):
                 yield begin + axis * count * size, axis, slice(start, start + count)
             start += count
 
@@ -171,17 +171,17 @@ class Plot3dFile:
 
     def points(self) -> FloatArray:
         """Return the coordinates (F, 3) of all points, block after block; z is 0 where the file has none."""
-        found, real = np.zeros((sum(map(prod, self.layout.sizes)), 3)), self.layout.real
+        coordinates, real = np.zeros((sum(map(prod, self.layout.sizes)), 3)), self.layout.real
         for at, axis, rows in self.layout.columns():
             count = rows.stop - rows.start
             if self.values is not None:
-                found[rows, axis] = self.values[at : at + count]
+                coordinates[rows, axis] = self.values[at : at + count]
             elif real:
                 self.file.seek(at)
                 with np.errstate(invalid="ignore"):  # `Mesh` refuses coordinates that are not finite
-                    found[rows, axis] = np.frombuffer(self.file.read(count * real.itemsize), real)
-            self.report(rows.stop / len(found))
-        return found
+                    coordinates[rows, axis] = np.frombuffer(self.file.read(count * real.itemsize), real)
+            self.report(rows.stop / len(coordinates))
+        return coordinates
 
 
 def _words(file: BinaryIO, report: Callable[[float], None]) -> Iterator[tuple[int, bytes, Placed]]:
@@ -224,10 +224,10 @@ def _sizes(
         blocks, at = int(whole(at, 1).max(initial=-1)), at + step + 2 * mark
     if not 1 <= blocks <= size // (axes * step):
         return ()
-    found = whole(at, axes * blocks)
-    if len(found) < axes * blocks or found.min() < 1:
+    numbers = whole(at, axes * blocks)
+    if len(numbers) < axes * blocks or numbers.min() < 1:
         return ()
-    rows = found.reshape(blocks, axes)
+    rows = numbers.reshape(blocks, axes)
     fits = rows.astype(np.float64).prod(axis=1).sum() <= size and (axes > 2 or rows.min() > 1)  # curves are no grids
     return tuple(map(tuple, rows.tolist())) if fits else ()
 
@@ -289,17 +289,19 @@ def maps(path: Path) -> Iterator[Path]:
     """Yield the files beside a grid that may be its map, the longest name first."""
     parts = re.split(r"(?=[^0-9A-Za-z])", path.name)
     stems = ("".join(parts[:i]) for i in range(len(parts), 0, -1))
-    yield from (one for one in (path.with_name(f"{stem}.nmf") for stem in stems if stem) if one.is_file())
+    yield from (file for file in (path.with_name(f"{stem}.nmf") for stem in stems if stem) if file.is_file())
 
 
 def entries(text: str, sizes: Sequence[Size]) -> Iterator[MapEntry]:
     """Yield the entries of a map; MeshFileError for wrong lines and for blocks of other sizes."""
-    lines = [(i, own, line) for i, line in enumerate(text.splitlines(), 1) if (own := COMMENT.sub("", line).strip())]
+    lines = [
+        (i, words, line) for i, line in enumerate(text.splitlines(), 1) if (words := COMMENT.sub("", line).strip())
+    ]
     head = list(takewhile(lambda line: all(map(NUMBER.fullmatch, line[1].split())), lines[: 1 + len(sizes)]))
     _check_head(" ".join(line[1] for line in head).split(), sizes)
-    for number, own, line in lines[len(head) :]:
+    for number, words, line in lines[len(head) :]:
         try:
-            yield _entry(own, "".join(COMMENT.findall(line)[:1]).strip(), sizes)
+            yield _entry(words, "".join(COMMENT.findall(line)[:1]).strip(), sizes)
         except MeshFileError as error:
             raise MeshFileError(f"line {number}: {error}") from error
 
@@ -315,11 +317,11 @@ def _check_head(given: Sequence[str], sizes: Sequence[Size]) -> None:
 
 
 def _entry(line: str, comment: str, sizes: Sequence[Size]) -> MapEntry:
-    found = ENTRY.match(line)
-    values = [int(word) for word in found[2].split()] if found else []
-    if not found or len(values) not in (6, 12):
+    match = ENTRY.match(line)
+    values = [int(word) for word in match[2].split()] if match else []
+    if not match or len(values) not in (6, 12):
         raise MeshFileError(f"{line[:60]!r} is no type with the block, the face and the range of one face or of two")
-    name = found[1].strip("'\" ")
+    name = match[1].strip("'\" ")
     kind = re.sub(r"[-_ ]+", "_", name.lower())
     ranges = tuple(_range(values[i : i + 6], sizes) for i in range(0, len(values), 6))
     if (kind in (ONE_TO_ONE, PATCHED)) != (len(ranges) == 2):
@@ -346,11 +348,11 @@ def join_blocks(points: FloatArray, sizes: Sequence[Size], said: Sequence[MapEnt
     starts = np.cumsum([0, *map(prod, sizes)])
     parts, free, same = [], [], []
     for i, size in enumerate(sizes):
-        own = points[starts[i] : starts[i + 1]]
-        part, rest = _block(i, size, own, said)
+        block_points = points[starts[i] : starts[i + 1]]
+        part, rest = _block(i, size, block_points, said)
         parts.append(part)
         free += [faces.nodes + starts[i] for faces in rest]
-        same.append(equal_neighbours(own, size) + starts[i])
+        same.append(equal_neighbours(block_points, size) + starts[i])
     same.append(meeting(points, np.concatenate(free)) if free else np.empty((0, 2), np.intp))
     touching = np.unique(np.searchsorted(starts, same[-1], side="right") - 1, axis=0).tolist()
     for entry in said:
@@ -364,9 +366,9 @@ def join_blocks(points: FloatArray, sizes: Sequence[Size], said: Sequence[MapEnt
 
 def _block(number: int, size: Size, points: FloatArray, said: Sequence[MapEntry]) -> tuple[ZoneMesh, list[Cells]]:
     """Return a block by itself, and the faces that it may share with another block."""
-    own, title = cells(size), f"block{number + 1}"
-    turned = orient(points, own)
-    left_handed = bool(2 * np.count_nonzero(turned.nodes[:, 1] != own.nodes[:, 1]) > len(own))
+    block, title = cells(size), f"block{number + 1}"
+    turned = orient(points, block)
+    left_handed = bool(2 * np.count_nonzero(turned.nodes[:, 1] != block.nodes[:, 1]) > len(block))
     sides = [(axis, at) for axis in range(len(size)) for at in (0, size[axis] - 1)]
     free = {(axis, at): np.ones(prod(np.delete(size, axis) - 1), dtype=np.bool_) for axis, at in sides}
     named: dict[str, list[Cells]] = {}

@@ -111,20 +111,20 @@ def _faces_of_cells(mesh: Mesh) -> tuple[Polygons, IntArray]:
 
 def _patch_of(mesh: Mesh, key: Keys, keys: Keys) -> tuple[IntArray, list[str]]:
     """Return the index (B,) of the patch of each boundary face; the number of patches for faces on none."""
-    found = np.full(len(key), len(mesh.patches), dtype=np.intp)
+    patch_of = np.full(len(key), len(mesh.patches), dtype=np.intp)
     order = np.argsort(key)
     lost = []
     for i, patch in enumerate(mesh.patches):
-        own = patch_keys(patch, keys)
-        place = order[np.minimum(np.searchsorted(key, own, sorter=order), len(key) - 1)]
-        there = key[place] == own
-        taken_before = there & (found[place] < len(mesh.patches))
-        found[place[there & ~taken_before]] = i
+        keys_of = patch_keys(patch, keys)
+        place = order[np.minimum(np.searchsorted(key, keys_of, sorter=order), len(key) - 1)]
+        there = key[place] == keys_of
+        taken_before = there & (patch_of[place] < len(mesh.patches))
+        patch_of[place[there & ~taken_before]] = i
         if not there.all():
             lost.append(f"{np.count_nonzero(~there)} faces of patch {patch.name} are not on the boundary; left out")
         if taken_before.any():
             lost.append(f"{np.count_nonzero(taken_before)} faces of patch {patch.name} are on another patch; left out")
-    return found, lost
+    return patch_of, lost
 
 
 def check_cells(cells: Polyhedra, least: int = FEWEST) -> None:
@@ -165,14 +165,14 @@ def standard_cells(mesh: Mesh) -> tuple[Cells, ...]:
 
 
 def _shapes(block: Polyhedra) -> list[Cells]:
-    found, known = [], 0
+    shapes, known = [], 0
     for shape, cells, rows, _ in parts_of(block):
         if isinstance(cells, Cells):
-            found.append(Cells(shape, np.ascontiguousarray(cells.nodes[rows])))
+            shapes.append(Cells(shape, np.ascontiguousarray(cells.nodes[rows])))
             known += len(rows)
     if known < len(block):
         raise MeshFileError(
             f"{len(block) - known} of {len(block)} polyhedra are no tetrahedra, pyramids, prisms or hexahedra, "
             "and the format holds no others"
         )
-    return found
+    return shapes

@@ -62,8 +62,8 @@ def read(path: str | Path, progress: Progress = silent) -> Mesh:
     files = states_of(files_of(given))
     mesh = format_of(given).read(given, progress)
     patches, notes = corners_in_order(mesh.patches, mesh.points)
-    own, notes = given.resolve(), [*mesh.notes, *notes]
-    return replace(mesh, name=own.name, source=str(own), files=files, patches=patches, notes=tuple(notes))
+    file, notes = given.resolve(), [*mesh.notes, *notes]
+    return replace(mesh, name=file.name, source=str(file), files=files, patches=patches, notes=tuple(notes))
 
 
 @contextmanager
@@ -103,9 +103,9 @@ def format_of(path: str | Path) -> Format:
         return known
     suffixes = sorted(suffix for entry in REGISTERED.values() for suffix in entry.suffixes)
     packed = path.suffix.lower() == ".gz"
-    own = path.with_suffix("") if packed else path
+    unpacked = path.with_suffix("") if packed else path
     usual = "" if packed else f"known are {', '.join(suffixes)}"
-    hint = ADVICE.get(own.suffix.lower(), usual).replace("FILE", own.name)
+    hint = ADVICE.get(unpacked.suffix.lower(), usual).replace("FILE", unpacked.name)
     if packed:
         hint = f"unpack it first: gunzip {path.name}" + (f", then {hint}" if hint else "")
     raise MeshFileError(f"{path}: no mesh format has the suffix {path.suffix!r}; {hint}")

@@ -93,24 +93,24 @@ def places(wanted: NDArray[FullMesh], known: NDArray[FullMesh]) -> tuple[IntArra
     if not len(known):
         return np.zeros(wanted.shape, dtype=np.intp), np.zeros(wanted.shape, dtype=np.bool_)
     order = np.argsort(known, kind="stable")
-    found = order[np.minimum(np.searchsorted(known, wanted, sorter=order), len(known) - 1)]
-    return found, known[found] == wanted
+    index = order[np.minimum(np.searchsorted(known, wanted, sorter=order), len(known) - 1)]
+    return index, known[index] == wanted
 
 
 def chosen(faces: Faces, rows: IntArray) -> Faces:
     """Return the faces or cells `rows` (R,), in that order."""
     if isinstance(faces, Polygons):
-        own = take_faces(faces, rows)
-        return replace(faces, nodes=own.nodes, offsets=own.offsets)
+        some = take_faces(faces, rows)
+        return replace(faces, nodes=some.nodes, offsets=some.offsets)
     return replace(faces, nodes=faces.nodes[rows])
 
 
 def all_of(marked: BoolArray, faces: Cells | Polygons) -> BoolArray:
     """Return which faces (F,) have only marked nodes (N,)."""
-    own = marked[faces.nodes]
+    on = marked[faces.nodes]
     if isinstance(faces, Cells):
-        return np.asarray(own.all(axis=1))
-    return np.asarray(np.logical_and.reduceat(own, faces.offsets[:-1]))
+        return np.asarray(on.all(axis=1))
+    return np.asarray(np.logical_and.reduceat(on, faces.offsets[:-1]))
 
 
 def loose_faces(mesh: Mesh) -> dict[str, int]:
@@ -130,7 +130,7 @@ def loose_faces(mesh: Mesh) -> dict[str, int]:
         if seen.all():
             return {}
     missing = given[~seen]
-    counts = {name: int(np.count_nonzero(np.isin(own, missing))) for name, own in mine.items()}
+    counts = {name: int(np.count_nonzero(np.isin(patch_faces, missing))) for name, patch_faces in mine.items()}
     return {name: count for name, count in counts.items() if count}
 
 

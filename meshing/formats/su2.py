@@ -71,13 +71,13 @@ class KeywordBlock:
 
 def sections(file: BinaryIO) -> list[KeywordBlock]:
     """Find all keyword lines of a file, in its order."""
-    found: list[tuple[str, str, int, int]] = []
+    blocks: list[tuple[str, str, int, int]] = []
     size = file.seek(0, 2)
     for start, text in chunks(file, 0, size):
-        found += [(keyword, value, start + line, start + after) for keyword, value, line, after in _keywords(text)]
-    ends = [*(line for _, _, line, _ in found[1:]), size]
+        blocks += [(keyword, value, start + line, start + after) for keyword, value, line, after in _keywords(text)]
+    ends = [*(line for _, _, line, _ in blocks[1:]), size]
     return [
-        KeywordBlock(keyword, value, begin, end) for (keyword, value, _, begin), end in zip(found, ends, strict=False)
+        KeywordBlock(keyword, value, begin, end) for (keyword, value, _, begin), end in zip(blocks, ends, strict=False)
     ]
 
 
@@ -107,13 +107,13 @@ class Su2File:
         file.seek(0)
         if b"\0" in file.read(4096):
             raise MeshFileError("this is a binary file; an SU2 mesh is text")
-        found = tuple(sections(file))
-        dimensions = [section.count for section in found if section.keyword == "NDIME"]
+        blocks = tuple(sections(file))
+        dimensions = [section.count for section in blocks if section.keyword == "NDIME"]
         if not dimensions:
             raise MeshFileError("no NDIME= line; this is not an SU2 mesh, or it is truncated")
         if dimensions[0] not in KINDS or len(set(dimensions)) > 1:
             raise MeshFileError(f"NDIME= {', '.join(map(str, dimensions))}; it must be 2 or 3, the same for all zones")
-        return cls(file, found, dimensions[0], report)
+        return cls(file, blocks, dimensions[0], report)
 
     def coordinates(self, sections: Sequence[KeywordBlock]) -> Iterator[tuple[int, bytes, Placed]]:
         """Yield the begin of each piece of the text of sections, the piece, and the coordinates (R, d) on its lines.
@@ -142,13 +142,13 @@ class Su2File:
             lines = read(text, kind)
             return text, len(lines), rows_of(lines)
 
-        found: Iterator[tuple[bytes, int, Rows]] = map(work, texts)
+        parsed: Iterator[tuple[bytes, int, Rows]] = map(work, texts)
         if section.end - section.begin > LARGE:
             from .numbers import ahead, many_numbers  # loads the compiler
 
-            found = ahead(partial(work, read=many_numbers), texts)
+            parsed = ahead(partial(work, read=many_numbers), texts)
         total, at = 0, section.begin
-        for text, count, rows in found:
+        for text, count, rows in parsed:
             total += count
             yield at, text, rows
             at += len(text)
@@ -172,28 +172,30 @@ def _coordinates(lines: NumberLines, dimension: int) -> Placed:
 def _blocks(lines: NumberLines, shapes: Mapping[int, str], points: int) -> Blocks:
     """Return one block of each shape, in the order in which shapes first appear."""
     kinds = np.asarray(lines.values[lines.first[:-1]], dtype=np.int64)
-    found = []
+    blocks = []
     for kind in dict.fromkeys([*kinds[:1].tolist(), *kinds[1:][np.diff(kinds) != 0].tolist()]):
         rows = np.flatnonzero(kinds == kind)
         if kind not in shapes:
             wanted = ", ".join(f"{number} ({shape})" for number, shape in shapes.items())
             raise MeshFileError(f"{len(rows)} elements of type {kind} where there can be {wanted}")
-        found.append((shapes[kind], _nodes(lines, rows, shapes[kind], points)))
-    return found
+        blocks.append((shapes[kind], _nodes(lines, rows, shapes[kind], points)))
+    return blocks
 
 
-def notes_of(found: Sequence[KeywordBlock]) -> tuple[str, ...]:
+def notes_of(blocks: Sequence[KeywordBlock]) -> tuple[str, ...]:
     """Return notes on points behind periodic markers, which SU2 before version 7 added, and on free-form boxes."""
-    moved = [own for own in found if own.keyword == "NPERIODIC" and own.value.split()[:1] not in ([], ["0"], ["1"])]
-    boxes = [own.value for own in found if own.keyword == "FFD_TAG"]
+    moved = [
+        block for block in blocks if block.keyword == "NPERIODIC" and block.value.split()[:1] not in ([], ["0"], ["1"])
+    ]
+    boxes = [block.value for block in blocks if block.keyword == "FFD_TAG"]
     return (*([HALO] if moved else []), *(Warned(BOXES.format(short_list(boxes))) for _ in boxes[:1]))
 
 
-def zones_of(found: Sequence[KeywordBlock]) -> dict[str, list[KeywordBlock]]:
+def zones_of(blocks: Sequence[KeywordBlock]) -> dict[str, list[KeywordBlock]]:
     """Return sections by zone; in a file without zones, all sections of a zone without a name."""
     zones: dict[str, list[KeywordBlock]] = {}
     name = ""
-    for section in found:
+    for section in blocks:
         if section.keyword == "IZONE":
             name = f"zone {section.count}"
             if name in zones:
@@ -201,29 +203,31 @@ def zones_of(found: Sequence[KeywordBlock]) -> dict[str, list[KeywordBlock]]:
         zones.setdefault(name, []).append(section)
     if len(zones) > 1:
         zones.pop("", None)
-    announced = [section.count for section in found if section.keyword == "NZONE"]
+    announced = [section.count for section in blocks if section.keyword == "NZONE"]
     if announced and announced[0] != len(zones):
         counts = f"NZONE= {announced[0]}, but there are {len(zones)} zones"
         raise MeshFileError(f"{counts}; the file is truncated or damaged")
     return zones
 
 
-def zone_of(source: Su2File, own: Sequence[KeywordBlock], scratch: Path | None) -> TablePieces:
+def zone_of(source: Su2File, zone: Sequence[KeywordBlock], scratch: Path | None) -> TablePieces:
     """Return the points and cells of a zone as tables in an empty folder, or in memory if that is None."""
-    points = points_of(source, [only(own, "NPOIN")])
+    points = points_of(source, [only(zone, "NPOIN")])
     place = gather_tables([("points", points)], lambda _: len(points), scratch)["points"]
     kind = np.int32 if scratch and len(points) <= np.iinfo(np.int32).max else np.intp
-    found = elements_of(source, only(own, "NELEM"), KINDS[source.dimension][0], len(points), scratch, kind)
-    cells = tuple(CellTable(shape, table, 0) for shape, table in found.items())
+    tables = elements_of(source, only(zone, "NELEM"), KINDS[source.dimension][0], len(points), scratch, kind)
+    cells = tuple(CellTable(shape, table, 0) for shape, table in tables.items())
     return TablePieces("", len(points), (PointRange(0, len(points), place),), cells).orient()
 
 
-def only(own: Sequence[KeywordBlock], keyword: str) -> KeywordBlock:
+def only(zone: Sequence[KeywordBlock], keyword: str) -> KeywordBlock:
     """Return the section with a keyword; MeshFileError if there is none or several."""
-    found = [section for section in own if section.keyword == keyword]
-    if len(found) != 1:
-        raise MeshFileError(f"{len(found)} lines {keyword}= where there must be one; the file is truncated or damaged")
-    return found[0]
+    matching = [section for section in zone if section.keyword == keyword]
+    if len(matching) != 1:
+        raise MeshFileError(
+            f"{len(matching)} lines {keyword}= where there must be one; the file is truncated or damaged"
+        )
+    return matching[0]
 
 
 def points_of(source: Su2File, sections: Sequence[KeywordBlock]) -> FloatArray:
@@ -232,27 +236,27 @@ def points_of(source: Su2File, sections: Sequence[KeywordBlock]) -> FloatArray:
     points = np.zeros((possible, 3))  # a damaged count may be any number
     start = 0
     for _, _, placed in source.coordinates(sections):
-        own = placed.values[: len(points) - start]
-        points[start : start + len(own), : source.dimension] = own
-        start += len(own)
+        coordinates = placed.values[: len(points) - start]
+        points[start : start + len(coordinates), : source.dimension] = coordinates
+        start += len(coordinates)
     return points
 
 
-def patches_of(source: Su2File, own: Sequence[KeywordBlock], points: int) -> tuple[Patch, ...]:
+def patches_of(source: Su2File, zone: Sequence[KeywordBlock], points: int) -> tuple[Patch, ...]:
     """Return the markers among a zone's sections."""
     patches = []
-    tags = [i for i, section in enumerate(own) if section.keyword == "MARKER_TAG"]
-    announced = only(own, "NMARK").count
+    tags = [i for i, section in enumerate(zone) if section.keyword == "MARKER_TAG"]
+    announced = only(zone, "NMARK").count
     if announced != len(tags):
         raise MeshFileError(f"NMARK= {announced}, but there are {len(tags)} markers; the file is truncated or damaged")
     for i in tags:
-        name = own[i].value
+        name = zone[i].value
         if name == PARALLEL:
             continue
-        if own[i + 1 : i + 2] == [] or own[i + 1].keyword != "MARKER_ELEMS":
+        if zone[i + 1 : i + 2] == [] or zone[i + 1].keyword != "MARKER_ELEMS":
             raise MeshFileError(f"marker {name} has no MARKER_ELEMS= line; the file is truncated or damaged")
         try:
-            faces = elements_of(source, own[i + 1], KINDS[source.dimension][1], points)
+            faces = elements_of(source, zone[i + 1], KINDS[source.dimension][1], points)
             patches.append(Patch(name, tuple(Cells(shape, table.integers()) for shape, table in faces.items())))
         except MeshFileError as error:
             raise MeshFileError(f"marker {name}: {error}") from error
@@ -312,7 +316,7 @@ class Su2(Format):
         with about(path), path.open("rb") as file:
             source = Su2File.open(file, partial(progress, f"reading {path.name}"))
             zones = zones_of(source.sections)
-            parts = [whole(_layout(path, source, name, own), lambda _: None) for name, own in zones.items()]
+            parts = [whole(_layout(path, source, name, zone), lambda _: None) for name, zone in zones.items()]
             if len(parts) == 1:
                 return parts[0]
             from .zones import join_zones
@@ -331,8 +335,8 @@ class Su2(Format):
         """See `Format.points_of_copy`; the cells are the source's and are not parsed again."""
         with about(path), path.open("rb") as new, source.open("rb") as old:
             texts = [Su2File.open(file, lambda _: None) for file in (new, old)]
-            for own, other in zip(*map(_around, texts), strict=True):
-                if not _same(new, old, own, other):
+            for here, there in zip(*map(_around, texts), strict=True):
+                if not _same(new, old, here, there):
                     raise MeshFileError("its text differs from the source, not in its points alone")
             return points_of(texts[0], _points(texts[0]))
 
@@ -369,16 +373,16 @@ class Su2Pieces(TablePieces):
 
 
 def _layout(
-    path: Path, source: Su2File, name: str, own: Sequence[KeywordBlock], scratch: Path | None = None
+    path: Path, source: Su2File, name: str, zone: Sequence[KeywordBlock], scratch: Path | None = None
 ) -> MeshOnDisk:
     """Return a zone of a file.
 
     MeshFileError or ValueError if a section is missing, damaged or contradicts another.
     """
-    found = zone_of(source, own, scratch)
-    pieces = Su2Pieces(str(path), found.points, found.ranges, found.cells)
-    patches = patches_of(source, own, found.points)
-    return MeshOnDisk(path.name, pieces, patches, (Zone(name, 0, found.points),), notes_of(source.sections))
+    tables = zone_of(source, zone, scratch)
+    pieces = Su2Pieces(str(path), tables.points, tables.ranges, tables.cells)
+    patches = patches_of(source, zone, tables.points)
+    return MeshOnDisk(path.name, pieces, patches, (Zone(name, 0, tables.points),), notes_of(source.sections))
 
 
 def _words(file: BinaryIO, report: Callable[[float], None]) -> Iterator[tuple[int, bytes, Placed]]:
@@ -403,10 +407,10 @@ def _around(source: Su2File) -> list[tuple[int, int]]:
     )
 
 
-def _same(new: BinaryIO, old: BinaryIO, own: tuple[int, int], other: tuple[int, int]) -> bool:
-    for file, (begin, _) in ((new, own), (old, other)):
+def _same(new: BinaryIO, old: BinaryIO, here: tuple[int, int], there: tuple[int, int]) -> bool:
+    for file, (begin, _) in ((new, here), (old, there)):
         file.seek(begin)
-    size = max(own[1] - own[0], other[1] - other[0])
+    size = max(here[1] - here[0], there[1] - there[0])
     return all(new.read(min(CHUNK, size - at)) == old.read(min(CHUNK, size - at)) for at in range(0, size, CHUNK))
 
 
@@ -423,10 +427,10 @@ def write_mesh(mesh: Mesh, out: BinaryIO, report: Callable[[float], None]) -> di
     for i, zone in enumerate(mesh.zones):
         if len(mesh.zones) > 1:
             out.write(b"IZONE= %d\n" % (i + 1))
-        own = part(mesh, zone)
-        names = fitting_names([patch.name for patch in own.patches], UNFIT, (PARALLEL,))
+        zone_mesh = part(mesh, zone)
+        names = fitting_names([patch.name for patch in zone_mesh.patches], UNFIT, (PARALLEL,))
         renamed |= {name: marker for name, marker in names.items() if name != marker}
-        for text, done in _zone(own, names):
+        for text, done in _zone(zone_mesh, names):
             out.write(text.encode())
             report((i + done) / len(mesh.zones))
     return renamed

@@ -55,8 +55,8 @@ class CellTable:
     def from_zero(self, stored: Array) -> IntArray:
         """Return stored nodes (M, k) counted from 0 in VTK's order."""
         nodes = np.take(stored, self.order, axis=1) if self.order else stored
-        own = np.intp if nodes.dtype.kind == "u" else nodes.dtype.newbyteorder("=")
-        return np.asarray(nodes.astype(own, copy=False) - self.first)
+        kind = np.intp if nodes.dtype.kind == "u" else nodes.dtype.newbyteorder("=")
+        return np.asarray(nodes.astype(kind, copy=False) - self.first)
 
     def everything(self, points: int, report: Callable[[int], None] = lambda _: None) -> IntArray:
         """Return the nodes (M, k) of all cells; MeshFileError if one is not below the number of points."""
@@ -104,29 +104,29 @@ class TablePieces:
         return tuple((block.shape, block.table.rows) for block in self.cells)
 
     def coordinates(self, start: int, stop: int) -> FloatArray:
-        found = np.empty((stop - start, 3))
-        self.coordinates_into(found, start)
-        return found
+        points = np.empty((stop - start, 3))
+        self.coordinates_into(points, start)
+        return points
 
-    def coordinates_into(self, found: FloatArray, start: int) -> None:
+    def coordinates_into(self, out: FloatArray, start: int) -> None:
         """Fill in the coordinates (K, 3) of points, the first of which is `start`."""
         check_unchanged(self.files, elsewhere=True)
-        stop = start + len(found)
-        for own in self.ranges:
-            low, high = max(start, own.start), min(stop, own.stop)
+        stop = start + len(out)
+        for part in self.ranges:
+            low, high = max(start, part.start), min(stop, part.stop)
             if low < high:
                 with np.errstate(invalid="ignore"):  # what is no number is refused by whoever asks
-                    found[low - start : high - start, own.axes] = own.table.read(low - own.start, high - own.start)
+                    out[low - start : high - start, part.axes] = part.table.read(low - part.start, high - part.start)
 
     def places(self, nodes: IntArray) -> FloatArray:
         check_unchanged(self.files, elsewhere=True)
-        found = np.empty((len(nodes), 3))
-        for own in self.ranges:
-            rows = np.flatnonzero((nodes >= own.start) & (nodes < own.stop))
+        out = np.empty((len(nodes), 3))
+        for part in self.ranges:
+            rows = np.flatnonzero((nodes >= part.start) & (nodes < part.stop))
             if len(rows):
                 with np.errstate(invalid="ignore"):  # as above
-                    found[rows, own.axes] = own.table.some(nodes[rows] - own.start)
-        return found
+                    out[rows, part.axes] = part.table.some(nodes[rows] - part.start)
+        return out
 
     def cells_of(self, block: int, start: int, stop: int) -> Cells | SomePolyhedra:
         check_unchanged(self.files, elsewhere=True)
@@ -163,7 +163,7 @@ class TablePieces:
 
     def changes(self, nodes: IntArray, points: FloatArray) -> Iterator[Change]:
         """Yield the changes of each table for sorted nodes (K,) at `points` (K, 3)."""
-        for own in self.ranges:
-            assert isinstance(own.table, FileTable)
-            first, end = np.searchsorted(nodes, (own.start, own.stop))
-            yield Change(own.table, nodes[first:end] - own.start, points[first:end, own.axes])
+        for part in self.ranges:
+            assert isinstance(part.table, FileTable)
+            first, end = np.searchsorted(nodes, (part.start, part.stop))
+            yield Change(part.table, nodes[first:end] - part.start, points[first:end, part.axes])

@@ -99,14 +99,14 @@ class Joined:
 
     def some(self, rows: IntArray) -> Array:
         order = np.argsort(rows, kind="stable")
-        found, end = [], 0
+        parts, end = [], 0
         for table in self.tables:
             low, high = np.searchsorted(rows, (end, end + table.rows), sorter=order)
-            found.append(table.some(rows[order[low:high]] - end))
+            parts.append(table.some(rows[order[low:high]] - end))
             end += table.rows
         back = np.empty_like(order)
         back[order] = np.arange(len(order))
-        return np.asarray(np.concatenate(found)[back])
+        return np.asarray(np.concatenate(parts)[back])
 
     def _parts(self, start: int, stop: int) -> Iterator[tuple["FileTable | MemoryTable", int, int]]:
         end = 0
@@ -179,4 +179,7 @@ def gather_tables(
             rows[name] += len(part)
     if not scratch:
         return {name: MemoryTable(values[: rows[name]]) for name, values in arrays.items()}
-    return {name: FileTable(scratch / name, 0, own.dtype.str, rows[name], own.shape[1]) for name, own in arrays.items()}
+    return {
+        name: FileTable(scratch / name, 0, array.dtype.str, rows[name], array.shape[1])
+        for name, array in arrays.items()
+    }

@@ -72,9 +72,9 @@ def open_tau(path: Path) -> Iterator[Grid]:
     with path.open("rb") as file:
         magic = file.read(4)
     if h5py.is_hdf5(path):
-        with damage(), h5py.File(path) as found:
-            lengths = {name: len(array) for name, array in found.items() if name.startswith("no_of_")}
-            yield Grid(found, lengths, found.attrs)
+        with damage(), h5py.File(path) as hdf5:
+            lengths = {name: len(array) for name, array in hdf5.items() if name.startswith("no_of_")}
+            yield Grid(hdf5, lengths, hdf5.attrs)
     elif magic in (b"CDF\1", b"CDF\2"):
         yield _classic(path)
     else:
@@ -89,10 +89,15 @@ def _classic(path: Path) -> Grid:
         warnings.simplefilter("ignore", RuntimeWarning)  # that a damaged file is still mapped
         try:
             with netcdf_file(path, "r", mmap=True) as file:
-                begin = {name: own.data.ctypes.data - own.data.base.ctypes.data for name, own in file.variables.items()}
+                begin = {
+                    name: variable.data.ctypes.data - variable.data.base.ctypes.data
+                    for name, variable in file.variables.items()
+                }
                 arrays = {
-                    name: None if own.isrec else np.memmap(path, own.data.dtype, "r", begin[name], own.shape)
-                    for name, own in file.variables.items()
+                    name: None
+                    if variable.isrec
+                    else np.memmap(path, variable.data.dtype, "r", begin[name], variable.shape)
+                    for name, variable in file.variables.items()
                 }
                 used = sorted(
                     (array.offset, array.offset + array.nbytes) for array in arrays.values() if array is not None
@@ -125,7 +130,7 @@ class Tau(Format):
         progress(f"reading {path.name}", 0.0)
         with about(path), open_tau(path) as grid:
             points, cells = _points(grid, path), _elements(grid, path, SOLIDS)
-            tables = (*(own.table for own in points.ranges), *(block.table for block in cells))
+            tables = (*(part.table for part in points.ranges), *(block.table for block in cells))
             if scratch and any(isinstance(table, MemoryTable) for table in tables):
                 return None
             _check_count(grid, "no_of_elements", cells)
@@ -135,12 +140,12 @@ class Tau(Format):
 
     def coordinates(self, path: Path) -> ByteColumns | Datasets:
         with open_tau(path) as grid:
-            found = _points(grid, path)
+            table = _points(grid, path)
             if not isinstance(grid.arrays, h5py.File):
-                return ByteColumns(found)
+                return ByteColumns(table)
             kinds = [grid.array(axis, "f")[0].dtype for axis in AXES]
             axes = zip(AXES, kinds, range(3), strict=True)
-            return Datasets.of(path, [Dataset(name, kind, 0, found.points, i, i + 1) for name, kind, i in axes])
+            return Datasets.of(path, [Dataset(name, kind, 0, table.points, i, i + 1) for name, kind, i in axes])
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """See `Format.write`; MeshFileError for polyhedra of other shapes, and for faces of five corners."""
@@ -188,10 +193,10 @@ def _patches(grid: Grid, path: Path, points: int) -> tuple[Patch, ...]:
     blocks = [Cells(element.shape, element.everything(points)) for element in tables]
     patches: dict[str, list[Cells]] = {}
     for marker, name in _marker_names(grid, path, np.unique(markers).tolist()).items():
-        for block, own in zip(blocks, np.split(markers == marker, ends[:-1]), strict=True):
-            if own.any():
-                patches.setdefault(name, []).append(replace(block, nodes=block.nodes[own]))
-    return tuple(Patch(name, tuple(own)) for name, own in patches.items())
+        for block, marked in zip(blocks, np.split(markers == marker, ends[:-1]), strict=True):
+            if marked.any():
+                patches.setdefault(name, []).append(replace(block, nodes=block.nodes[marked]))
+    return tuple(Patch(name, tuple(marked)) for name, marked in patches.items())
 
 
 def _markers(grid: Grid, count: int) -> IntArray:
@@ -200,8 +205,8 @@ def _markers(grid: Grid, count: int) -> IntArray:
     markers = np.asarray(grid.array(MARKERS, "iu")[0][()])
     if len(markers) != count:
         raise MeshFileError(f"{MARKERS} holds {len(markers)} markers of {count} triangles and quadrilaterals")
-    if (found := len(np.unique(markers))) > MOST:
-        raise MeshFileError(f"{MARKERS} holds {found} different markers, expected at most {MOST}")
+    if (different := len(np.unique(markers))) > MOST:
+        raise MeshFileError(f"{MARKERS} holds {different} different markers, expected at most {MOST}")
     return markers
 
 
@@ -274,11 +279,11 @@ def _store_shapes(grid: Any, shapes: Mapping[str, str], blocks: Sequence[tuple[C
     """Write blocks and their markers shape by shape; return the marker of each element."""
     markers = []
     for what, shape in shapes.items():
-        if own := [(block.nodes, marker) for block, marker in blocks if block.shape == shape]:
-            nodes = np.concatenate([one for one, _ in own])
+        if of_shape := [(block.nodes, marker) for block, marker in blocks if block.shape == shape]:
+            nodes = np.concatenate([block_nodes for block_nodes, _ in of_shape])
             nodes = mirror_nodes(shape, nodes) if shape == "wedge" else nodes
             _store(grid, f"points_of_{what}", nodes, f"no_of_{what}", f"points_per_{what.removesuffix('s')}")
-            markers += [np.full(len(one), marker) for one, marker in own]
+            markers += [np.full(len(block_nodes), marker) for block_nodes, marker in of_shape]
     return markers
 
 

@@ -250,8 +250,8 @@ def patches(faces: Sequence[Cells], labels: IntArray, names: Mapping[int, str]) 
         name = names.get(number, str(number))
         while number not in names and name in given:
             name += "_"
-        patches.setdefault(name, []).extend(own for own in several if len(own))
-    return tuple(Patch(name, tuple(own)) for name, own in patches.items())
+        patches.setdefault(name, []).extend(faces_of for faces_of in several if len(faces_of))
+    return tuple(Patch(name, tuple(faces_of)) for name, faces_of in patches.items())
 
 
 def _by_label(faces: Cells, labels: IntArray, count: int) -> list[Cells]:

@@ -167,29 +167,29 @@ class UgridFile:
 
     def _arrays(self) -> dict[str, Array]:
         """Return the arrays of a text: points (N, 3), and whole numbers (M, k) for each other shape."""
-        found: dict[str, Array] = {
+        arrays: dict[str, Array] = {
             name: np.empty(shape, np.dtype(float if name == POINTS else np.intp)) for name, shape in self.shapes.items()
         }
-        wanted = len(COUNTED) + sum(values.size for values in found.values())
+        wanted = len(COUNTED) + sum(values.size for values in arrays.values())
         for first, _, _, lines in self._words():
             begin = len(COUNTED)
-            for name, values in found.items():
-                own = slice(max(first - begin, 0), max(first + len(lines.values) - begin, 0))
-                part = values.ravel()[own]
+            for name, values in arrays.items():
+                read_now = slice(max(first - begin, 0), max(first + len(lines.values) - begin, 0))
+                part = values.ravel()[read_now]
                 at = max(begin - first, 0)
                 part[:] = _check_whole(name, lines.values[at : at + len(part)])
                 begin += values.size
             self.report(min(1.0, (first + len(lines.values)) / wanted))
             if first + len(lines.values) >= wanted:
-                return found
+                return arrays
         raise MeshFileError(f"{wanted} numbers should be there, but the file ends before them; it is truncated")
 
     def coordinates(self) -> Iterator[tuple[int, bytes, Placed]]:
         """Yield each piece's begin, its text and its coordinates; MeshFileError if the text ends early."""
         begin, end = len(COUNTED), len(COUNTED) + 3 * self.shapes[POINTS][0]
         for first, at, text, lines in self._words():
-            own = slice(max(begin - first, 0), max(end - first, 0))
-            yield at, text, Placed(np.asarray(lines.values[own], np.float64), lines.begin[own], lines.end[own])
+            inside = slice(max(begin - first, 0), max(end - first, 0))
+            yield at, text, Placed(np.asarray(lines.values[inside], np.float64), lines.begin[inside], lines.end[inside])
             self.report(min(1.0, first / end))
             if first + len(lines.values) >= end:
                 return

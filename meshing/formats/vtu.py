@@ -108,7 +108,7 @@ def read_vtu(path: Path) -> Mesh:
             raise MeshFileError("holds cells other than tetrahedra and triangles")
         if grid.names[:1] != (VOLUME,):
             raise MeshFileError(f"{NAMES} must start with {VOLUME!r}, but are {short_list(grid.names)}")
-        tets, triangles = (grid.block(np.flatnonzero(own)) for own in (wide, ~wide))
+        tets, triangles = (grid.block(np.flatnonzero(some)) for some in (wide, ~wide))
         patch, face = (grid.array("CellData", name)[~wide].astype(np.intp) for name in ("patch", "cad_face"))
         assert isinstance(tets, Cells)
         assert isinstance(triangles, Cells)
@@ -156,14 +156,14 @@ class _Grid:
 
     def all(self, section: str) -> dict[str, Element]:
         """Return all arrays of a section by name."""
-        return {one.get("Name", ""): one for one in self.head.iterfind(f".//{section}/*")}
+        return {element.get("Name", ""): element for element in self.head.iterfind(f".//{section}/*")}
 
     def array(self, section: str, name: str) -> Array:
         """Return an array (K,) or (K, columns)."""
-        found = self.all(section).get(name)
-        if found is None:
+        element = self.all(section).get(name)
+        if element is None:
             raise MeshFileError(f"has no array {name} in {section}")
-        begin = self.start + int(found.get("offset", "none"))
+        begin = self.start + int(element.get("offset", "none"))
         blocks, size, last = np.frombuffer(self.data, "<u8", 3, begin).tolist()
         packed = np.frombuffer(self.data, "<u8", blocks, begin + 24).astype(np.intp)
         ends = begin + 24 + 8 * blocks + np.cumsum(packed)
@@ -173,7 +173,7 @@ class _Grid:
         body = [zlib.decompressobj().decompress(self.data[a:b], length + 1) for a, b, length in parts]
         if [len(part) for part in body] != sizes:
             raise MeshFileError("is damaged: a packed block is of another size than is announced")
-        kind, columns = found.get("type", "").lower(), int(found.get("NumberOfComponents", "1"))
+        kind, columns = element.get("type", "").lower(), int(element.get("NumberOfComponents", "1"))
         values = np.frombuffer(b"".join(body), np.dtype("uint8" if kind == "string" else kind))
         return values.reshape(-1, columns) if columns > 1 else values
 
@@ -219,14 +219,14 @@ class _Grid:
         """Return cells by type, in the order in which types first appear, and patches."""
         types, names = self.types, self.names
         label = self.array("CellData", "patch") if names else np.zeros(len(types), dtype=np.intp)
-        found: list[list[Any]] = [[] for _ in (names or (VOLUME,))]
-        for number, own in enumerate(found):
+        by_patch: list[list[Any]] = [[] for _ in (names or (VOLUME,))]
+        for number, blocks in enumerate(by_patch):
             kinds, first = np.unique(types[rows := np.flatnonzero(label == number)], return_index=True)
             for kind in kinds[np.argsort(first)]:
                 some = rows[types[rows] == kind]
-                own.append(self.solids(some) if kind == POLYHEDRON else self.block(some))
-        patches = tuple(Patch(name, tuple(faces)) for name, faces in zip(names[1:], found[1:], strict=True))
-        return Mesh(self.array("Points", "Points"), tuple(found[0]), patches)
+                blocks.append(self.solids(some) if kind == POLYHEDRON else self.block(some))
+        patches = tuple(Patch(name, tuple(faces)) for name, faces in zip(names[1:], by_patch[1:], strict=True))
+        return Mesh(self.array("Points", "Points"), tuple(by_patch[0]), patches)
 
 
 def _face_starts(stream: IntArray, begin: list[int]) -> tuple[IntArray, IntArray]:
@@ -313,13 +313,13 @@ def _cells(
         return nodes, sizes, types, {}
     stream, ends = [], np.full(len(types), -1)
     first = begin = 0
-    for block, (_, own, _) in zip(blocks, parts, strict=True):
+    for block, (_, starts, _) in zip(blocks, parts, strict=True):
         if isinstance(block, Polyhedra):
             faces, last = _face_stream(block)
-            ends[first : first + len(own)] = begin + last
+            ends[first : first + len(starts)] = begin + last
             stream.append(faces)
             begin += len(faces)
-        first += len(own)
+        first += len(starts)
     return nodes, sizes, types, {"faces": np.concatenate(stream), "faceoffsets": ends}
 
 

@@ -57,8 +57,8 @@ def part(mesh: Mesh, zone: Zone) -> Mesh:
     cells = [block for block in (_cells_inside(block, zone) for block in mesh.cells) if len(block)]
     patches = [patch for patch in (_patch_inside(patch, zone) for patch in mesh.patches) if patch.faces]
     pairs = [pair for pair in mesh.periodic if ((pair.nodes >= zone.start) & (pair.nodes < zone.stop)).all()]
-    own = [replace(pair, nodes=pair.nodes - zone.start, patches=_own(pair.patches, zone)) for pair in pairs]
-    return Mesh(mesh.points[zone.start : zone.stop], tuple(cells), tuple(patches), periodic=tuple(own))
+    zone_pairs = [replace(pair, nodes=pair.nodes - zone.start, patches=_own(pair.patches, zone)) for pair in pairs]
+    return Mesh(mesh.points[zone.start : zone.stop], tuple(cells), tuple(patches), periodic=tuple(zone_pairs))
 
 
 def _patch_inside(patch: Patch, zone: Zone) -> Patch:
@@ -172,9 +172,9 @@ def pairs_of(patches: Sequence[Patch], listed: Iterable[Listed], places: Places)
     for name, nodes in listed:
         try:
             new = _fit(name, ("", ""), nodes, places)
-            one, other = (_holder(every, f"{name}~{i}", side) for i, side in enumerate(new.nodes.T, 1))
-            every += [patch for patch in dict.fromkeys((one, other)) if patch not in every]
-            _enter(pairs, replace(new, patches=(one.name, other.name)), places)
+            first, second = (_holder(every, f"{name}~{i}", side) for i, side in enumerate(new.nodes.T, 1))
+            every += [patch for patch in dict.fromkeys((first, second)) if patch not in every]
+            _enter(pairs, replace(new, patches=(first.name, second.name)), places)
         except InputError as error:
             notes.append(f"{error}; the pair is left out")
     return Pairs(tuple(pairs), tuple(every), tuple(notes))
@@ -199,9 +199,9 @@ def _holder(patches: Sequence[Patch], name: str, nodes: IntArray) -> Patch:
 
 
 def _has(known: IntArray, nodes: IntArray) -> bool:
-    for own in (nodes[:1], nodes):  # most patches have not even the first
-        at = np.minimum(np.searchsorted(known, own), len(known) - 1)
-        if not np.array_equal(known[at], own):
+    for some in (nodes[:1], nodes):  # most patches have not even the first
+        at = np.minimum(np.searchsorted(known, some), len(known) - 1)
+        if not np.array_equal(known[at], some):
             return False
     return True
 

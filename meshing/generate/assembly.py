@@ -104,12 +104,12 @@ def cad_faces(points: FloatArray, triangles: IntArray, surface: InputSurface) ->
     normals = unit_normals(points, triangles)
     best, chosen = np.full(len(triangles), np.inf), np.full(len(triangles), -1)
     for face in np.unique(surface.face):
-        own = surface.outer[surface.face == face]
-        extent = surface.points[own].reshape(-1, 3)
+        nearby = surface.outer[surface.face == face]
+        extent = surface.points[nearby].reshape(-1, 3)
         above, below = centres + edges[:, None] > extent.min(axis=0), centres - edges[:, None] < extent.max(axis=0)
         near = np.flatnonzero((above & below).all(axis=1))
-        distance, index = ClosestTriangle(surface.points, own)(centres[near])
-        agreement = _dots(unit_normals(surface.points, own)[index], normals[near])
+        distance, index = ClosestTriangle(surface.points, nearby)(centres[near])
+        agreement = _dots(unit_normals(surface.points, nearby)[index], normals[near])
         cost = distance + NORMAL_WEIGHT * edges[near] * (1.0 - agreement)
         better = cost < best[near]
         best[near[better]], chosen[near[better]] = cost[better], face
@@ -183,8 +183,8 @@ class ClosestTriangle:
         """Return the distance (P,) in metres and the index (P,) of the triangle nearest to each point (P, 3)."""
         squared, index = np.empty(len(points)), np.empty(len(points), dtype=np.intp)
         cell, spot = vtkGenericCell(), [0.0, 0.0, 0.0]
-        found, part, away = (cast("Any", reference(zero)) for zero in (0, 0, 0.0))
+        triangle, part, away = (cast("Any", reference(zero)) for zero in (0, 0, 0.0))
         for i, point in enumerate(points.tolist()):
-            self._locator.FindClosestPoint(point, spot, cell, found, part, away)
-            squared[i], index[i] = away, found
+            self._locator.FindClosestPoint(point, spot, cell, triangle, part, away)
+            squared[i], index[i] = away, triangle
         return np.sqrt(squared), index

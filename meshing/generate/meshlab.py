@@ -55,13 +55,13 @@ def triangulate(model: "CadModel") -> Triangulation:
     """Return points (N, 3), triangles (T, 3) of all CAD faces, without those of no area, and the face (T,) of each."""
     points, triangles, face, count = [], [], [], 0
     for index, cad in enumerate(model.faces):
-        nodes, own = cad.tessellation(DEFLECTION)
-        corners = nodes[own]
+        nodes, rows = cad.tessellation(DEFLECTION)
+        corners = nodes[rows]
         doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        own = own[doubled.any(axis=1)]
+        rows = rows[doubled.any(axis=1)]
         points.append(nodes)
-        triangles.append(own + count)
-        face.append(np.full(len(own), index))
+        triangles.append(rows + count)
+        face.append(np.full(len(rows), index))
         count += len(nodes)
     return np.concatenate(points), np.concatenate(triangles), np.concatenate(face)
 

@@ -122,14 +122,14 @@ def _worst(mesh: Mesh, quality: FloatArray) -> dict[str, WorstCell]:
     order = np.argsort(-quality, kind="stable")
     worst_cell = np.zeros(len(mesh.points), dtype=np.intp)
     worst_cell[tets_of(mesh)[order]] = order[:, None]
-    found = {}
+    worst = {}
     for name in mesh.names:
         cells = worst_cell[mesh.on(name)]
         if len(cells):
             cell = cells[np.argmin(quality[cells])]
             x, y, z = mesh.points[tets_of(mesh)[cell]].mean(axis=0)
-            found[name] = WorstCell(float(quality[cell]), (float(x), float(y), float(z)))
-    return found
+            worst[name] = WorstCell(float(quality[cell]), (float(x), float(y), float(z)))
+    return worst
 
 
 def _quality_failures(summary: Quality, parameters: MeshParameters) -> Iterator[str]:

@@ -76,14 +76,14 @@ def _outward(model: CadModel, points: FloatArray, triangles: IntArray, face: Int
     """Return triangles (T, 3) oriented out of the solid; those of a face (T,) have one orientation already."""
     turned = triangles.copy()
     for index, cad in enumerate(model.faces):
-        own = np.flatnonzero(face == index)
-        corners = points[triangles[own]]
+        rows = np.flatnonzero(face == index)
+        corners = points[triangles[rows]]
         astray = np.abs(cad.project(corners[:, 0]) - corners[:, 0]).max()
         if astray > ASTRAY:
             raise MeshingError(f"gmsh's face {index} lies {astray:.1e} m off the CAD face on {cad.patch}")
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         if np.einsum("ij,ij->", normals, cad.normal_at(corners.mean(axis=1))) < 0.0:
-            turned[own] = triangles[own][:, ::-1]
+            turned[rows] = triangles[rows][:, ::-1]
     return turned
 
 

@@ -105,8 +105,8 @@ class AffectedCells:
         """Yield each type of affected cells, and which cells (C,) have it."""
         masks, start = dict[str, BoolArray](), 0
         for block, rows in zip(self.mesh.cells, self.rows, strict=True):
-            for name, _, _, own in parts_of(block, rows):
-                masks.setdefault(name, np.zeros(self.count, dtype=np.bool_))[start : start + len(rows)][own] = True
+            for name, _, _, typed in parts_of(block, rows):
+                masks.setdefault(name, np.zeros(self.count, dtype=np.bool_))[start : start + len(rows)][typed] = True
             start += len(rows)
         yield from masks.items()
 

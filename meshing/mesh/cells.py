@@ -42,33 +42,33 @@ Constraint = Literal["", "symmetry", "empty", "wedge"]
 def whole(values: ArrayLike, what: str) -> IntArray:
     """Return the values as an array; InputError, which names `what`, unless they are whole numbers."""
     try:
-        found = np.asarray(values)
+        array = np.asarray(values)
     except ValueError:
         raise InputError(f"{what}: rows of different lengths") from None
-    if found.dtype.kind in "iu":
-        return found.astype(found.dtype.newbyteorder("="), copy=False)
-    if found.size:
-        raise InputError(f"{what} must be whole numbers, not {found.dtype}")
-    return found.astype(np.intp)
+    if array.dtype.kind in "iu":
+        return array.astype(array.dtype.newbyteorder("="), copy=False)
+    if array.size:
+        raise InputError(f"{what} must be whole numbers, not {array.dtype}")
+    return array.astype(np.intp)
 
 
 def real(values: ArrayLike, what: str) -> FloatArray:
     """Return the values as an array; InputError, which names `what`, unless they are floating-point numbers."""
     try:
-        found = np.asarray(values)
-        if found.dtype.kind not in "iufO":
+        array = np.asarray(values)
+        if array.dtype.kind not in "iufO":
             raise TypeError
-        return found.astype(np.float64, copy=False)
+        return array.astype(np.float64, copy=False)
     except (TypeError, ValueError, OverflowError):
         raise InputError(f"{what} must be real numbers, in rows of one length") from None
 
 
 def bounded(values: ArrayLike, what: str) -> FloatArray:
     """Return the values as an array; InputError, which names `what`, unless they are finite and below `LARGEST`."""
-    found = real(values, what)
-    if not (found.min(initial=0.0) > -LARGEST and found.max(initial=0.0) < LARGEST):
+    array = real(values, what)
+    if not (array.min(initial=0.0) > -LARGEST and array.max(initial=0.0) < LARGEST):
         raise InputError(f"{what}: a coordinate is not finite, or beyond {LARGEST:g}")
-    return found
+    return array
 
 
 def several(values: object, kinds: tuple[type, ...], what: str) -> tuple[Any, ...]:
@@ -128,8 +128,8 @@ class Polygons:
 
     def rows(self, start: int, stop: int) -> Polygons:
         """Return faces start to stop - 1."""
-        own = self.offsets[start : stop + 1]
-        return Polygons(self.nodes[own[0] : own[-1]], own - own[0])
+        ends = self.offsets[start : stop + 1]
+        return Polygons(self.nodes[ends[0] : ends[-1]], ends - ends[0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -83,9 +83,9 @@ class Triangles:
         low, high = np.empty((2 << levels, 3)), np.empty((2 << levels, 3))
         low[1 << levels :], high[1 << levels :] = leaves.min(axis=1), leaves.max(axis=1)
         for level in range(levels - 1, -1, -1):
-            own, below = slice(1 << level, 2 << level), slice(2 << level, 4 << level)
-            low[own] = low[below].reshape(-1, 2, 3).min(axis=1)
-            high[own] = high[below].reshape(-1, 2, 3).max(axis=1)
+            boxes, below = slice(1 << level, 2 << level), slice(2 << level, 4 << level)
+            low[boxes] = low[below].reshape(-1, 2, 3).min(axis=1)
+            high[boxes] = high[below].reshape(-1, 2, 3).max(axis=1)
         return cls(np.ascontiguousarray(corners), order, low, high)
 
     def closest(self, points: FloatArray) -> Closest:
@@ -145,10 +145,10 @@ def _search(
                         best, rows[i] = distance, row
                         weights[i, 0], weights[i, 1], weights[i, 2] = u, v, w
                 continue
-            one, other = _gap(p, low[2 * box], high[2 * box]), _gap(p, low[2 * box + 1], high[2 * box + 1])
-            swap = 1 if one < other else 0
-            waiting[count], gaps[count] = 2 * box + swap, max(one, other)
-            waiting[count + 1], gaps[count + 1] = 2 * box + 1 - swap, min(one, other)
+            left, right = _gap(p, low[2 * box], high[2 * box]), _gap(p, low[2 * box + 1], high[2 * box + 1])
+            swap = 1 if left < right else 0
+            waiting[count], gaps[count] = 2 * box + swap, max(left, right)
+            waiting[count + 1], gaps[count + 1] = 2 * box + 1 - swap, min(left, right)
             count += 2
 
 

@@ -153,19 +153,19 @@ class _NearbyFaces:
             in_chunks(chunk, len(some), COST)
 
         search(rows, count, none)
-        own = np.flatnonzero(count)
-        begin = np.cumsum(count[own]) - count[own]
+        crossing = np.flatnonzero(count)
+        begin = np.cumsum(count[crossing]) - count[crossing]
         pairs = np.empty((int(count.sum()), 2), dtype=np.intp)
-        search(rows[own], begin, pairs)
+        search(rows[crossing], begin, pairs)
         return np.unique(np.sort(self.face[pairs], axis=1), axis=0)
 
     def new(self, now: IntArray, before: IntArray) -> IntArray:
         """Return the pairs (Q, 2) of `now` that are not in `before`, except those of patches that overlapped before."""
         known = np.isin(_keys(now, len(self.moved)), _keys(before, len(self.moved)))
         ours, theirs = (np.sort(self.patch[pairs], axis=1) for pairs in (now, before))
-        for one, other in np.unique(theirs, axis=0):
-            if one != other and not self._touch(int(one), int(other)):
-                known |= (ours == (one, other)).all(axis=1)
+        for first, second in np.unique(theirs, axis=0):
+            if first != second and not self._touch(int(first), int(second)):
+                known |= (ours == (first, second)).all(axis=1)
         return now[~known]
 
     def confirm(self, pairs: IntArray, points: FloatArray) -> IntArray:
@@ -182,8 +182,8 @@ class _NearbyFaces:
         again = skin.intersecting(np.vstack([points, centres]))
         return pairs[np.isin(_keys(pairs, len(self.moved)), _keys(again, len(self.moved)))]
 
-    def _touch(self, one: int, other: int) -> bool:
-        ours, theirs = (distinct(self.labels[self.patch[self.face] == patch, :3]) for patch in (one, other))
+    def _touch(self, first: int, second: int) -> bool:
+        ours, theirs = (distinct(self.labels[self.patch[self.face] == patch, :3]) for patch in (first, second))
         return len(np.intersect1d(ours, theirs, assume_unique=True)) > 0
 
 
@@ -205,7 +205,7 @@ def _triangulate(faces: Polygons) -> tuple[IntArray, IntArray]:
     face = np.repeat(np.arange(len(faces)), count)
     step = 1 + np.arange(len(face)) - np.repeat(np.cumsum(count) - count, count)
     last = np.minimum(step + 1, sizes[face] - 1)
-    return np.column_stack([faces.nodes[starts[face] + own] for own in (0, step, last)]), face
+    return np.column_stack([faces.nodes[starts[face] + corner] for corner in (0, step, last)]), face
 
 
 def _triangulate_at(faces: Polygons, centres: IntArray) -> tuple[IntArray, IntArray]:
@@ -223,7 +223,7 @@ def _search(
     """Count the triangles that intersect each of `rows` (R,) in `begin`, or write the pairs (P, 2) at `begin`."""
     leaves, waiting = len(tree.low) // 2, np.empty(DEPTH, dtype=np.intp)
     for i in range(len(rows)):
-        found, count = 0, 1
+        number, count = 0, 1
         waiting[0] = 1
         while count:
             count -= 1
@@ -234,9 +234,9 @@ def _search(
                 waiting[count], waiting[count + 1] = 2 * box, 2 * box + 1
                 count += 2
             else:
-                found += _in_leaf(rows[i], (box - leaves) * LEAF, tree, plane, tolerance, pairs[begin[i] + found :])
+                number += _in_leaf(rows[i], (box - leaves) * LEAF, tree, plane, tolerance, pairs[begin[i] + number :])
         if not len(pairs):
-            begin[i] = found
+            begin[i] = number
 
 
 @compiled_exactly
@@ -247,21 +247,21 @@ def _in_leaf(
 
     The pair of two moved triangles belongs to the first of them.
     """
-    found = 0
+    number = 0
     for place in range(start, start + LEAF):
         other = tree.order[place]
         if (tree.moved[other] and other <= row) or _neighbours(tree.labels[row], tree.labels[other]):
             continue
-        one, two = tree.corners[row], tree.corners[other]
+        first, second = tree.corners[row], tree.corners[other]
         if plane:
-            through = _separates(one, two, tolerance) and _separates(two, one, tolerance)
+            through = _separates(first, second, tolerance) and _separates(second, first, tolerance)
         else:
-            through = _edges_through(one, two, tolerance) or _edges_through(two, one, tolerance)
+            through = _edges_through(first, second, tolerance) or _edges_through(second, first, tolerance)
         if through:
             if len(pairs):
-                pairs[found, 0], pairs[found, 1] = row, other
-            found += 1
-    return found
+                pairs[number, 0], pairs[number, 1] = row, other
+            number += 1
+    return number
 
 
 @compiled_exactly
@@ -274,12 +274,12 @@ def _apart(t: FloatArray, low: FloatArray, high: FloatArray) -> bool:  # pragma:
 
 
 @compiled_exactly
-def _neighbours(one: IntArray, other: IntArray) -> bool:  # pragma: no cover - compiled
+def _neighbours(first: IntArray, second: IntArray) -> bool:  # pragma: no cover - compiled
     """Return whether two triangles share a node, or belong to different zones."""
-    shared = one[3] != other[3]
+    shared = first[3] != second[3]
     for i in range(3):
         for j in range(3):
-            shared |= one[i] == other[j]
+            shared |= first[i] == second[j]
     return bool(shared)
 
 

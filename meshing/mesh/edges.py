@@ -44,11 +44,11 @@ def area_vectors(points: FloatArray, faces: Polygons) -> FloatArray:
         return np.column_stack([way[:, 1], -way[:, 0], np.zeros(len(way))])
     out = np.empty((len(faces), 3))
     for part in rows_of(len(faces), ROWS):
-        own = faces.rows(part.start, part.stop)
-        edges, face = edges_of(own)
-        origin = points[own.nodes[own.offsets[:-1]]][face]
+        some = faces.rows(part.start, part.stop)
+        edges, face = edges_of(some)
+        origin = points[some.nodes[some.offsets[:-1]]][face]
         crosses = np.cross(points[edges[:, 0]] - origin, points[edges[:, 1]] - origin)
-        out[part] = 0.5 * np.add.reduceat(crosses, own.offsets[:-1], axis=0)
+        out[part] = 0.5 * np.add.reduceat(crosses, some.offsets[:-1], axis=0)
     return out
 
 

@@ -141,8 +141,8 @@ def inner_patches(patches: Iterable[Patch], cells: Callable[[], Iterable[Volume]
         for faces in chosen.values():
             marked[faces.nodes] = True
         keys = node_keys(points) if some else np.empty(0, np.uint64)
-        found = [part for block in (cells() if some else ()) for part in cell_face_keys((block,), keys, marked)]
-        known, count = count_distinct(_join(found))
+        parts = [part for block in (cells() if some else ()) for part in cell_face_keys((block,), keys, marked)]
+        known, count = count_distinct(_join(parts))
         between = known[count > 1]
         some = {name: some[name] for name, faces in chosen.items() if _among(face_keys(faces, keys), between).all()}
     return {*some}
@@ -175,16 +175,16 @@ def cell_face_keys(cells: Iterable[Volume], keys: Keys, marked: Marks) -> Iterat
         for start in range(0, len(block), ROWS):
             nodes = block.nodes[start : start + ROWS]
             least = min(map(len, FACES[block.shape]))
-            own = nodes[sum(among[corner] for corner in nodes.T) >= least]  # much faster than by rows
+            near = nodes[sum(among[corner] for corner in nodes.T) >= least]  # much faster than by rows
             for face in FACES[block.shape]:
-                corners = own[:, list(face)]
+                corners = near[:, list(face)]
                 yield keys[corners[among[corners].all(axis=1)]].sum(axis=1, dtype=np.uint64)
 
 
-def _among(own: Keys, known: Keys) -> Marks:
+def _among(keys: Keys, known: Keys) -> Marks:
     """Return which keys (F,) are among the sorted keys `known` (K,)."""
-    place = np.searchsorted(known, own)
-    return np.asarray(known[np.minimum(place, len(known) - 1)] == own) if len(known) else np.zeros(len(own), np.bool_)
+    place = np.searchsorted(known, keys)
+    return np.asarray(known[np.minimum(place, len(known) - 1)] == keys) if len(known) else np.zeros(len(keys), np.bool_)
 
 
 def _join(parts: list[Keys]) -> Keys:
@@ -205,10 +205,10 @@ def _keys_of(block: Volume, rows: IntArray, marked: Marks, keys: Keys) -> Keys:
     Two faces of polyhedra with equal nodes and one owner each form a baffle, not a face between two cells.
     """
     if isinstance(block, Polyhedra):
-        found, own = face_keys(block.faces, keys), _with_any(block.faces, marked)
-        inner, outer = np.split(own, [len(block.neighbour)])
-        between = found[: len(inner)][inner]
-        return np.concatenate([between, between, distinct(found[len(inner) :][outer])])
+        all_keys, marked_rows = face_keys(block.faces, keys), _with_any(block.faces, marked)
+        inner, outer = np.split(marked_rows, [len(block.neighbour)])
+        between = all_keys[: len(inner)][inner]
+        return np.concatenate([between, between, distinct(all_keys[len(inner) :][outer])])
     return _join([face_keys(faces, keys)[_with_any(faces, marked)] for faces in faces_of(block, rows)])
 
 
@@ -229,6 +229,6 @@ def _nodes_of(affected: AffectedCells, keys: Keys, wanted: Keys) -> IntArray:
 def _nodes_in(block: Volume, rows: IntArray, keys: Keys, wanted: Keys) -> IntArray:
     """Return the nodes (K,) of those faces of cells (R,) of a block that have one of the wanted keys."""
     if isinstance(block, Polyhedra):
-        own = np.isin(face_keys(block.faces, keys), wanted)
-        return block.faces.nodes[np.repeat(own, np.diff(block.faces.offsets))]
+        wanted_faces = np.isin(face_keys(block.faces, keys), wanted)
+        return block.faces.nodes[np.repeat(wanted_faces, np.diff(block.faces.offsets))]
     return union(*(faces.nodes[np.isin(face_keys(faces, keys), wanted)] for faces in faces_of(block, rows)))

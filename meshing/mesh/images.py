@@ -74,13 +74,13 @@ class Images:
         sides = list(zip(pairs, ends, strict=True))
         turn = _turns(sides, group)
         bound = np.zeros((int(group.max()) + 1, 3, 3))
-        for pair, (one, other) in ((pair, own.T) for pair, own in sides):
-            back = np.swapaxes(turn[other], 1, 2) @ pair.rotation @ turn[one] - np.eye(3)
-            np.add.at(bound, group[one], np.swapaxes(back, 1, 2) @ back)
+        for pair, (first, second) in ((pair, sides_of.T) for pair, sides_of in sides):
+            back = np.swapaxes(turn[second], 1, 2) @ pair.rotation @ turn[first] - np.eye(3)
+            np.add.at(bound, group[first], np.swapaxes(back, 1, 2) @ back)
             plane = plane_of(mesh, pair.nodes[:, 0])
             if plane and not set(flat).isdisjoint(pair.patches):
-                normal = np.einsum("kji,j->ki", turn[one], plane.normal)
-                np.add.at(bound, group[one], normal[:, :, None] * normal[:, None, :])
+                normal = np.einsum("kji,j->ki", turn[first], plane.normal)
+                np.add.at(bound, group[first], normal[:, :, None] * normal[:, None, :])
         return cls(nodes, group, _whole(turn), _whole(_free(bound)))
 
     def projected(self, displacement: FloatArray) -> FloatArray:
@@ -90,9 +90,9 @@ class Images:
         """
         if not len(self.nodes):
             return displacement
-        out, own = np.array(displacement), np.einsum("kji,kj->ki", self.turn, displacement[self.nodes])
+        out, back = np.array(displacement), np.einsum("kji,kj->ki", self.turn, displacement[self.nodes])
         count = np.bincount(self.group)
-        mean = np.stack([np.bincount(self.group, weights=own[:, i]) / count for i in range(3)], axis=1)
+        mean = np.stack([np.bincount(self.group, weights=back[:, i]) / count for i in range(3)], axis=1)
         mean = np.einsum("gij,gj->gi", self.free, mean)
         out[self.nodes] = np.einsum("kij,kj->ki", self.turn, mean[self.group])
         return out
@@ -119,9 +119,9 @@ class Images:
             return Images()
         row = np.full(max(int(self.nodes[-1]), int(nodes.max())) + 1, -1, dtype=np.intp)
         row[nodes] = np.arange(len(nodes))
-        own = self.within(row >= 0)
-        order = np.argsort(row[own.nodes])
-        return Images(row[own.nodes][order], own.group[order], own.turn[order], own.free)
+        complete = self.within(row >= 0)
+        order = np.argsort(row[complete.nodes])
+        return Images(row[complete.nodes][order], complete.group[order], complete.turn[order], complete.free)
 
     def within(self, inside: BoolArray) -> Images:
         """Return the groups whose nodes are all in a mask (N,)."""
@@ -165,8 +165,8 @@ def _turns(sides: Sequence[tuple[Periodic, IntArray]], group: IntArray) -> Float
     known = np.zeros(len(group), dtype=np.bool_)
     known[np.unique(group, return_index=True)[1]] = True
     while not known.all():
-        for pair, (one, other) in ((pair, own.T) for pair, own in sides):
-            for start, end, rotation in ((one, other, pair.rotation), (other, one, pair.rotation.T)):
+        for pair, (first, second) in ((pair, nodes.T) for pair, nodes in sides):
+            for start, end, rotation in ((first, second, pair.rotation), (second, first, pair.rotation.T)):
                 new = known[start] & ~known[end]
                 turn[end[new]] = rotation @ turn[start[new]]
                 known[end[new]] = True
@@ -309,13 +309,13 @@ def match_nodes(
     """
     from scipy.spatial import cKDTree  # loading takes 0.1 s
 
-    one, other = patches
-    what = f"periodic patches {one.name} and {other.name}"
-    first, second = one.nodes, other.nodes
+    first_patch, second_patch = patches
+    what = f"periodic patches {first_patch.name} and {second_patch.name}"
+    first, second = first_patch.nodes, second_patch.nodes
     if len(first) != len(second) or not len(first):
         raise InputError(f"{what} have {len(first)} and {len(second)} nodes: they must match node by node")
     allowed = tolerance(points, first, second) if allowed is None else allowed
-    here, there = polygons_of(one.faces), polygons_of(other.faces)
+    here, there = polygons_of(first_patch.faces), polygons_of(second_patch.faces)
     if all(len(distinct(faces.nodes)) == len(first) for faces in (here, there)):
         moved = points[here.nodes] @ motion[0].T + motion[1]
         if (pairs := images_of_faces(here, there, moved, points[there.nodes], allowed)) is not None:
@@ -326,8 +326,9 @@ def match_nodes(
         worst = int(np.argmax(apart))
         place = ", ".join(f"{x:g}" for x in points[first[worst]])
         raise InputError(
-            f"{what}: the node at ({place}) has no image within {allowed:.3g}, the nearest node of {other.name} is "
-            f"{apart[worst]:.3g} away from it; check the rotation or the translation from {one.name} to {other.name}"
+            f"{what}: the node at ({place}) has no image within {allowed:.3g}, the nearest node of {second_patch.name} "
+            f"is {apart[worst]:.3g} away from it; check the rotation or the translation from {first_patch.name} to "
+            f"{second_patch.name}"
         )
     if len(distinct(rows)) < len(rows):
         raise InputError(f"{what}: two nodes have the same image, so the patches do not match node by node")
@@ -361,11 +362,11 @@ def fit_motion(
     if np.abs(there - here - (target - centre)).max() > allowed:
         rotation = rotation_of(here - centre, there - target)
     shift = np.median(there - here @ rotation.T, axis=0)  # the mean of equal numbers may differ in the last digits
-    found = Periodic(name, patches, nodes, rotation, shift)
-    apart = float(np.linalg.norm(found.image(here) - there, axis=1).max())
+    pair = Periodic(name, patches, nodes, rotation, shift)
+    apart = float(np.linalg.norm(pair.image(here) - there, axis=1).max())
     if not apart <= allowed:
         raise InputError(f"periodic pair {name}: no rigid motion leads to all images, the best one is {apart:.3g} off")
-    return found
+    return pair
 
 
 def nearest_rotation(here: FloatArray, there: FloatArray) -> FloatArray:
@@ -418,14 +419,14 @@ def pair_patches(mesh: Mesh, wanted: Sequence[PeriodicPatches]) -> Mesh:
 
     Raises InputError if a name means no patch or several, or if the patches do not match node by node.
     """
-    own = []
-    for one in wanted:
-        names = mesh.expand([one.first, one.second], "periodic")
+    pairs = []
+    for named in wanted:
+        names = mesh.expand([named.first, named.second], "periodic")
         if len(names) != 2:
             raise InputError(
-                f"{mesh.name}: periodic {one.first} {one.second} stands for {short_list(names)}; name two patches"
+                f"{mesh.name}: periodic {named.first} {named.second} stands for {short_list(names)}; name two patches"
             )
-        own.append(pair_of(mesh.points, (mesh.patch(names[0]), mesh.patch(names[1])), one))
-    taken = {name for pair in own for name in pair.patches}
+        pairs.append(pair_of(mesh.points, (mesh.patch(names[0]), mesh.patch(names[1])), named))
+    taken = {name for pair in pairs for name in pair.patches}
     kept = [pair for pair in mesh.periodic if not taken & set(pair.patches)]
-    return replace(mesh, periodic=(*kept, *own)) if own else mesh
+    return replace(mesh, periodic=(*kept, *pairs)) if pairs else mesh

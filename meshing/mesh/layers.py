@@ -93,7 +93,7 @@ class LayerColumns:
                 faces = _as_polygons([base for base, *_ in layer])
                 ends = np.cumsum([0, *(len(base) for base, *_ in layer)])
                 rows = (np.arange(a, b) for a, b in pairwise(ends))
-                measured.append(tuple(LayerCells(*own[:2], wall) for own, wall in zip(layer, rows, strict=True)))
+                measured.append(tuple(LayerCells(*flat[:2], wall) for flat, wall in zip(layer, rows, strict=True)))
             elif len(measured) < kept:
                 measured.append(tuple(_over(measured[-1], layer)))
         return cls(tuple(levels), forked, faces, tuple(measured))
@@ -191,7 +191,7 @@ def _frames(points: FloatArray, faces: Polygons, normal: FloatArray | None) -> F
     return np.stack([along, np.cross(up, along), up], axis=1)
 
 
-def _over(below: Sequence[LayerCells], found: Sequence[FlatCells]) -> Iterator[LayerCells]:
+def _over(below: Sequence[LayerCells], flat: Sequence[FlatCells]) -> Iterator[LayerCells]:
     """Yield the cells that stand on the tops of the layer below, with their wall faces."""
     keys, wall = (
         np.concatenate([_face_keys(cells.top) for cells in below]),
@@ -199,12 +199,12 @@ def _over(below: Sequence[LayerCells], found: Sequence[FlatCells]) -> Iterator[L
     )
     order = np.argsort(keys, kind="stable")
     keys, wall = keys[order], wall[order]
-    for base, top, _ in found:
-        own = _face_keys(base)
-        rank = np.argsort(own, kind="stable")
+    for base, top, _ in flat:
+        base_keys = _face_keys(base)
+        rank = np.argsort(base_keys, kind="stable")
         place = np.empty_like(rank)
-        place[rank] = np.minimum(np.searchsorted(keys, own[rank]), len(keys) - 1)
-        on = np.flatnonzero(keys[place] == own)
+        place[rank] = np.minimum(np.searchsorted(keys, base_keys[rank]), len(keys) - 1)
+        on = np.flatnonzero(keys[place] == base_keys)
         yield LayerCells(base[on], top[on], wall[place[on]])
 
 
@@ -240,7 +240,7 @@ def _layers(affected: AffectedCells, walls: IntArray) -> Iterator[list[FlatCells
         if isinstance(block, Polyhedra) or block.shape in BASES
     ]
     while True:
-        found, left = [], []
+        flat, left = [], []
         for block, rows in parts:
             cells, rest = _cells_on(block, rows, below)
             left.append((block, rest))
@@ -248,12 +248,12 @@ def _layers(affected: AffectedCells, walls: IntArray) -> Iterator[list[FlatCells
                 new = ~seen[top]
                 some = _flat(affected.places, base, top, highest) & new.any(axis=1)
                 if some.any():
-                    found.append(FlatCells(base[some], top[some], new[some]))
-        if not found:
+                    flat.append(FlatCells(base[some], top[some], new[some]))
+        if not flat:
             return
-        yield found
+        yield flat
         below[:] = False
-        for _, top, new in found:
+        for _, top, new in flat:
             below[top[new]] = seen[top[new]] = True
         parts, highest = left, FURTHER_HEIGHT
 
@@ -282,19 +282,19 @@ def _cells_on(block: Volume, rows: IntArray, wall: BoolArray) -> tuple[list[tupl
     if isinstance(block, Polyhedra):
         return prisms_on(block, len(rows), wall), rows
     sides = BASES[block.shape]
-    own = np.full(len(rows), -1, dtype=np.int8)
-    _side_on(block.nodes, rows, wall, np.array([[*base, *top] for base, top in sides]), own)
+    side = np.full(len(rows), -1, dtype=np.int8)
+    _side_on(block.nodes, rows, wall, np.array([[*base, *top] for base, top in sides]), side)
     cells = []
     for i, (base, top) in enumerate(sides):
-        if len(some := np.flatnonzero(own == i)):
+        if len(some := np.flatnonzero(side == i)):
             nodes = block.nodes[rows[some]]
             cells.append((nodes[:, list(base)], nodes[:, list(top)]))
-    return cells, rows[own < 0]
+    return cells, rows[side < 0]
 
 
 @compiled_exactly
 def _side_on(
-    nodes: IntArray, rows: IntArray, wall: BoolArray, sides: IntArray, own: NDArray[np.int8]
+    nodes: IntArray, rows: IntArray, wall: BoolArray, sides: IntArray, side: NDArray[np.int8]
 ) -> None:  # pragma: no cover - machine code
     """Fill in for each row the side, of `sides` (S, 2 k), with its base on the wall and its top off it."""
     half = sides.shape[1] // 2
@@ -309,7 +309,7 @@ def _side_on(
             for k in range(half):
                 on += wall[nodes[rows[r], sides[i, k]]]
             if on == half:
-                own[r] = i
+                side[r] = i
                 break
 
 

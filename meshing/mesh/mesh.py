@@ -197,8 +197,8 @@ class Mesh:
         """Return the note on an unreadable patch that a name or wildcard means; empty without one."""
         begin, end = ABSENT.split("{}")
         for note in self.notes:
-            name, found, _ = note.removeprefix(begin).partition(end)
-            if note.startswith(begin) and found and (meant(text, name) or text == name.rpartition("/")[2]):
+            name, separator, _ = note.removeprefix(begin).partition(end)
+            if note.startswith(begin) and separator and (meant(text, name) or text == name.rpartition("/")[2]):
                 return note
         return ""
 
@@ -218,10 +218,10 @@ class Mesh:
             return self
         whole = []
         for patch in (patch for patch in self.patches if not patch.part_of):
-            own = [one for one in (patch, *parts) if one.part_of in ("", patch.name)]
-            faces = tuple(faces for one in own for faces in one.faces)
-            loose = union(*(one.loose for one in own))
-            whole.append(replace(patch, faces=faces, loose=loose, labels={}) if own[1:] else patch)
+            joined = [piece for piece in (patch, *parts) if piece.part_of in ("", patch.name)]
+            faces = tuple(faces for piece in joined for faces in piece.faces)
+            loose = union(*(piece.loose for piece in joined))
+            whole.append(replace(patch, faces=faces, loose=loose, labels={}) if joined[1:] else patch)
         return replace(self, patches=(*whole, *self.inner), inner=())
 
     def with_points(self, points: FloatArray) -> Mesh:

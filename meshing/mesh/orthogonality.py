@@ -148,9 +148,9 @@ class Couples:
 
     def among(self, wanted: BoolArray) -> Couples:
         """Return the faces in a mask."""
-        own = wanted[self.faces]
+        rows = wanted[self.faces]
         return Couples(
-            self.faces[own], self.partners[own], self.rotations[own], self.shifts[own], self.second[own]
+            self.faces[rows], self.partners[rows], self.rotations[rows], self.shifts[rows], self.second[rows]
         )  # fmt: skip
 
 
@@ -159,12 +159,12 @@ def _coupled_faces(pair: Periodic, faces: Polygons, mesh: Mesh) -> tuple[IntArra
     keys, image = node_keys(len(mesh.points)), np.full(len(mesh.points), -1, dtype=np.intp)
     image[pair.nodes[:, 0]] = pair.nodes[:, 1]
     moved = np.logical_and.reduceat(image[faces.nodes] >= 0, faces.offsets[:-1])
-    own, key = np.flatnonzero(moved), face_keys(faces, keys)
+    moving, key = np.flatnonzero(moved), face_keys(faces, keys)
     order = np.argsort(key)
-    wanted = face_keys(faces, keys[image])[own]
+    wanted = face_keys(faces, keys[image])[moving]
     place = order[np.minimum(np.searchsorted(key, wanted, sorter=order), len(key) - 1)]
-    there = (key[place] == wanted) & (place != own)
-    pairs = np.column_stack([own[there], place[there]])
+    there = (key[place] == wanted) & (place != moving)
+    pairs = np.column_stack([moving[there], place[there]])
     return pairs, np.tile(pair.rotation, (len(pairs), 1, 1)), np.tile(pair.shift, (len(pairs), 1))
 
 
@@ -280,15 +280,15 @@ class AffectedFaces:
 
 def face_quality(mesh: Mesh) -> FaceQuality | None:
     """Return the figures of all faces of a mesh, as checkMesh has them; None without polyhedra."""
-    found, blocks = FaceQuality(), [block for block in mesh.cells if isinstance(block, Polyhedra)]
+    figures, blocks = FaceQuality(), [block for block in mesh.cells if isinstance(block, Polyhedra)]
     for block in blocks:
         sign, couples, rows = find_orientation(mesh.points, block)[0], Couples.of(mesh, block), np.arange(len(block))
         for part in rows_of(len(block), max(ROWS, -(-len(block) // PARTS))):
             ring = Ring.of(block, rows[part], sign, couples)
             owner = block.owner[ring.numbers]
-            own = (owner >= part.start) & (owner < part.stop)
-            found += ring.measure(mesh.points).quality(own)
-    return found if blocks else None
+            owned = (owner >= part.start) & (owner < part.stop)
+            figures += ring.measure(mesh.points).quality(owned)
+    return figures if blocks else None
 
 
 def _measure(rings: tuple[Ring, ...], points: FloatArray) -> State:
@@ -322,6 +322,6 @@ def _degrees(cosines: FloatArray) -> FloatArray:
 
 
 def _faces_of(cells: Polyhedra, some: BoolArray) -> BoolArray:
-    own = some[cells.owner]
-    own[: len(cells.neighbour)] |= some[cells.neighbour]
-    return own
+    rows = some[cells.owner]
+    rows[: len(cells.neighbour)] |= some[cells.neighbour]
+    return rows

@@ -334,7 +334,7 @@ class SomePolyhedra:
         """Return the cells as a separate mesh of the points with rising indices (N,), and the cells' indices (R,)."""
         cells = union(self.sides.owner, self.sides.neighbour)
         faces = Polygons(np.searchsorted(nodes, self.nodes), self.sides.faces.offsets)
-        owner, neighbour = (np.searchsorted(cells, own) for own in (self.sides.owner, self.sides.neighbour))
+        owner, neighbour = (np.searchsorted(cells, numbers) for numbers in (self.sides.owner, self.sides.neighbour))
         return Polyhedra(faces, owner, neighbour), cells
 
 

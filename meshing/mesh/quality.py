@@ -86,9 +86,9 @@ def quality_and_inverted(
     if isinstance(block, Polyhedra):
         pyramids = polyhedra.pyramids_of(points, block, rows, orientation)
         quality = pyramids.orthogonality
-        for _, cells, own, at in parts_of(block, rows):
+        for _, cells, cell_rows, at in parts_of(block, rows):
             if isinstance(cells, Cells):
-                quality[at] = compiled_quality.quality_and_inverted(points, cells, own, orientation)[0]
+                quality[at] = compiled_quality.quality_and_inverted(points, cells, cell_rows, orientation)[0]
         return quality, pyramids.inverted
     return compiled_quality.quality_and_inverted(points, block, rows, orientation)
 
@@ -193,9 +193,9 @@ def by_shape(points: FloatArray, parts: Iterable[tuple[Volume, IntArray | None, 
         if not len(block if rows is None else rows):
             continue
         value, bad = quality_and_inverted(points, block, rows, orientation)
-        for shape, _, _, own in parts_of(block, rows):
-            values.setdefault(shape, []).append(value[own])
-            inverted[shape] = inverted.get(shape, 0) + int(np.count_nonzero(bad[own]))
+        for shape, _, _, typed in parts_of(block, rows):
+            values.setdefault(shape, []).append(value[typed])
+            inverted[shape] = inverted.get(shape, 0) + int(np.count_nonzero(bad[typed]))
     return tuple(summarise(_join(values[shape]), shape, inverted[shape]) for shape in values)
 
 

@@ -63,8 +63,8 @@ class Part:
     @property
     def extent(self) -> tuple[FloatArray, FloatArray]:
         """Least and largest coordinates (3,) of the nodes."""
-        own = self.points[self._nodes[0]]
-        return own.min(axis=0), own.max(axis=0)
+        places = self.points[self._nodes[0]]
+        return places.min(axis=0), places.max(axis=0)
 
     @property
     def text(self) -> str:
@@ -104,7 +104,9 @@ class Part:
 def list_components(part: Part, labels: IntArray) -> str:
     """Return a text, for messages, on the first components (F,) of a part."""
     rest = labels.max(initial=-1) + 1 - LISTED
-    return "; ".join(one.text for one in part.cut(labels, MARK, LISTED)) + (f"; and {rest} more" if rest > 0 else "")
+    return "; ".join(component.text for component in part.cut(labels, MARK, LISTED)) + (
+        f"; and {rest} more" if rest > 0 else ""
+    )
 
 
 def point_text(point: Iterable[float]) -> str:
@@ -239,10 +241,10 @@ class Selection:
                 raise InputError(f"{what} {condition} leaves nothing of {part.text}")
             part = left
         part = replace(part, name=self.name)
-        found = [part] if self.sharp is None else self._regions(part, what)
-        if len(found) == 1 and len(part) == len(whole):
+        pieces = [part] if self.sharp is None else self._regions(part, what)
+        if len(pieces) == 1 and len(part) == len(whole):
             raise InputError(f"{what} these are all {len(whole)} faces of {patch}; name {patch} itself")
-        return patch, found
+        return patch, pieces
 
     def _resolve(self, mesh: Mesh, place: str) -> tuple[str, tuple[Condition, ...]]:
         base, mark, number = self.patch.rpartition(MARK)
@@ -273,26 +275,26 @@ def with_selections(mesh: Mesh, selections: Sequence[Selection], names: Iterable
 
     Raises InputError if a selection is empty or a whole patch, shares a face or a name, or if a name means no patch.
     """
-    found: dict[str, list[Part]] = {}
+    selected: dict[str, list[Part]] = {}
     for selection in selections:
-        _add(mesh, found, *selection.parts(mesh))
+        _add(mesh, selected, *selection.parts(mesh))
     for text in dict.fromkeys(names):
-        known = text in (*mesh.names, *_names(found)) or any(meant(text, name) for name in mesh.names)
+        known = text in (*mesh.names, *_names(selected)) or any(meant(text, name) for name in mesh.names)
         if MARK in text and not known:
-            for patch, parts in _components_of(mesh, found, text):
-                _add(mesh, found, patch, parts)
-    return with_parts(mesh, found)
+            for patch, parts in _components_of(mesh, selected, text):
+                _add(mesh, selected, patch, parts)
+    return with_parts(mesh, selected)
 
 
-def with_parts(mesh: Mesh, found: Mapping[str, Sequence[Part]]) -> Mesh:
+def with_parts(mesh: Mesh, selected: Mapping[str, Sequence[Part]]) -> Mesh:
     """Return a mesh with parts of patches, by the patches' names, as patches; the rest of a patch keeps its name."""
-    if not found:
+    if not selected:
         return mesh
-    patches = [piece for patch in mesh.patches for piece in _divide(patch, found.get(patch.name, ()))]
+    patches = [piece for patch in mesh.patches for piece in _divide(patch, selected.get(patch.name, ()))]
     return replace(mesh, patches=tuple(patches))
 
 
-def _components_of(mesh: Mesh, found: dict[str, list[Part]], text: str) -> Iterator[tuple[str, list[Part]]]:
+def _components_of(mesh: Mesh, selected: dict[str, list[Part]], text: str) -> Iterator[tuple[str, list[Part]]]:
     """Yield the components that ``patch#number`` or ``patch#*`` means, but none that share a face with other parts."""
     base, _, which = text.rpartition(MARK)
     if which.isascii() and which.isdigit():
@@ -303,28 +305,28 @@ def _components_of(mesh: Mesh, found: dict[str, list[Part]], text: str) -> Itera
         labels, free = part.components(), np.ones(len(part), dtype=np.bool_)
         if (count := labels.max(initial=-1) + 1) > MOST_PARTS:
             raise InputError(f"{mesh.name}: {text} stands for {count} components; name those that are meant")
-        for one in found.get(name, []):
-            free[one.rows] = False
+        for earlier in selected.get(name, []):
+            free[earlier.rows] = False
         parts = part.cut(labels, MARK) if count > 1 else []
         yield name, [part for part in parts if meant(text, part.name) and free[part.rows].all()]
 
 
-def _add(mesh: Mesh, found: dict[str, list[Part]], patch: str, parts: list[Part]) -> None:
+def _add(mesh: Mesh, selected: dict[str, list[Part]], patch: str, parts: list[Part]) -> None:
     """Add the parts of a patch; InputError if they share a face with earlier ones, or a name with any patch."""
-    taken, earlier = np.zeros(len(mesh.patch(patch)), dtype=np.bool_), tuple(found.get(patch, ()))
+    taken, earlier = np.zeros(len(mesh.patch(patch)), dtype=np.bool_), tuple(selected.get(patch, ()))
     for new in parts:
-        if new.name in (*mesh.names, *_names(found)):
+        if new.name in (*mesh.names, *_names(selected)):
             raise InputError(f"{mesh.name}: {new.name} is the name of two patches; choose another one")
         for old in earlier:
             taken[old.rows] = True
             if both := np.count_nonzero(taken[new.rows]):
                 raise InputError(f"{mesh.name}: {old.name} and {new.name} overlap: {both} faces of {patch} are in both")
             taken[old.rows] = False
-        found.setdefault(patch, []).append(new)
+        selected.setdefault(patch, []).append(new)
 
 
-def _names(found: dict[str, list[Part]]) -> list[str]:
-    return [part.name for parts in found.values() for part in parts]
+def _names(selected: dict[str, list[Part]]) -> list[str]:
+    return [part.name for parts in selected.values() for part in parts]
 
 
 def _divide(patch: Patch, parts: Sequence[Part]) -> Iterator[Patch]:
@@ -344,6 +346,6 @@ def _some(blocks: Sequence[Faces], rows: IntArray) -> Iterator[Faces]:
     starts = np.cumsum([0, *map(len, blocks)])
     groups = np.split(rows, np.searchsorted(rows, starts[1:-1]))
     for start, block, group in zip(starts, blocks, groups, strict=False):
-        own = group - start
-        if len(own):
-            yield Cells(block.shape, block.nodes[own]) if isinstance(block, Cells) else take_faces(block, own)
+        within = group - start
+        if len(within):
+            yield Cells(block.shape, block.nodes[within]) if isinstance(block, Cells) else take_faces(block, within)

@@ -47,8 +47,8 @@ def types_of(block: Polyhedra) -> CellTypes:
 
         in_chunks(find, len(block), WEIGHT)
         block.kept["types"] = CellTypes(shape, corners)
-    found: CellTypes = block.kept["types"]
-    return found
+    types: CellTypes = block.kept["types"]
+    return types
 
 
 def parts_of(block: Volume, rows: IntArray | None = None) -> Iterator[Part]:
@@ -100,15 +100,15 @@ def _find_types(
 ) -> None:  # pragma: no cover - machine code
     """Fill in the types (C,) of cells and their corners (C, 8)."""
     for cell in range(len(shape)):
-        sides, own = side[start[cell] : start[cell + 1]], corners[cell]
+        sides, cell_nodes = side[start[cell] : start[cell + 1]], corners[cell]
         kind = _kind(offsets, sides)
         if kind >= 0:
             size, ends = 3 if kind in (TETRA, WEDGE) else 4, kind >= WEDGE
-            _fill_base(nodes, offsets, sides, size, own)
-            single = _fill_opposite(nodes, offsets, sides, size, ends, own)
+            _fill_base(nodes, offsets, sides, size, cell_nodes)
+            single = _fill_opposite(nodes, offsets, sides, size, ends, cell_nodes)
             if kind != WEDGE:  # VTK's wedge has its first face outwards, the others inwards
-                _turn(own, size, ends)
-            if not single or not _is_whole(nodes, offsets, sides, 2 * size if ends else size + 1, own):
+                _turn(cell_nodes, size, ends)
+            if not single or not _is_whole(nodes, offsets, sides, 2 * size if ends else size + 1, cell_nodes):
                 kind = -1
         shape[cell] = kind
 
@@ -131,60 +131,60 @@ def _kind(offsets: IntArray, sides: IntArray) -> int:  # pragma: no cover - mach
 
 @compiled_exactly
 def _fill_base(
-    nodes: IntArray, offsets: IntArray, sides: IntArray, size: int, own: IntArray
+    nodes: IntArray, offsets: IntArray, sides: IntArray, size: int, corners: IntArray
 ) -> None:  # pragma: no cover - machine code
     """Fill in the nodes of the first side with `size` corners."""
     base = 0
     while _size(offsets, sides[base]) != size:
         base += 1
     for k in range(size):
-        own[k], own[size + k] = _corner(nodes, offsets, sides[base], k), -1
+        corners[k], corners[size + k] = _corner(nodes, offsets, sides[base], k), -1
 
 
 @compiled_exactly
 def _fill_opposite(
-    nodes: IntArray, offsets: IntArray, sides: IntArray, size: int, ends: bool, own: IntArray
+    nodes: IntArray, offsets: IntArray, sides: IntArray, size: int, ends: bool, corners: IntArray
 ) -> bool:  # pragma: no cover - machine code
     """Fill in the nodes opposite the base, by edges from it if `ends`; return whether each is unique."""
     single = True
     for s in range(len(sides)):
         count = _size(offsets, sides[s])
         last = _corner(nodes, offsets, sides[s], count - 1)
-        before = _place(own, size, last)
+        before = _place(corners, size, last)
         for j in range(count):
             node = _corner(nodes, offsets, sides[s], j)
-            place = _place(own, size, node)
+            place = _place(corners, size, node)
             if (before < 0) != (place < 0):
                 end, other = size + (max(before, place) if ends else 0), node if place < 0 else last
-                single = single and (own[end] < 0 or own[end] == other)
-                own[end] = other
+                single = single and (corners[end] < 0 or corners[end] == other)
+                corners[end] = other
             before, last = place, node
     return single
 
 
 @compiled_exactly
-def _turn(own: IntArray, size: int, ends: bool) -> None:  # pragma: no cover - machine code
+def _turn(corners: IntArray, size: int, ends: bool) -> None:  # pragma: no cover - machine code
     """Reverse the order of corners around the base and around the opposite face."""
     for k in range(1, (size + 1) // 2):
-        own[k], own[size - k] = own[size - k], own[k]
+        corners[k], corners[size - k] = corners[size - k], corners[k]
         if ends:
-            own[size + k], own[2 * size - k] = own[2 * size - k], own[size + k]
+            corners[size + k], corners[2 * size - k] = corners[2 * size - k], corners[size + k]
 
 
 @compiled_exactly
 def _is_whole(
-    nodes: IntArray, offsets: IntArray, sides: IntArray, total: int, own: IntArray
+    nodes: IntArray, offsets: IntArray, sides: IntArray, total: int, corners: IntArray
 ) -> bool:  # pragma: no cover - machine code
     """Return whether a cell's corners are distinct, with three sides at each, and four at the tip of a pyramid."""
     for k in range(total):
-        if own[k] < 0 or _place(own, k, own[k]) >= 0:
+        if corners[k] < 0 or _place(corners, k, corners[k]) >= 0:
             return False
     counts, expected = 0, 0
     for k in range(total):
         expected += (4 if total == 5 and k == 4 else 3) << 4 * k
     for s in range(len(sides)):
         for j in range(_size(offsets, sides[s])):
-            place = _place(own, total, _corner(nodes, offsets, sides[s], j))
+            place = _place(corners, total, _corner(nodes, offsets, sides[s], j))
             if place < 0:
                 return False
             counts += 1 << 4 * place
@@ -204,9 +204,9 @@ def _corner(nodes: IntArray, offsets: IntArray, side: int, k: int) -> int:  # pr
 
 
 @compiled_exactly
-def _place(own: IntArray, count: int, node: int) -> int:  # pragma: no cover - machine code
+def _place(corners: IntArray, count: int, node: int) -> int:  # pragma: no cover - machine code
     """Return the place of a node among the first `count`, or -1."""
     for k in range(count):
-        if own[k] == node:
+        if corners[k] == node:
             return k
     return -1

@@ -94,9 +94,9 @@ class MidPlane:
 
 def _along(vector: FloatArray) -> FloatArray | None:
     """Return the unit vector (3,) of the coordinate axis along a vector (3,); None if it is along none."""
-    found = vector / max(float(np.abs(vector).max()), np.finfo(float).tiny)
-    axis = np.round(found) + 0.0
-    return axis if np.count_nonzero(axis) == 1 and np.abs(found - axis).max() < ALONG else None
+    direction = vector / max(float(np.abs(vector).max()), np.finfo(float).tiny)
+    axis = np.round(direction) + 0.0
+    return axis if np.count_nonzero(axis) == 1 and np.abs(direction - axis).max() < ALONG else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,7 +130,10 @@ class ThinMesh:
         patches = _outlines(mesh, pair, front)
         if halfway is None or patches is None:
             return None
-        pairs = [replace(one, nodes=one.nodes[(front[one.nodes] == one.nodes).all(axis=1)]) for one in mesh.periodic]
+        pairs = [
+            replace(periodic, nodes=periodic.nodes[(front[periodic.nodes] == periodic.nodes).all(axis=1)])
+            for periodic in mesh.periodic
+        ]
         plane = replace(
             mesh,
             points=halfway.places(mesh.points),
@@ -170,10 +173,10 @@ def _outlines(mesh: Mesh, pair: Periodic, front: IntArray) -> tuple[Patch, ...] 
             patches.append(Patch(patch.name, (), constraint="empty"))
             continue
         edges, face = edges_of(polygons_of(patch.faces))
-        own = (front[edges] == edges).all(axis=1)
-        if (np.bincount(face[own], minlength=len(patch)) != 1).any():
+        front_edges = (front[edges] == edges).all(axis=1)
+        if (np.bincount(face[front_edges], minlength=len(patch)) != 1).any():
             return None
-        lines = (Cells("line", edges[own]),) if len(patch) else ()
+        lines = (Cells("line", edges[front_edges]),) if len(patch) else ()
         patches.append(Patch(patch.name, lines, front[patch.loose], patch.constraint))
     return tuple(patches)
 
@@ -189,6 +192,6 @@ def with_sides(mesh: Mesh, planes: Container[str]) -> Mesh:
         pair = fit_motion(mesh.points, "_".join(names), names, match_nodes(mesh.points, (sides[0], sides[1]), shift))
     except InputError:
         return mesh
-    one = replace(pair, thin=True)
-    found = replace(mesh, periodic=(*mesh.periodic, one))
-    return found if ThinMesh.of(found) else mesh
+    thin_pair = replace(pair, thin=True)
+    thin_mesh = replace(mesh, periodic=(*mesh.periodic, thin_pair))
+    return thin_mesh if ThinMesh.of(thin_mesh) else mesh

@@ -127,8 +127,8 @@ class Tetrahedra:
 
     def of_cells(self, mask: BoolArray) -> Tetrahedra:
         """Return the tetrahedra of cells in a mask (C,)."""
-        own = mask[self.cells]
-        return self if own.all() else Tetrahedra(self.nodes[own], self.cells[own], self.regular[own])
+        rows = mask[self.cells]
+        return self if rows.all() else Tetrahedra(self.nodes[rows], self.cells[rows], self.regular[rows])
 
     def inverse(self, points: FloatArray, rows: IntArray) -> FloatArray:
         """Return the inverse matrices (R, 9) of the target edges (columns) of some rows.
@@ -138,10 +138,10 @@ class Tetrahedra:
         """
         edges, regular, flat = _edges(points, self.nodes[rows]), self.regular[rows], _in_plane(self.nodes[rows])
         out = np.empty_like(edges)
-        for own, target, power in ((regular & ~flat, REGULAR, 3.0), (regular & flat, REGULAR_TRIANGLE, 2.0)):
-            size = (np.abs(np.linalg.det(edges[own])) / np.linalg.det(target)) ** (1.0 / power)
-            out[own] = np.linalg.inv(target)
-            out[own, : int(power)] /= np.where(size > 0.0, size, 1.0)[:, None, None]
+        for alike, target, power in ((regular & ~flat, REGULAR, 3.0), (regular & flat, REGULAR_TRIANGLE, 2.0)):
+            size = (np.abs(np.linalg.det(edges[alike])) / np.linalg.det(target)) ** (1.0 / power)
+            out[alike] = np.linalg.inv(target)
+            out[alike, : int(power)] /= np.where(size > 0.0, size, 1.0)[:, None, None]
         out[~regular] = np.linalg.inv(edges[~regular])
         return out.reshape(-1, 9)
 
@@ -161,10 +161,10 @@ def corners_of(points: FloatArray, block: Volume, rows: IntArray) -> tuple[IntAr
     edges = np.diff(first, append=len(node))
     fours, cells = [np.empty((0, 4), dtype=np.intp)], [np.empty(0, dtype=np.intp)]
     for count in np.unique(edges[edges > 2]):
-        own = first[edges == count]
+        nodes_at = first[edges == count]
         for three in combinations(range(count), 3):
-            fours.append(np.column_stack([node[own], *(end[own + k] for k in three)]))
-            cells.append(cell[own])
+            fours.append(np.column_stack([node[nodes_at], *(end[nodes_at + k] for k in three)]))
+            cells.append(cell[nodes_at])
     four = np.concatenate(fours)
     left = _solidity(points, four) < 0.0
     four[left] = four[left][:, [0, 2, 1, 3]]
@@ -210,7 +210,7 @@ class Tracks:
     def joined(cls, some: Sequence[Tracks]) -> Tracks:
         """Join the curves of several sets of nodes."""
         none = np.empty((0, 3))
-        return cls(*(np.concatenate([none, *(getattr(one, name) for one in some)]) for name in cls.__slots__))
+        return cls(*(np.concatenate([none, *(getattr(tracks, name) for tracks in some)]) for name in cls.__slots__))
 
     def projected(self, way: FloatArray) -> FloatArray:
         """Return displacements (K, 3) along the curves with the tangential components of `way` (K, 3)."""
@@ -229,7 +229,7 @@ class Tracks:
         """Return the distances (K,) from tangents to curves: the smaller root of a a^2 + 2 b a + c = 0."""
         beside = far[:, None] * self.along
         radial = self.radial + beside
-        a, b = (np.einsum("ij,ij->i", one, self.across) for one in (self.across, radial))
+        a, b = (np.einsum("ij,ij->i", vectors, self.across) for vectors in (self.across, radial))
         c = np.einsum("ij,ij->i", self.radial + radial, beside)
         sum_of_both = b + np.copysign(np.sqrt(np.maximum(b * b - a * c, 0.0)), b)
         return np.asarray(-c / np.where(sum_of_both == 0.0, np.inf, sum_of_both))
@@ -267,7 +267,7 @@ class IntersectionCurve:
         tangent = np.cross(self.plane.normal, radial)
         tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
         inward = np.cross(self.plane.normal, tangent)
-        return Tracks(tangent, inward, radial, *(axis.radial(one + axis.point) for one in (tangent, inward)))
+        return Tracks(tangent, inward, radial, *(axis.radial(vectors + axis.point) for vectors in (tangent, inward)))
 
     def distance(self, points: FloatArray) -> FloatArray:
         """Return the distance (N,) from the farther shape."""

@@ -57,9 +57,11 @@ class Energy:
 
     def __call__(self, points: FloatArray, eps: float, power: int) -> tuple[float, FloatArray]:
         """Return the energy and its gradient (U, 3) with the nodes at `points` (M, 3)."""
-        one, out, measures = self.elements, self._slopes, self._measures
+        elements, out, measures = self.elements, self._slopes, self._measures
         form = float(eps), int(power)
-        _blockwise(lambda a, b: _energies(points, one.nodes, one.targets, form, measures, out, (a, b)), len(out))
+        _blockwise(
+            lambda a, b: _energies(points, elements.nodes, elements.targets, form, measures, out, (a, b)), len(out)
+        )
         with np.errstate(over="ignore"):  # the energy of a nearly flat cell
             return float(measures[0].sum()), self._gather(out, 3)
 
@@ -74,16 +76,16 @@ class Energy:
 
         Parts that may be negative are left out; the matrix only scales a step.
         """
-        one, out = self.elements, np.empty((len(self.elements.nodes), 24))
+        elements, out = self.elements, np.empty((len(self.elements.nodes), 24))
         form = float(eps), int(power)
-        _blockwise(lambda a, b: _curvatures(points, one.nodes, one.targets, form, out, (a, b)), len(out))
+        _blockwise(lambda a, b: _curvatures(points, elements.nodes, elements.targets, form, out, (a, b)), len(out))
         return self._gather(out, 6)
 
     def _gather(self, values: FloatArray, width: int) -> FloatArray:
         """Add the values of elements at their four corners (E, 4 width) to each unknown node (U, width)."""
-        one = self.elements
-        total = np.empty((one.unknown, width))
-        _blockwise(lambda a, b: _sums(one.starts, one.corners, values, total, (a, b)), one.unknown)
+        elements = self.elements
+        total = np.empty((elements.unknown, width))
+        _blockwise(lambda a, b: _sums(elements.starts, elements.corners, values, total, (a, b)), elements.unknown)
         return total
 
 
@@ -127,9 +129,9 @@ def _energies(
                 first = 0.0
                 out[begin + i, 9 + k] = 0.0
                 for c in range(edges):
-                    one = scale * row[SLOPES + (3 * c + k) * LANES + i]
-                    out[begin + i, 3 * c + 3 + k] = one
-                    first -= one
+                    slope = scale * row[SLOPES + (3 * c + k) * LANES + i]
+                    out[begin + i, 3 * c + 3 + k] = slope
+                    first -= slope
                 out[begin + i, k] = first
 
 

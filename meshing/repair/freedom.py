@@ -256,8 +256,8 @@ class FreeNodes:
         While no polygon of a face is reversed, and its rim stays on its curves, all nodes are inside the rim.
         """
 
-        def moved(one: Slide) -> bool:
-            return not np.array_equal(points[one.nodes], start[one.nodes])
+        def moved(bound: Slide) -> bool:
+            return not np.array_equal(points[bound.nodes], start[bound.nodes])
 
         return tuple(
             slide for slide in self.slides if moved(slide) and any(_folds(start, points, f) for f in slide.faces)
@@ -270,13 +270,13 @@ class FreeNodes:
     def closure(self, nodes: IntArray, size: int) -> IntArray:
         """Return sorted nodes (K,) with all nodes that move with them; `size` is the number of nodes of the mesh."""
         while True:
-            found = self.columns.closure(nodes, size)
+            joined = self.columns.closure(nodes, size)
             if not len(self.images.nodes):
-                return found
-            found = self.images.closure(found, size)
-            if len(found) == len(nodes):
-                return found
-            nodes = found
+                return joined
+            joined = self.images.closure(joined, size)
+            if len(joined) == len(nodes):
+                return joined
+            nodes = joined
 
     def without_nodes(self, nodes: IntArray) -> FreeNodes:
         """Return the free nodes without some nodes (K,), which stay."""
@@ -331,14 +331,14 @@ def _pieces(
 ) -> list[IntArray]:
     """Add the faces of a patch to `pieces`; return pairs (P, 2) of a node inside and its piece."""
     if shape in TURNS and patch.faces:
-        found = [_on(patch.loose[inside[patch.loose]], pieces, SlidingPiece(None))]
+        pairs = [_on(patch.loose[inside[patch.loose]], pieces, SlidingPiece(None))]
         for part in _parts(patch, mesh.points, inside, TURNS[str(shape)]):
             nodes = distinct(part.nodes)
             piece = (
                 SlidingPiece(Triangulated.of(points, part), True) if shape == SURFACE else _plane(mesh, points, part)
             )
-            found.append(_on(nodes[inside[nodes]], pieces, piece))
-        return found
+            pairs.append(_on(nodes[inside[nodes]], pieces, piece))
+        return pairs
     if isinstance(shape, str):
         shape = FITTED[shape](points[patch.nodes], mesh.normal)
     return [_on(patch.nodes[inside[patch.nodes]], pieces, SlidingPiece(shape))]
@@ -371,9 +371,9 @@ def _parts(patch: Patch, points: FloatArray, inside: BoolArray, turn: float) -> 
     sizes = np.diff(faces.offsets)
     near = np.unique(labels[np.repeat(np.arange(len(faces)), sizes)[inside[faces.nodes]]])
     for label in near:
-        own = labels == label
-        nodes = faces.nodes[np.repeat(own, sizes)]
-        yield Polygons(nodes, np.concatenate([[0], np.cumsum(sizes[own])]).astype(np.intp))
+        within = labels == label
+        nodes = faces.nodes[np.repeat(within, sizes)]
+        yield Polygons(nodes, np.concatenate([[0], np.cumsum(sizes[within])]).astype(np.intp))
 
 
 def _regions(faces: Polygons, normals: FloatArray, turn: float) -> IntArray:

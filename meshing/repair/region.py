@@ -96,42 +96,42 @@ class QualityGoal:
         rows = tuple(row[cells[a:b]] for row, a, b in zip(self.affected.rows, ends, ends[1:], strict=False))
         return QualityGoal(replace(self.affected, rows=rows), self.floor[cells], self.weights[cells])
 
-    def spread(self, found: CellScores) -> FloatArray:
+    def spread(self, scores: CellScores) -> FloatArray:
         """Return the 1st percentile and the mean (T, 2) of the quality of each type of cells."""
-        by_type = [found.quality[own] for _, own in self.affected.by_shape()]
+        by_type = [scores.quality[typed] for _, typed in self.affected.by_shape()]
         return np.array([[np.percentile(quality, 1.0), quality.mean()] for quality in by_type])
 
-    def keeps(self, found: CellScores, spread: FloatArray | None) -> bool:
+    def keeps(self, scores: CellScores, spread: FloatArray | None) -> bool:
         """Return whether no value of a spread (T, 2) falls by more than `LOST`; True without a spread."""
-        return spread is None or bool((self.spread(found) >= spread - LOST).all())
+        return spread is None or bool((self.spread(scores) >= spread - LOST).all())
 
-    def with_weights(self, found: CellScores, careful: bool) -> QualityGoal:
+    def with_weights(self, scores: CellScores, careful: bool) -> QualityGoal:
         """Return the goal; if careful, with weights by which each good cell keeps a share `CARE` of its quality."""
         if not careful:
             return self
         weights = self.weights.copy()
-        for name, own in self.affected.by_shape():
-            rise = CARE * found.quality[own] / max(float(self.floor[own].max()), WORST)
-            weights[own] *= np.maximum(rise, 1.0) ** (3 if name == "tetra" else 2)
+        for name, typed in self.affected.by_shape():
+            rise = CARE * scores.quality[typed] / max(float(self.floor[typed].max()), WORST)
+            weights[typed] *= np.maximum(rise, 1.0) ** (3 if name == "tetra" else 2)
         return replace(self, weights=weights)
 
     def scores(self, points: FloatArray) -> CellScores:
         """Judge the cells with the nodes at points (N, 3)."""
         return self.affected.scores(points)
 
-    def misses(self, found: CellScores, share: float) -> BoolArray:
+    def misses(self, scores: CellScores, share: float) -> BoolArray:
         """Return which cells (C,) are inverted, or below a share of their floor."""
-        poor = (self.floor > 0.0) & (found.quality < share * np.maximum(self.floor, 0.0))
-        return np.asarray((self.floor > -np.inf) & (found.inverted | poor))
+        poor = (self.floor > 0.0) & (scores.quality < share * np.maximum(self.floor, 0.0))
+        return np.asarray((self.floor > -np.inf) & (scores.inverted | poor))
 
-    def least(self, found: CellScores) -> float:
+    def least(self, scores: CellScores) -> float:
         """Return the least ratio of a cell's quality to its floor."""
-        own = self.floor > 0.0
-        return float((found.quality[own] / self.floor[own]).min(initial=1.0))
+        judged = self.floor > 0.0
+        return float((scores.quality[judged] / self.floor[judged]).min(initial=1.0))
 
-    def rank(self, found: CellScores) -> tuple[int, float]:
+    def rank(self, scores: CellScores) -> tuple[int, float]:
         """Return a rank, larger for a better mesh: minus the number of inverted cells, then the least quality."""
-        return -int(self.misses(found, 0.0).sum()), self.least(found)
+        return -int(self.misses(scores, 0.0).sum()), self.least(scores)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -177,13 +177,13 @@ class RepairResult:
 
 def _with_any(affected: AffectedCells, mask: BoolArray) -> list[BoolArray]:
     """Return which affected cells have a node in the mask (N,), for each block."""
-    found = []
+    masks = []
     for block, rows in zip(affected.mesh.cells, affected.rows, strict=True):
         if isinstance(block, Polyhedra):
-            found.append(np.isin(rows, polyhedra.touching(block, mask), assume_unique=True))
+            masks.append(np.isin(rows, polyhedra.touching(block, mask), assume_unique=True))
         else:
-            found.append(np.asarray(mask[block.nodes[rows]].any(axis=1)))
-    return found
+            masks.append(np.asarray(mask[block.nodes[rows]].any(axis=1)))
+    return masks
 
 
 class Minimum(NamedTuple):
@@ -397,8 +397,8 @@ class RepairRegion:
         if not np.isfinite(curvature).all():
             return way, 0  # this power of the energy of a nearly flat cell overflows
         with single_threaded_blas():
-            found = minimise(function, way, curvature, STEPS, TOLERANCE)
-        return found.place, found.steps
+            end = minimise(function, way, curvature, STEPS, TOLERANCE)
+        return end.place, end.steps
 
 
 def improve(region: RepairRegion, level: float, rest: float) -> tuple[FloatArray, int]:

@@ -80,25 +80,25 @@ def _repair(
     tetrahedra = Tetrahedra.of(affected.mesh.points, parts).of_cells(~affected.before.inverted)
     freedom = _without_layers(points, tetrahedra, freedom, goal.misses(goal.scores(points), share))
     goal = QualityGoal.of(affected, freedom)
-    here, found, steps, kept = points, goal.scores(points), 0, None
-    start = found
+    here, scores, steps, kept = points, goal.scores(points), 0, None
+    start = scores
     for level, sizes, far in _levels(share, limit, len(points)):
         if level > limit and kept is None:
-            kept = np.minimum(goal.spread(start), goal.spread(found))
+            kept = np.minimum(goal.spread(start), goal.spread(scores))
         wanted = Target(level, sizes, far, kept, progress)
-        there, other, count = _raise_quality(here, found, tetrahedra, freedom, goal, wanted)
+        there, new_scores, count = _raise_quality(here, scores, tetrahedra, freedom, goal, wanted)
         steps += count
-        reached = not goal.misses(other, level).any()
-        if reached or goal.least(other) >= goal.least(found):
-            here, found = there, other
+        reached = not goal.misses(new_scores, level).any()
+        if reached or goal.least(new_scores) >= goal.least(scores):
+            here, scores = there, new_scores
         if not reached:
             break
-    if goal.least(found) < POOR and len(freedom.nodes) < SMALL:
+    if goal.least(scores) < POOR and len(freedom.nodes) < SMALL:
         whole = Target(share, (len(points),), FAR, kept, progress)
-        there, other, count = _raise_quality(points, start, tetrahedra, freedom, goal, whole)
+        there, new_scores, count = _raise_quality(points, start, tetrahedra, freedom, goal, whole)
         steps += count
-        if goal.rank(other) > goal.rank(found):
-            here, found = there, other
+        if goal.rank(new_scores) > goal.rank(scores):
+            here, scores = there, new_scores
     if len(freedom.images.nodes):
         here = points + freedom.images.projected(here - points)
     made = RepairResult.of(points, here, affected, every, share)
@@ -151,7 +151,12 @@ def _levels(share: float, limit: float, points: int) -> Iterator[tuple[float, tu
 
 
 def _raise_quality(
-    points: FloatArray, found: CellScores, tetrahedra: Tetrahedra, freedom: FreeNodes, goal: QualityGoal, wanted: Target
+    points: FloatArray,
+    scores: CellScores,
+    tetrahedra: Tetrahedra,
+    freedom: FreeNodes,
+    goal: QualityGoal,
+    wanted: Target,
 ) -> tuple[FloatArray, CellScores, int]:
     """Bring all cells to a level if possible; return all points (N, 3), the scores and the steps.
 
@@ -162,7 +167,7 @@ def _raise_quality(
     """
     level, sizes, far, spread, progress = wanted
     size, last, steps, vain, careful = 0, 0, 0, 0, spread is not None
-    below = goal.misses(found, level)
+    below = goal.misses(scores, level)
     while below.any() and vain < VAIN:
         count = int(below.sum())
         size, unknown = _region_nodes(tetrahedra, below, freedom, len(points), sizes, (size, last))
@@ -170,16 +175,16 @@ def _raise_quality(
         if not len(unknown) or (large and len(unknown) > far * count):
             break
         progress(f"repair: {count} cells, {len(unknown)} nodes", nan)
-        region = RepairRegion.of(points, tetrahedra, unknown, freedom, goal.with_weights(found, careful))
+        region = RepairRegion.of(points, tetrahedra, unknown, freedom, goal.with_weights(scores, careful))
         new, taken = improve(region, level, REST * (size > 0))
         beyond = freedom.slides_left_by(points, new)
         if beyond:
             freedom, last, steps = freedom.without(beyond), 0, steps + taken
             continue
-        after = found.with_scores(region.cells, region.goal.scores(new))
+        after = scores.with_scores(region.cells, region.goal.scores(new))
         steps, left = steps + taken, goal.misses(after, level)
-        if _is_better(left.sum() < count, goal.least(after) - goal.least(found), level) and goal.keeps(after, spread):
-            points, found, below, vain = new, after, left, 0
+        if _is_better(left.sum() < count, goal.least(after) - goal.least(scores), level) and goal.keeps(after, spread):
+            points, scores, below, vain = new, after, left, 0
             size = (size + 1) * int(left.sum() > FEWER * count)
         elif careful and not large:
             careful, last = False, 0
@@ -188,7 +193,7 @@ def _raise_quality(
             size, vain = size + 1, vain + (VAIN if large else 1)
         careful = spread is not None
         last = len(unknown) * (size > 0)
-    return points, found, steps
+    return points, scores, steps
 
 
 def _region_nodes(

@@ -25,8 +25,8 @@ BITS = 10
 
 def distinct(values: NDArray[Number]) -> NDArray[Number]:
     """Return the sorted distinct values (K,) of an array of any shape."""
-    found = np.sort(values, axis=None)
-    return found[np.append(True, found[1:] != found[:-1])] if len(found) else found
+    ordered = np.sort(values, axis=None)
+    return ordered[np.append(True, ordered[1:] != ordered[:-1])] if len(ordered) else ordered
 
 
 def count_distinct(values: NDArray[Number]) -> tuple[NDArray[Number], NDArray[np.intp]]:

@@ -133,8 +133,8 @@ def _sources() -> Iterator[bytes]:
     Packages are found like their imports: `rglob` from one folder would not follow the links of a clone.
     """
     for room in ROOMS:
-        found = find_spec(f"{PACKAGE}.{room}")
-        for folder in (found and found.submodule_search_locations) or ():
+        spec = find_spec(f"{PACKAGE}.{room}")
+        for folder in (spec and spec.submodule_search_locations) or ():
             yield from (path.read_bytes() for path in sorted(Path(folder).rglob("*.py")))
 
 

@@ -56,8 +56,8 @@ def shortened(value: object) -> str:
 
 def short_list(names: Iterable[object]) -> str:
     """Return names with commas; a long list is cut and ends with the number of further names."""
-    own = [str(name) for name in names]
-    return ", ".join(own[:FEW]) + (f" and {len(own) - FEW} more" if len(own) > FEW else "")
+    texts = [str(name) for name in names]
+    return ", ".join(texts[:FEW]) + (f" and {len(texts) - FEW} more" if len(texts) > FEW else "")
 
 
 def nearest(name: str, known: Collection[str], noun: str = "known are") -> str:

@@ -82,12 +82,12 @@ def without_signals() -> Iterator[None]:
     """Delay signals that ask to end until the end of the block."""
     came, before = list[int](), {}
     with suppress(ValueError):  # not the main thread
-        before = {one: signal.signal(one, lambda number, _: came.append(number)) for one in REQUESTS}
+        before = {request: signal.signal(request, lambda number, _: came.append(number)) for request in REQUESTS}
     try:
         yield
     finally:
-        for one, handler in before.items():
-            signal.signal(one, handler)
+        for request, handler in before.items():
+            signal.signal(request, handler)
         for number in came:
             signal.raise_signal(number)
 

@@ -121,16 +121,16 @@ def columns_of(titles: Sequence[str], names: Mapping[str, Sequence[str]]) -> dic
 
     Raises InputError if a name has two columns.
     """
-    found: dict[str, int] = {}
+    columns: dict[str, int] = {}
     for name, spellings in names.items():
-        own = [i for i, title in enumerate(titles) if _plain(title) in map(_plain, spellings)]
-        if len({_plain(titles[i]) for i in own}) == 1:
-            own = [i for i in own if titles[i] in spellings] or own
-        if len(own) > 1:
-            raise InputError(f"the titles {titles[own[0]]} and {titles[own[1]]} mean the same: leave one out")
-        if own:
-            found[name] = own[0]
-    return found
+        matching = [i for i, title in enumerate(titles) if _plain(title) in map(_plain, spellings)]
+        if len({_plain(titles[i]) for i in matching}) == 1:
+            matching = [i for i in matching if titles[i] in spellings] or matching
+        if len(matching) > 1:
+            raise InputError(f"the titles {titles[matching[0]]} and {titles[matching[1]]} mean the same: leave one out")
+        if matching:
+            columns[name] = matching[0]
+    return columns
 
 
 def _plain(title: str) -> str:
