@@ -57,7 +57,7 @@ def answers(aileron_run, tmp_path_factory):
         "deflect": ["naca.su2", *FLAP, "--angle", "5", "--range", "0:5", "--plan", "f.npz"],
         "gradient": ["s.npz", "--plan", "f.npz", "--at", "5"], "view": ["aileron", "--no-open"],
         "compare": ["aileron", "naca-deflected-report"], "convert": ["naca.su2", "naca.b8.ugrid"],
-        "doctor": [], "cache": [], "completion": ["bash"],
+        "doctor": [], "cache": [], "completion": ["bash"], "help": ["blended"],
     }  # fmt: skip
     late = ("apply", "compare", "gradient")
     ordered = sorted(commands, key=lambda name: (name in late, list(commands).index(name)))
