@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from html import escape
+from numbers import Real
 from os import PathLike
 from pathlib import Path
 from tempfile import NamedTemporaryFile
@@ -27,14 +28,17 @@ from sdm_deflect.cases.run.progress import in_notebook, of_notebook
 from sdm_deflect.cases.settings.job_settings import BY_NAME, IN_PYTHON, settings_of
 from sdm_deflect.cases.settings.jobs import jobs_of, swept
 from sdm_deflect.cases.settings.keywords import Options
+from sdm_deflect.deform.box.automatic import Automatic
 from sdm_deflect.deform.checks import Check, checks_of
 from sdm_deflect.deform.loop import run
 from sdm_deflect.deform.rbf.interpolant import Interpolant
+from sdm_deflect.deform.surface.motions import AnyShape
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.job import Amounts, Job
 from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.deform.volume.submesh import submesh
 from sdm_deflect.meshing.formats import adapters
+from sdm_deflect.meshing.mesh.cells import LARGEST
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.quality import Quality
 
@@ -42,7 +46,13 @@ from .file_mesh import FileMesh, about_files, path_of, save_mesh
 
 if TYPE_CHECKING:
     from sdm_deflect.deform.mesh_motion import MeshMotion
+    from sdm_deflect.deform.surface_map import SurfaceMap
 
+# Settings that a surface map has a use for.
+OF_MAPS = (
+    "fixed", "slide", "periodic", "select", "zones", "box", "margin", "near_wall", "spacing", "spacing_edges",
+    "kernel", "kernel_radius", "polynomial", "allow_inverted", "min_quality",
+)  # fmt: skip
 F = TypeVar("F", bound=Callable[..., Any])
 
 
@@ -422,6 +432,62 @@ def sweep(
     """
     jobs, poses = swept(settings_of(surfaces, hinge, None, options), angles)
     return _run(mesh, jobs, poses, progress)
+
+
+def surface_map(
+    mesh: Any,
+    surfaces: str | Sequence[str],
+    *,
+    largest: float | None = None,
+    progress: Progress = silent,
+    **options: Unpack[Options],
+) -> SurfaceMap:
+    """Return the coordinates of a mesh as a function of the places of its surface's nodes, with both derivatives.
+
+    Any shape can follow: bending, a parametrised geometry, steps of a coupled structure. All of it is one function on
+    centres that never change, without steps and repair; `check` of the map judges a shape. Of a large file that can be
+    read in pieces, only the boundary, the box and the coordinates of all nodes are read.
+
+    Parameters
+    ----------
+    mesh, progress : As for `deflect`.
+    surfaces : Name or wildcard of the surface's patches, or several.
+    largest : Largest displacement to come, in the mesh's unit of length: the box has room for it. Not needed with a
+        `box`.
+    **options : Settings of `deflect` on what stays and slides, on the box, on patches, and on the kernel.
+
+    Returns
+    -------
+    The map: `nodes` and `start` are the surface's nodes and their places, `at` returns coordinates, `jvp` and `vjp`
+    derivatives, `check` all checks; `on` moves any part of the mesh.
+
+    Raises
+    ------
+    InputError : as for `deflect`; for a setting without effect on a map; or if `largest` and `box` are missing.
+
+    Examples
+    --------
+    ::
+
+        warp = surface_map("wing.su2", "wing*", largest=0.1, fixed="body", slide="symmetry:plane")
+        points = warp.at(warp.start + displacement)
+    """
+    from sdm_deflect.deform.surface_map import SurfaceMap
+
+    for name in options:
+        if name in BY_NAME and name not in OF_MAPS:
+            raise InputError(f"{name}: a surface map has no use for it; it takes {', '.join(OF_MAPS)}")
+    if largest is None and "box" not in options:
+        raise InputError("largest is missing: give the largest displacement to come, a length, or a box")
+    if largest is not None and not (isinstance(largest, Real) and 0.0 < largest < LARGEST):
+        raise InputError(f"largest = {shortened(largest)} must be a length above 0: the largest displacement to come")
+    surface = {"patches": surfaces, "motion": AnyShape(), "amount": 1.0}
+    (job,) = jobs_of(settings_of([surface], None, None, options))
+    if isinstance(job.box, Automatic):
+        job = replace(job, box=replace(job.box, largest=float(largest or 0.0)))
+    needed = _read_needed(path_of(mesh), [job], progress) if isinstance(mesh, str | PathLike) else mesh
+    given = adapters.accept(needed).mesh
+    return SurfaceMap.of(given, job, _coordinates(given) if given.whole else None, progress=progress)
 
 
 def _read_needed(path: Path, jobs: Sequence[Job], progress: Progress) -> Mesh:

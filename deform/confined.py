@@ -18,7 +18,8 @@ from .rbf.factor import CholeskyBasis
 from .rbf.fitting import RuleName, Strategy
 from .rbf.greedy import Adaptation, adapt, fuse
 from .rbf.interpolant import Interpolant
-from .rbf.kernels import Kernel
+from .rbf.kernels import Kernel, kernel_sum
+from .rbf.problem import Coefficients
 from .rbf.rules import GreedyOptions, Rule, Separated, Worst
 
 # Least distance of a zero site from a known node, as a share of the spacing of zero sites.
@@ -108,6 +109,24 @@ class Confined:
     def __call__(self, points: FloatArray) -> FloatArray:
         """Return the displacement (M, 3) at points (M, 3)."""
         return self.interpolant(points)
+
+    def reverse(self, points: FloatArray, gradient: FloatArray) -> list[FloatArray]:
+        """Return, for each group, the gradient (S, k) by the values at its sites, given that by the displacement there.
+
+        `points` and `gradient` are (M, 3). Centres and points change places in the sum (eq. 7).
+        """
+        out = []
+        with single_threaded_blas():
+            for fit, factor in zip(self.adaptations, self.factors, strict=True):
+                problem, part = factor.kernel.problem, np.ascontiguousarray(gradient[:, fit.components])
+                scaled, none = problem.box.scaled(points), np.zeros((4, part.shape[1]))
+                alpha = np.vstack([part.sum(axis=0), scaled.T @ part])
+                centers = problem.points[factor.chosen]
+                beta = kernel_sum(problem.scaled_kernel, centers, scaled, part, none)
+                values = np.zeros((len(problem.points), part.shape[1]))
+                values[factor.chosen] = factor.reverse(Coefficients(alpha, beta))
+                out.append(values)
+        return out
 
     @property
     def factors(self) -> tuple[CholeskyBasis, ...]:

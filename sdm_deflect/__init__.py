@@ -12,13 +12,14 @@ if not Path(__file__).with_name("deform").is_dir():  # a clone without symbolic 
 
 if TYPE_CHECKING:
     from sdm_deflect.base.errors import InputError
-    from sdm_deflect.cases.api import Result, deflect, plan, read, sweep
+    from sdm_deflect.cases.api import Result, deflect, plan, read, surface_map, sweep
     from sdm_deflect.deform.box.hexahedron import Hexahedron
     from sdm_deflect.deform.checks import Check
     from sdm_deflect.deform.mesh_motion import MeshMotion
     from sdm_deflect.deform.surface.blended import Blended
     from sdm_deflect.deform.surface.motions import Rotation, Table
     from sdm_deflect.deform.surface.surface import Listed, OnPatches, TrailingEdge
+    from sdm_deflect.deform.surface_map import SurfaceMap
     from sdm_deflect.meshing.mesh.cells import Cells, Patch
     from sdm_deflect.meshing.mesh.mesh import Mesh
     from sdm_deflect.meshing.mesh.quality import Quality
@@ -39,17 +40,19 @@ __all__ = [
     "Quality",
     "Result",
     "Rotation",
+    "SurfaceMap",
     "Table",
     "TrailingEdge",
     "__version__",
     "deflect",
     "plan",
     "read",
+    "surface_map",
     "sweep",
 ]
 
 _MODULES = {
-    "cases.api": ("Result", "deflect", "plan", "read", "sweep"),
+    "cases.api": ("Result", "deflect", "plan", "read", "surface_map", "sweep"),
     "deform.checks": ("Check",),
     "base.errors": ("InputError",),
     "meshing.mesh.mesh": ("Cells", "Mesh", "Patch"),
@@ -59,6 +62,7 @@ _MODULES = {
     "deform.surface.surface": ("Listed", "OnPatches", "TrailingEdge"),
     "deform.box.hexahedron": ("Hexahedron",),
     "deform.mesh_motion": ("MeshMotion",),
+    "deform.surface_map": ("SurfaceMap",),
 }
 
 

@@ -13,7 +13,7 @@ from sdm_deflect.deform.rbf.data_sites import DataSites
 from sdm_deflect.meshing.mesh.images import Images
 from sdm_deflect.meshing.mesh.sliding import Plane, SlidingSurface
 
-from .modifier import Modifier, ModifierAtStep, NodesOnShape
+from .modifier import Linearized, Modifier, ModifierAtStep, NodesOnShape
 
 # How often nodes on several shapes are projected onto each in turn.
 ROUNDS = 8
@@ -109,3 +109,51 @@ class ConstraintAtStep(ModifierAtStep):
             u[rows] = shape.projected(self.points[rows], u[rows])
             u = self.bound.projected(u)
         return self.bound.projected(u)
+
+    def linearized(self, u: FloatArray, known: FloatArray, last: bool) -> "ConstraintRates":
+        """Return the derivative; of bound nodes along the projections of `u`."""
+        del known
+        trail, u = [], np.array(u)
+        several = len(self.shapes) + bool(len(self.bound.nodes)) > 1
+        for shape, rows in () if last else self.shapes * (ROUNDS if several else 1):
+            trail.append((shape, rows, u[rows]))
+            u[rows] = shape.projected(self.points[rows], u[rows])
+            u = self.bound.projected(u)
+        return ConstraintRates(self, self.free if last else self.bound, tuple(trail))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ConstraintRates(Linearized):
+    """The derivative of bound nodes' projections. Each is orthogonal at its place, so it is its own transpose.
+
+    Attributes
+    ----------
+    of : the bound nodes.
+    images : images among the nodes of one pass.
+    trail : shapes in turn, with their rows and the displacements (R, 3) before each projection.
+    """
+
+    of: ConstraintAtStep = field(repr=False)
+    images: Images = field(repr=False)
+    trail: tuple[tuple[SlidingSurface, IntArray, FloatArray], ...] = field(repr=False)
+
+    def sites(self, known: FloatArray) -> Sequence[DataSites]:
+        """Return the bound nodes with their rates."""
+        return self.of.sites(known, True)
+
+    def forward(self, rate: FloatArray, known: FloatArray) -> FloatArray:
+        """Project the rates in the order of the projections."""
+        del known
+        out = np.array(rate)
+        for shape, rows, u in self.trail:
+            out[rows] = shape.rate(self.of.points[rows], u, out[rows])
+            out = np.array(self.images.projected(out))
+        return self.images.projected(out)
+
+    def reverse(self, gradient: FloatArray) -> tuple[FloatArray, FloatArray | float]:
+        """Project the gradient in the opposite order."""
+        out = np.array(self.images.projected(gradient))
+        for shape, rows, u in reversed(self.trail):
+            out = np.array(self.images.projected(out))
+            out[rows] = shape.rate(self.of.points[rows], u, out[rows])
+        return out, 0.0

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sdm_deflect.base.arrays import FloatArray, IntArray
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
 
 # Ratio of the second singular value to the first, below which the edges determine no rotation.
 DEGENERATE = 1e-6
@@ -52,6 +52,12 @@ class LocalRotation:
         turn[~self._sums(displacement).any(axis=(1, 2))] = 0.0  # exact zeros where nothing turns
         return np.asarray(turn)
 
+    def linearized(self, displacement: FloatArray) -> "RotationRates":
+        """Return the derivative of `rotations` at displacements (K, 3)."""
+        rotation, stretch = self._polar(displacement)
+        flat = (stretch == np.eye(3)).all(axis=(1, 2))
+        return RotationRates(self, rotation, np.asarray(np.linalg.inv(_trace_less(stretch)), dtype=np.float64), flat)
+
     def strain(self, displacement: FloatArray) -> FloatArray:
         """Return the strain (K,) at each node: how much its edges change beyond the rotation, over their length.
 
@@ -61,10 +67,7 @@ class LocalRotation:
         if not len(self.start):
             return np.zeros(self.count)
         stretch, skew = self._polar(np.zeros_like(displacement))[1], self._sums(displacement)
-        skew -= np.swapaxes(skew, 1, 2)
-        right = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
-        matrix = np.trace(stretch, axis1=1, axis2=2)[:, None, None] * np.eye(3) - stretch
-        turn = np.linalg.solve(matrix, right[:, :, None])[:, :, 0]
+        turn = np.linalg.solve(_trace_less(stretch), _vector(skew)[:, :, None])[:, :, 0]
         along = self.vectors / np.sum(self.vectors**2, axis=1, keepdims=True)
         off = displacement[self.end] - displacement[self.start] - np.cross(turn[self.start], along)
         out = np.zeros(self.count)
@@ -97,3 +100,63 @@ class LocalRotation:
                 weights = change[:, i] * self.vectors[:, j]
                 out[:, i, j] = np.bincount(self.start, weights=weights, minlength=self.count)
         return out
+
+    def _sums_reverse(self, gradient: FloatArray) -> FloatArray:
+        """Return the gradient (K, 3) by the values of `_sums`, given that (K, 3, 3) by the sums."""
+        change = np.einsum("eij,ej->ei", gradient[self.start], self.vectors)
+        ends = (self.end, change), (self.start, -change)
+        return np.asarray(
+            sum(
+                np.stack([np.bincount(nodes, weights=part[:, i], minlength=self.count) for i in range(3)], axis=1)
+                for nodes, part in ends
+            )
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RotationRates:
+    """The derivative of local rotations R: with H = R S, dR = R [w], (tr S - S) w the vector of R'dH - dH'R.
+
+    Attributes
+    ----------
+    of : the edges.
+    rotation : (K, 3, 3) R.
+    inverse : (K, 3, 3) inverse of tr S - S.
+    flat : (K,) nodes whose edges determine no rotation.
+    """
+
+    of: LocalRotation = field(repr=False)
+    rotation: FloatArray = field(repr=False)
+    inverse: FloatArray = field(repr=False)
+    flat: BoolArray = field(repr=False)
+
+    def forward(self, rate: FloatArray) -> FloatArray:
+        """Return the rates (K, 3, 3) of the rotations, given those (K, 3) of the displacements."""
+        turned = np.einsum("kji,kjl->kil", self.rotation, self.of._sums(rate))
+        return self._with_spin(_vector(turned))
+
+    def reverse(self, gradient: FloatArray) -> FloatArray:
+        """Return the gradient (K, 3) by the displacements, given that (K, 3, 3) by the rotations."""
+        turned = np.einsum("kji,kjl->kil", self.rotation, gradient)
+        return self.of._sums_reverse(self._with_spin(_vector(turned)))
+
+    def _with_spin(self, vector: FloatArray) -> FloatArray:
+        """Return R [w] (K, 3, 3), w the inverse times vectors (K, 3); zero at flat nodes."""
+        w = np.einsum("kij,kj->ki", self.inverse, vector)
+        cross = np.zeros_like(self.rotation)
+        for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+            cross[:, k, j], cross[:, j, k] = w[:, i], -w[:, i]
+        out = self.rotation @ cross
+        out[self.flat] = 0.0
+        return out
+
+
+def _vector(matrices: FloatArray) -> FloatArray:
+    """Return the vectors (K, 3) of the antisymmetric parts of matrices (K, 3, 3), twice as long."""
+    skew = matrices - np.swapaxes(matrices, 1, 2)
+    return np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
+
+
+def _trace_less(stretch: FloatArray) -> FloatArray:
+    """Return tr S - S for matrices S (K, 3, 3)."""
+    return np.asarray(np.trace(stretch, axis1=1, axis2=2)[:, None, None] * np.eye(3) - stretch)

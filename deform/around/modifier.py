@@ -14,6 +14,34 @@ from sdm_deflect.deform.rbf.data_sites import DataSites
 from sdm_deflect.meshing.mesh.sliding import SlidingSurface
 
 
+class Linearized:
+    """The derivative of a modifier's correction at one motion of the boundary. By default that of no correction."""
+
+    __slots__ = ()
+
+    def sites(self, known: FloatArray) -> Sequence[DataSites]:
+        """Return the modifier's data sites in the last pass, with rates as values.
+
+        Parameters
+        ----------
+        known : (B, 3) rates of the known nodes' displacements.
+        """
+        del known
+        return ()
+
+    def forward(self, rate: FloatArray, known: FloatArray) -> FloatArray:
+        """Return the rates (M, 3) of the corrected displacements, given those before the correction."""
+        del known
+        return rate
+
+    def reverse(self, gradient: FloatArray) -> tuple[FloatArray, FloatArray | float]:
+        """Convert the gradient (M, 3) by the corrected displacements.
+
+        Returns the gradient (M, 3) by the displacements before the correction, and that (B, 3) by the known nodes'.
+        """
+        return gradient, 0.0
+
+
 class ModifierAtStep:
     """A modifier in one step. By default it changes nothing."""
 
@@ -34,6 +62,11 @@ class ModifierAtStep:
         """Return the corrected displacements u (M, 3): of the free nodes in the last pass, else of the bound nodes."""
         del known, last
         return u
+
+    def linearized(self, u: FloatArray, known: FloatArray, last: bool) -> Linearized:
+        """Return the derivative of `correct` at its arguments; in the last pass it does not depend on `u`."""
+        del u, known, last
+        return Linearized()
 
 
 class NodesOnShape(NamedTuple):

@@ -37,8 +37,8 @@ from sdm_deflect.base.arrays import FloatArray, IntArray, union
 from sdm_deflect.base.compiled import compiled_exactly
 from sdm_deflect.deform.rbf.data_sites import DataSites
 
-from .local_rotation import LocalRotation
-from .modifier import Modifier, ModifierAtStep
+from .local_rotation import LocalRotation, RotationRates
+from .modifier import Linearized, Modifier, ModifierAtStep
 
 # Share of the reach up to which nodes follow the wall rigidly. It keeps five layers of a slotted airfoil upright at no
 # loss; ten upright layers, by .1 of eight edges, cost .03 to .05 of the least quality.
@@ -123,6 +123,11 @@ class RigidFollow:
         motions = np.concatenate([boundary[:, :, None], turns], axis=2)
         return _carried(self.places, self.boundary, self.nodes, self.ends, motions)
 
+    def reverse(self, gradient: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the gradients by the boundary's displacements (K, 3) and rotations (K, 3, 3), given (Q, 3)."""
+        motions = _carried_reverse(self.places, self.boundary, self.nodes, self.ends, gradient)
+        return np.ascontiguousarray(motions[:, :, 0]), motions[:, :, 1:]
+
 
 @compiled_exactly
 def _carried(
@@ -146,6 +151,30 @@ def _carried(
                 out[q, i] += share * carried
         for i in range(3):
             out[q, i] /= total
+    return out
+
+
+@compiled_exactly
+def _carried_reverse(
+    places: FloatArray, known: FloatArray, nodes: IntArray, ends: FloatArray, gradient: FloatArray
+) -> FloatArray:
+    """Return the gradient (K, 3, 4) by the motions of `_carried`, given that by its result (Q, 3)."""
+    out, shares = np.zeros((len(known), 3, 4)), np.zeros(nodes.shape[1])
+    for q in range(len(places)):
+        total = 0.0
+        for a in range(nodes.shape[1]):
+            square = 0.0
+            for i in range(3):
+                square += (places[q, i] - known[nodes[q, a], i]) ** 2
+            shares[a] = (1.0 / max(square**0.5, LEAST) - 1.0 / ends[q]) ** POWER
+            total += shares[a]
+        for a in range(nodes.shape[1]):
+            j = nodes[q, a]
+            for i in range(3):
+                part = shares[a] / total * gradient[q, i]
+                out[j, i, 0] += part
+                for k in range(3):
+                    out[j, i, k + 1] += part * (places[q, k] - known[j, k])
     return out
 
 
@@ -266,3 +295,42 @@ class FollowingWalls(ModifierAtStep):
     def correct(self, u: FloatArray, known: FloatArray, last: bool) -> FloatArray:
         """Let nodes near walls follow them."""
         return (self.free if last else self.bound).following(u, known, self.turning.rotations(known))
+
+    def linearized(self, u: FloatArray, known: FloatArray, last: bool) -> "FollowingRates":
+        del u
+        return FollowingRates(self, self.free if last else self.bound, self.turning.linearized(known))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FollowingRates(Linearized):
+    """The derivative of nodes that follow walls.
+
+    Attributes
+    ----------
+    of : the nodes near walls.
+    near : those of one pass.
+    turning : the derivative of the boundary's local rotation.
+    """
+
+    of: FollowingWalls = field(repr=False)
+    near: NearWall = field(repr=False)
+    turning: RotationRates = field(repr=False)
+
+    def sites(self, known: FloatArray) -> Sequence[DataSites]:
+        """Return the layer sites with their rates."""
+        if not len(self.of.layers.places):
+            return ()
+        values = self.of.layers.displacement(known, self.turning.forward(known))
+        return (DataSites(self.of.layers.places, values[:, self.of.components], self.of.components),)
+
+    def forward(self, rate: FloatArray, known: FloatArray) -> FloatArray:
+        """Let rates near walls follow those of the walls: the correction is linear in them."""
+        return self.near.following(rate, known, self.turning.forward(known))
+
+    def reverse(self, gradient: FloatArray) -> tuple[FloatArray, FloatArray | float]:
+        """Hand the share of the gradient that walls carry to their nodes and rotations."""
+        out, rows = np.array(gradient), self.near.follow.rows
+        carried = self.near.weight[:, None] * out[rows]
+        out[rows] -= carried
+        known, turns = self.near.follow.reverse(carried)
+        return out, known + self.turning.reverse(turns)

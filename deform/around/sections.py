@@ -7,7 +7,7 @@ import numpy as np
 
 from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
 
-from .modifier import Modifier, ModifierAtStep, NodesOnShape
+from .modifier import Linearized, Modifier, ModifierAtStep, NodesOnShape
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,3 +37,26 @@ class StayingInFaces(ModifierAtStep):
         for component, rows in self.faces if last else ():
             u[rows, component] = 0.0
         return u
+
+    def linearized(self, u: FloatArray, known: FloatArray, last: bool) -> "FaceRates":
+        del u, known
+        return FaceRates(self.faces if last else ())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FaceRates(Linearized):
+    """The derivative of nodes on faces: rates along the normals are zero."""
+
+    faces: tuple[tuple[int, BoolArray], ...] = field(repr=False)
+
+    def forward(self, rate: FloatArray, known: FloatArray) -> FloatArray:
+        """Set rates along the normals to zero."""
+        del known
+        out = np.array(rate)
+        for component, rows in self.faces:
+            out[rows, component] = 0.0
+        return out
+
+    def reverse(self, gradient: FloatArray) -> tuple[FloatArray, FloatArray | float]:
+        """Set the gradient along the normals to zero."""
+        return self.forward(gradient, gradient), 0.0

@@ -150,9 +150,11 @@ class Automatic:
     ----------
     margin : margin in the mesh's unit; 0 for the surface's reach from the hinge, and at least `GROWTH` times the
         largest displacement.
+    largest : largest displacement of a surface that may take any shape; 0 if the scene has its positions.
     """
 
     margin: float = 0.0
+    largest: float = 0.0
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.margin < LARGEST:
@@ -167,8 +169,8 @@ class Automatic:
         """Return the box for a scene."""
         origin, axes = frame(scene)
         places = (np.vstack([scene.moving, scene.track]) - origin) @ axes.T
-        low, high = places.min(axis=0), places.max(axis=0)
-        wanted = self.margin or max(_reach(places, scene), GROWTH * scene.largest)
+        low, high = places.min(axis=0) - self.largest, places.max(axis=0) + self.largest
+        wanted = self.margin or max(_reach(places, scene), GROWTH * max(scene.largest, self.largest))
         margins = _clear(low, high, wanted, (scene.obstacles - origin) @ axes.T)
         low, high = low - margins[0], high + margins[1]
         corners = origin + (low + BITS * (high - low)) @ axes

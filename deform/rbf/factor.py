@@ -16,6 +16,7 @@ from scipy.sparse.linalg import LinearOperator, onenormest
 from sdm_deflect.base.arrays import FloatArray, IndexArray
 
 from .interpolant import SolveError
+from .kernels import kernel_sum
 from .problem import Coefficients, Problem, ReducedKernel
 
 # Number of columns of a panel; a larger block has its own panel.
@@ -157,6 +158,27 @@ class CholeskyBasis:
         """
         kernel = self.kernel.with_values(values)
         return replace(self, kernel=kernel, z=self.factor.forward(kernel.values[self.chosen[self.beside]]))
+
+    def reverse(self, weights: Coefficients) -> FloatArray:
+        """Return the gradient (C, k) by the values at the centres, given that by the coefficients.
+
+        The reduced kernel is symmetric, so one factor serves both ways; one step of iterative refinement follows.
+        """
+        kernel, rows = self.kernel, self.chosen[self.beside]
+        sign, lagrange = kernel.problem.scaled_kernel.sign, kernel.lagrange[rows]
+        at_anchors, others = kernel.reverse(
+            rows, weights.alpha, weights.beta[self.anchor_places], weights.beta[self.beside]
+        )
+        gamma = self.factor.backward(self.factor.forward(others))
+        left, right = kernel.left[rows], kernel.right[rows]
+        points, none = kernel.problem.points[rows], np.zeros((4, gamma.shape[1]))
+        product = sign * kernel_sum(kernel.problem.scaled_kernel, points, points, gamma, none) - left @ (
+            right.T @ gamma
+        )
+        gamma += self.factor.backward(self.factor.forward(others - product))
+        out = np.empty_like(weights.beta)
+        out[self.beside], out[self.anchor_places] = gamma, at_anchors - lagrange.T @ gamma
+        return out
 
     def condition(self) -> float:
         """Return the condition number of the reduced kernel in the 1-norm; the norm of its inverse is estimated.

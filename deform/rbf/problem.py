@@ -144,6 +144,19 @@ class ReducedKernel:
         alpha = self.recovery @ (self.problem.values[self.anchors] - phi)
         return np.asarray(alpha), sign * at_anchors, sign * gamma
 
+    def reverse(
+        self, rows: IndexArray, alpha: FloatArray, at_anchors: FloatArray, others: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the gradients by the values at the anchors (q, k) and by gamma (C, k), the reverse of `complete`.
+
+        `alpha`, `at_anchors` and `others` are the gradients by what `complete` returns.
+        """
+        sign, q = self.problem.scaled_kernel.sign, len(self.anchors)
+        values = self.recovery.T @ alpha
+        sums = self.left[self.anchors, q:] @ values - sign * at_anchors
+        gamma = sign * others + self.lagrange[rows] @ sums - self.left[rows, q:] @ values
+        return np.asarray(values), np.asarray(gamma)
+
 
 def _unisolvent(polynomials: FloatArray, initial: IndexArray) -> IndexArray:
     """Return the initial centres that determine a polynomial best."""

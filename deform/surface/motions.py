@@ -446,6 +446,18 @@ class TableLaw(Smooth):
 
 
 @dataclass(frozen=True, slots=True)
+class AnyShape:
+    """A motion that is given later, as places of the surface's nodes. Until then nothing moves."""
+
+    unit: ClassVar[str] = "of the shape"
+    axis: ClassVar[None] = None
+
+    def law(self, surface: Surface) -> TableLaw:
+        """Return the law of a surface that stays."""
+        return TableLaw(np.zeros_like(surface.points))
+
+
+@dataclass(frozen=True, slots=True)
 class Moving:
     """Patches that move together, their motion and its amount.
 

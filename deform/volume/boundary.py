@@ -10,7 +10,7 @@ from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, union
 from sdm_deflect.base.errors import InputError, nearest
 from sdm_deflect.deform.rbf.data_sites import XYZ
 from sdm_deflect.deform.surface.blended import Blended
-from sdm_deflect.deform.surface.motions import TRACK_UNIT, MotionLaw, Table
+from sdm_deflect.deform.surface.motions import TRACK_UNIT, AnyShape, MotionLaw, Table
 from sdm_deflect.deform.surface.placement import Placement, TablePlacement, check_aft
 from sdm_deflect.deform.surface.reached_share import ReachedShare
 from sdm_deflect.deform.surface.surface import Surface
@@ -151,14 +151,53 @@ class PrescribedMotion:
         if amounts in self.known:
             return self.known[amounts]
         parts = [law.displacement(amount) for law, amount in zip(self.laws, amounts, strict=True)]
-        out = self._join(parts, "move differently")
-        self._check_fixed(out)
+        out = self.admitted(self._join(parts, "move differently"))
+        out.flags.writeable = False
+        return out
+
+    def admitted(self, displacement: FloatArray) -> FloatArray:
+        """Return a displacement (K, 3) of `nodes` within what their other patches allow; InputError as `displacement`.
+
+        Nodes shared with a fixed patch stay, those on a shape stay on it, images move alike.
+        """
+        self._check_fixed(displacement)
+        out = np.array(displacement)
         out[self.shared_with_fixed] = 0.0
         for patch, rows in self._on_sliding():
             out[rows] = self._project(patch, rows, out[rows])
         out = self._alike(out)
         self._keep_plane(out)
-        out.flags.writeable = False
+        return out
+
+    def admitted_rate(self, displacement: FloatArray, rate: FloatArray) -> FloatArray:
+        """Return the derivative (K, 3) of `admitted` at a displacement (K, 3) that changes at a rate (K, 3)."""
+        out, u = np.array(rate), np.array(displacement)
+        fixed = self.shared_with_fixed
+        out[fixed] = u[fixed] = 0.0
+        for patch, rows in self._on_sliding():
+            points = self.mesh.points[self.nodes[rows]]
+            out[rows] = patch.surface.rate(points, u[rows], out[rows])
+            u[rows] = patch.surface.projected(points, u[rows])
+        out = self.images.among(self.nodes).projected(out)
+        if self.mesh.plane:
+            out = np.where(np.arange(3) == self.mesh.across, 0.0, out)
+        return out
+
+    def admitted_reverse(self, displacement: FloatArray, gradient: FloatArray) -> FloatArray:
+        """Return the gradient (K, 3) by a displacement (K, 3), given that by what `admitted` makes of it."""
+        trail, u = [], np.array(displacement)
+        fixed = self.shared_with_fixed
+        u[fixed] = 0.0
+        for patch, rows in self._on_sliding():
+            trail.append((patch, rows, u[rows]))
+            u[rows] = patch.surface.projected(self.mesh.points[self.nodes[rows]], u[rows])
+        out = np.array(gradient)
+        if self.mesh.plane:
+            out[:, self.mesh.across] = 0.0
+        out = np.array(self.images.among(self.nodes).projected(out))
+        for patch, rows, at in reversed(trail):
+            out[rows] = patch.surface.rate(self.mesh.points[self.nodes[rows]], at, out[rows])
+        out[fixed] = 0.0
         return out
 
     def knowing(self, some: Iterable[Amounts]) -> "PrescribedMotion":
@@ -241,8 +280,10 @@ class PrescribedMotion:
             shared = np.isin(self.nodes, self.mesh.patch(name).nodes, assume_unique=True)
             count = int(np.count_nonzero(shared & moves))
             if count:
-                tables = any(isinstance(moving.motion, Table) for moving in self.job.surfaces)
-                blend = "let the table fall to zero there" if tables else "use a blended motion"
+                remedies = ((AnyShape, "leave them in place"), (Table, "let the table fall to zero there"))
+                motions = [moving.motion for moving in self.job.surfaces]
+                fitting = (text for kind, text in remedies if any(isinstance(motion, kind) for motion in motions))
+                blend = next(fitting, "use a blended motion")
                 raise InputError(
                     f"{self.mesh.name}: {count} nodes shared by the moving surface and {name}, which is fixed, "
                     f"would move by up to {float(length[shared].max()):.4g}; {blend}, or let {name} slide"
@@ -295,10 +336,11 @@ class PrescribedMotion:
         off = np.linalg.norm(on_shape - displacement, axis=1)
         leaving = off > ON_SHAPE * self.size
         if leaving.any() and not self._ends_on(patch):
+            free = any(isinstance(moving.motion, AnyShape) for moving in self.job.surfaces)
+            remedy = "the hinge must be normal to a plane, or blend the motion there"
             raise InputError(
                 f"{self.mesh.name}: {int(leaving.sum())} nodes shared by the moving surface and {patch.patch} would "
-                f"leave its shape by up to {float(off.max()):.4g}; the hinge must be normal to a plane, or blend the "
-                "motion there"
+                f"leave its shape by up to {float(off.max()):.4g}; {'keep them on it' if free else remedy}"
             )
         return on_shape
 

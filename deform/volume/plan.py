@@ -53,6 +53,7 @@ class BoxPlan:
     precision : how the file to be written rounds coordinates.
     margin : factor by which fits are more accurate than the tolerance.
     mirror : nodes whose places are reflected from the box of another job; None without.
+    gap : diameter of the largest part of the moved walls without a centre; 0 for fits to a tolerance.
     """
 
     boundary: PrescribedMotion
@@ -64,6 +65,7 @@ class BoxPlan:
     precision: Precision = EVERY_BIT
     margin: float = 1.0
     mirror: "Mirror | None" = None
+    gap: float = 0.0
 
     @classmethod
     def of(
@@ -204,8 +206,8 @@ class BoxPlan:
 
     @cached_property
     def reach(self) -> float:
-        """Distance up to which nodes follow walls, where there is room: one edge, or what thick layers need."""
-        return max(self.edge, self.layers.first_height(self.affected.places, self.moved_walls) / RIGID)
+        """Distance up to which nodes follow walls, if there is room: an edge, a gap, or what thick layers need."""
+        return max(self.edge, self.gap, self.layers.first_height(self.affected.places, self.moved_walls) / RIGID)
 
     @cached_property
     def edge(self) -> float:

@@ -1,5 +1,6 @@
 """One step: the paper's displacement, then the corrections of the modifiers."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from time import perf_counter
 
@@ -112,21 +113,29 @@ def _passed(
     runner: Runner,
 ) -> tuple[Confined, FloatArray, float]:  # fmt: skip
     """Return the fit, the displacements (M, 3) of free or bound nodes, and the seconds that evaluation took."""
-    nodes = start.points[start.known]
-    first = DataSites(nodes[start.rows], known[start.rows][:, start.components], start.components)
     further = [sites for modifier in start.modifiers for sites in modifier.sites(known, last)]
-    sites = [first, *further, *start.zero]
+    sites = sites_of(start, known, further)
     if earlier and keep_centers:
         u = earlier.refit(sites, start.how.strategy)
     else:
         u = Confined.fit(sites, start.surface, start.how, earlier, progress)
     u(start.points[:1])  # loads compiled code, which is not counted as evaluation time
     begin = perf_counter()
-    to = evaluate(u.interpolant, start.points[start.free], runner) if last else u(nodes[-start.bound :])
+    to = (
+        evaluate(u.interpolant, start.points[start.free], runner)
+        if last
+        else u(start.points[start.known[-start.bound :]])
+    )
     seconds = perf_counter() - begin
     for modifier in start.modifiers:
         to = modifier.correct(to, known, last)
     return u, to, seconds
+
+
+def sites_of(start: Start, known: FloatArray, further: Sequence[DataSites]) -> list[DataSites]:
+    """Return all data sites: known nodes with displacements `known` (B, 3), further ones, and those on the box."""
+    nodes = start.points[start.known[start.rows]]
+    return [DataSites(nodes, known[start.rows][:, start.components], start.components), *further, *start.zero]
 
 
 def evaluate(interpolant: Interpolant, points: FloatArray, runner: Runner) -> FloatArray:
