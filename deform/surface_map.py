@@ -5,10 +5,8 @@ same function for every shape, and its derivatives are exact. Known nodes are me
 centres. Near walls the mesh follows them over the largest gap between centres.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +18,6 @@ from sdm_deflect.base.threads import Progress, silent
 from sdm_deflect.meshing.mesh.cells import bounded
 from sdm_deflect.meshing.mesh.mesh import Mesh
 
-from .around.modifier import Linearized
 from .checks import Check, checks_of
 from .confined import GROUPINGS, Choice, Confined
 from .rbf.greedy import Adaptation, adapt, fuse
@@ -30,44 +27,16 @@ from .volume.deflection import BoxDeflection, Deflection
 from .volume.job import Job
 from .volume.places import PlaceTable
 from .volume.plan import BoxPlan, Plan
-from .volume.step import Start, Step, evaluate, sites_of, take
+from .volume.step import Start, Step, sites_of, take
+from .volume.step_rates import StepRates
 
 # Numbers of centres on the boundary and on the box. Fewer bend the mesh less like the surface: with 300 and 150 a short
 # wave on a wing tip gives a least quality of .38 for .55. Greedy centres have a condition of 5e10, which spoils the
 # transpose.
 CENTERS = (1500, 300)
-# Points within this distance are one data site, as in `DataSites`.
-SAME_SITE = 1e-9
 
 
-class MapPass(NamedTuple):
-    """A fit of the map: for the bound nodes, or for the free nodes.
-
-    Attributes
-    ----------
-    fits : the fit.
-    rows : for each group of directions the row of a known node at each site (S,); -1 on the box.
-    """
-
-    fits: Confined
-    rows: tuple[IntArray, ...]
-
-
-class MapState(NamedTuple):
-    """The map's derivative at one surface.
-
-    Attributes
-    ----------
-    displacement : (K, 3) of the surface's nodes, as given.
-    first, last : the derivative of each modifier in the pass for the bound nodes, and in that for the free nodes.
-    """
-
-    displacement: FloatArray
-    first: tuple[Linearized, ...]
-    last: tuple[Linearized, ...]
-
-
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SurfaceMap:
     """Coordinates of a mesh as a function of the places of its surface's nodes.
 
@@ -82,8 +51,8 @@ class SurfaceMap:
 
     plan: Plan = field(repr=False)
     begin: Start = field(repr=False)
-    first: MapPass | None = field(repr=False)
-    last: MapPass = field(repr=False)
+    first: Confined | None = field(repr=False)
+    last: Confined = field(repr=False)
     coordinates: FloatArray = field(repr=False)
     rows: IntArray = field(repr=False)
     nodes_of: IntArray = field(repr=False)
@@ -108,11 +77,16 @@ class SurfaceMap:
         how = _how(box, centers)
         begin = _start(box, how)
         first, last = (_fit(begin, is_last) for is_last in (False, True))
-        box = replace(box, gap=max(_gap(box, begin, part) for part in (first, last) if part))
+        box = replace(box, gap=max(_gap(box, begin, fits) for fits in (first, last) if fits))
         plan = replace(plan, boxes=(box,))
         assert last
         movable, coordinates = box.movable, plan.mesh.points if whole is None else whole
         return cls(plan, _start(box, how), first, last, coordinates, plan.mesh.numbers(movable), movable)
+
+    def __repr__(self) -> str:
+        names, mesh = ", ".join(self.plan.patches), self.plan.mesh.name
+        moves = f"{len(self.rows)} of {len(self.coordinates)} points"
+        return f"<SurfaceMap: {names} of {mesh}, {len(self.nodes)} nodes; moves {moves}>"
 
     @property
     def box(self) -> BoxPlan:
@@ -138,34 +112,22 @@ class SurfaceMap:
 
     def jvp(self, surface: ArrayLike, speeds: ArrayLike) -> FloatArray:
         """Return the derivative (N, 3) of the coordinates along speeds (K, 3) of the surface's nodes."""
-        state, begin = self._state(self._displacement(surface)), self.begin
-        rate = np.zeros((len(begin.known), 3))
-        rate[: len(self.nodes)] = self.box.boundary.admitted_rate(state.displacement, self._checked(speeds, "speeds"))
-        if self.first:
-            rate[-begin.bound :] = self._rates(self.first, rate, state.first, False)
-        out = np.zeros_like(begin.points)
-        out[begin.free] = self._rates(self.last, rate, state.last, True)
-        out[begin.known] = rate
-        return self._scattered(out, self.coordinates * 0.0)
+        given, rates = self._rates(surface)
+        moving = self.box.boundary.admitted_rate(given, self._checked(speeds, "speeds"))
+        return self._scattered(rates.forward(moving, self.box.runner), np.zeros_like(self.coordinates))
 
     def vjp(self, surface: ArrayLike, gradient: ArrayLike) -> FloatArray:
         """Return the gradient (K, 3) by the surface's places of a function whose gradient by the coordinates is (N, 3).
 
         Raises InputError as `at`, or for a gradient of another shape.
         """
-        state, begin = self._state(self._displacement(surface)), self.begin
-        given = bounded(gradient, "gradient")
-        if given.shape != self.coordinates.shape:
-            raise InputError(f"gradient {given.shape} must be {self.coordinates.shape}, one row for each point")
-        whole = np.zeros_like(begin.points)
-        np.add.at(whole, self.nodes_of, given[self.rows])
-        known = whole[begin.known]
-        known += self._gradient(self.last, whole[begin.free], begin.free, state.last)
-        if self.first:
-            bound = np.array(known[-begin.bound :])
-            known[-begin.bound :] = 0.0
-            known += self._gradient(self.first, bound, begin.known[-begin.bound :], state.first)
-        return self.box.boundary.admitted_reverse(state.displacement, known[: len(self.nodes)])
+        by_point = bounded(gradient, "gradient")
+        if by_point.shape != self.coordinates.shape:
+            raise InputError(f"gradient {by_point.shape} must be {self.coordinates.shape}, one row for each point")
+        given, rates = self._rates(surface)
+        by_node = np.zeros_like(self.begin.points)
+        np.add.at(by_node, self.nodes_of, by_point[self.rows])
+        return self.box.boundary.admitted_reverse(given, rates.reverse(by_node)[: len(given)])
 
     def on(self, points: ArrayLike) -> "SurfaceMap":
         """Return the map of undeflected points (N, 3): all nodes of the mesh, or any part of them in any order.
@@ -246,8 +208,7 @@ class SurfaceMap:
         """Return the engine's step for a displacement (K, 3)."""
         begin = begin or self.begin
         known = np.zeros((len(begin.known), 3))
-        first = self.first.fits if self.first else None
-        earlier = Step(begin, first, self.last.fits, known, known, begin.points, 0.0)
+        earlier = Step(begin, self.first, self.last, known, known, begin.points, 0.0)
         return take(begin, move, earlier, keep_centers=True, runner=self.box.runner)
 
     def _scattered(self, places: FloatArray, whole: FloatArray | None = None) -> FloatArray:
@@ -256,51 +217,10 @@ class SurfaceMap:
         out[self.rows] = places[self.nodes_of]
         return out
 
-    def _state(self, displacement: FloatArray) -> MapState:
-        """Linearise the modifiers at a displacement (K, 3) of the surface's nodes."""
-        begin, known = self.begin, np.zeros((len(self.begin.known), 3))
-        known[: len(displacement)] = self.box.boundary.admitted(displacement)
-        first = list[Linearized]()
-        if self.first:
-            u = self._interpolated(self.first, known, False, [])
-            for modifier in begin.modifiers:
-                first.append(modifier.linearized(u, known, False))
-                u = modifier.correct(u, known, False)
-            known[-begin.bound :] = u
-        last = tuple(modifier.linearized(known, known, True) for modifier in begin.modifiers)
-        return MapState(displacement, tuple(first), last)
-
-    def _interpolated(
-        self, part: MapPass, known: FloatArray, is_last: bool, further: Sequence[Linearized]
-    ) -> FloatArray:
-        """Interpolate values (B, 3) of the known nodes at the nodes of a pass."""
-        begin = self.begin
-        sites = sites_of(begin, known, [sites for modifier in further for sites in modifier.sites(known)])
-        fits = part.fits.refit(sites, begin.how.strategy)
-        if is_last:
-            return evaluate(fits.interpolant, begin.points[begin.free], self.box.runner)
-        return fits(begin.points[begin.known[-begin.bound :]])
-
-    def _rates(self, part: MapPass, known: FloatArray, modifiers: Sequence[Linearized], is_last: bool) -> FloatArray:
-        """Return the rates (M, 3) at the nodes of a pass, given those (B, 3) of the known nodes."""
-        rate = self._interpolated(part, known, is_last, modifiers if is_last else [])
-        for modifier in modifiers:
-            rate = modifier.forward(rate, known)
-        return rate
-
-    def _gradient(
-        self, part: MapPass, gradient: FloatArray, nodes: IntArray, modifiers: Sequence[Linearized]
-    ) -> FloatArray:
-        """Return the gradient (B, 3) by the known nodes' displacements, given that (M, 3) at the nodes of a pass."""
-        known = np.zeros((len(self.begin.known), 3))
-        for modifier in reversed(modifiers):
-            gradient, more = modifier.reverse(gradient)
-            known += more
-        groups = part.fits.reverse(self.begin.points[nodes], gradient)
-        for fit, rows, values in zip(part.fits.adaptations, part.rows, groups, strict=True):
-            at = rows >= 0
-            known[rows[at][:, None], fit.components] += values[at]
-        return known
+    def _rates(self, surface: ArrayLike) -> tuple[FloatArray, StepRates]:
+        """Return the displacement (K, 3) at a surface as given, and the derivative of the step there."""
+        given = self._displacement(surface)
+        return given, StepRates.of(self.begin, self.first, self.last, self.box.boundary.admitted(given))
 
 
 def _how(box: BoxPlan, centers: tuple[int, int]) -> Choice:
@@ -323,24 +243,15 @@ def _start(box: BoxPlan, how: Choice, free: IntArray | None = None) -> Start:
     return replace(begin, free=free, modifiers=modifiers)
 
 
-def _fit(begin: Start, is_last: bool) -> MapPass | None:
+def _fit(begin: Start, is_last: bool) -> Confined | None:
     """Choose centres among the sites of a pass, and factorise; None for the first pass without bound nodes."""
     if not is_last and not begin.bound:
         return None
-    known = np.zeros((len(begin.known), 3))
+    known, how, fits = np.zeros((len(begin.known), 3)), begin.how, list[Adaptation]()
     further = [sites for modifier in begin.modifiers for sites in modifier.sites(known, is_last)]
-    sites = sites_of(begin, known, further)
-    at_known = [begin.rows, *(_rows_at(begin, part.points) for part in further)]
-    on_box = [np.full(len(part), -1) for part in begin.zero]
-    how, fits, rows = begin.how, list[Adaptation](), list[IntArray]()
-    for group in GROUPINGS[how.strategy](sites):
+    for group in GROUPINGS[how.strategy](sites_of(begin, known, further)):
         fits.append(adapt(group, how.kernel, spread(group.points, begin.surface, how.initial), how.options))
-    for fit in fits:
-        held = [i for i, part in enumerate(sites) if set(fit.components) <= set(part.components)]
-        points = np.vstack([sites[i].points for i in held])
-        kept = first_coincident(points, SAME_SITE) == np.arange(len(points))
-        rows.append(np.concatenate([[*at_known, *on_box][i] for i in held])[kept])
-    return MapPass(Confined(tuple(fits), fuse(fits)), tuple(rows))
+    return Confined(tuple(fits), fuse(fits))
 
 
 def spread(points: FloatArray, walls: int, count: tuple[int, int]) -> IntArray:
@@ -356,19 +267,9 @@ def spread(points: FloatArray, walls: int, count: tuple[int, int]) -> IntArray:
     return np.concatenate([first, walls + np.array(chosen, dtype=np.intp)])
 
 
-def _rows_at(begin: Start, points: FloatArray) -> IntArray:
-    """Return the rows of the bound nodes at these points (S, 3)."""
-    bound = len(begin.known) - begin.bound
-    return np.asarray(bound + cKDTree(begin.points[begin.known[bound:]]).query(points)[1], dtype=np.intp)
-
-
-def _gap(box: BoxPlan, begin: Start, part: MapPass) -> float:
+def _gap(box: BoxPlan, begin: Start, fits: Confined) -> float:
     """Return the diameter of the largest part of the moved walls without a centre."""
-    places = begin.points[begin.known]
     walls = np.unique(np.concatenate(box.parts[:-1]))
-    walls = walls[walls < len(begin.known) - begin.bound]
-    gaps = []
-    for fit, rows in zip(part.fits.adaptations, part.rows, strict=True):
-        centers = rows[fit.chosen]
-        gaps.append(float(cKDTree(places[centers[centers >= 0]]).query(places[walls])[0].max(initial=0.0)))
-    return 2.0 * max(gaps)
+    walls = begin.known[walls[walls < len(begin.known) - begin.bound]]
+    trees = (cKDTree(fit.interpolant.centers) for fit in fits.adaptations)
+    return 2.0 * max(float(tree.query(begin.points[walls])[0].max(initial=0.0)) for tree in trees)

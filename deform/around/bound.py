@@ -112,14 +112,13 @@ class ConstraintAtStep(ModifierAtStep):
 
     def linearized(self, u: FloatArray, known: FloatArray, last: bool) -> "ConstraintRates":
         """Return the derivative; of bound nodes along the projections of `u`."""
-        del known
         trail, u = [], np.array(u)
         several = len(self.shapes) + bool(len(self.bound.nodes)) > 1
         for shape, rows in () if last else self.shapes * (ROUNDS if several else 1):
             trail.append((shape, rows, u[rows]))
             u[rows] = shape.projected(self.points[rows], u[rows])
             u = self.bound.projected(u)
-        return ConstraintRates(self, self.free if last else self.bound, tuple(trail))
+        return ConstraintRates(self, last, tuple(trail), len(known))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,17 +128,30 @@ class ConstraintRates(Linearized):
     Attributes
     ----------
     of : the bound nodes.
-    images : images among the nodes of one pass.
+    last : whether the pass is for the free nodes.
     trail : shapes in turn, with their rows and the displacements (R, 3) before each projection.
+    known : number of known nodes.
     """
 
     of: ConstraintAtStep = field(repr=False)
-    images: Images = field(repr=False)
+    last: bool
     trail: tuple[tuple[SlidingSurface, IntArray, FloatArray], ...] = field(repr=False)
+    known: int
+
+    @property
+    def images(self) -> Images:
+        """Images among the nodes of the pass."""
+        return self.of.free if self.last else self.of.bound
 
     def sites(self, known: FloatArray) -> Sequence[DataSites]:
-        """Return the bound nodes with their rates."""
-        return self.of.sites(known, True)
+        """Return the bound nodes with their rates in the last pass."""
+        return self.of.sites(known, self.last)
+
+    def sites_reverse(self, gradient: FloatArray) -> FloatArray:
+        """Put the gradient at the bound nodes."""
+        out = np.zeros((self.known, 3))
+        out[self.known - len(self.of.points) + self.of.of.sampled] = gradient
+        return out
 
     def forward(self, rate: FloatArray, known: FloatArray) -> FloatArray:
         """Project the rates in the order of the projections."""

@@ -54,8 +54,7 @@ class LocalRotation:
 
     def linearized(self, displacement: FloatArray) -> "RotationRates":
         """Return the derivative of `rotations` at displacements (K, 3)."""
-        rotation, stretch = self._polar(displacement)
-        flat = (stretch == np.eye(3)).all(axis=(1, 2))
+        rotation, stretch, flat = self._polar(displacement)
         return RotationRates(self, rotation, np.asarray(np.linalg.inv(_trace_less(stretch)), dtype=np.float64), flat)
 
     def strain(self, displacement: FloatArray) -> FloatArray:
@@ -74,8 +73,8 @@ class LocalRotation:
         np.maximum.at(out, self.start, np.linalg.norm(off, axis=1) * np.linalg.norm(self.vectors, axis=1))
         return out
 
-    def _polar(self, displacement: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return R and S (K, 3, 3); both are the identity where the edges determine no rotation."""
+    def _polar(self, displacement: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Return R and S (K, 3, 3), and where (K,) the edges determine no rotation: there both are the identity."""
         still = self._sums(np.zeros_like(displacement), unit=1.0)
         if self.normal is not None:
             still += np.outer(self.normal, self.normal)  # as an edge along the normal that stays
@@ -86,7 +85,7 @@ class LocalRotation:
         rotation, stretch = u @ vt, np.einsum("kji,kj,kjl->kil", vt, s, vt)
         flat = s[:, 1] <= DEGENERATE * np.maximum(s[:, 0], np.finfo(float).tiny)
         rotation[flat], stretch[flat] = np.eye(3), np.eye(3)
-        return rotation, stretch
+        return rotation, stretch, flat
 
     def _sums(self, values: FloatArray, unit: float = 0.0) -> FloatArray:
         """Return the sums (K, 3, 3) of (value differences + unit edges) times edges."""

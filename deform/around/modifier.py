@@ -20,7 +20,7 @@ class Linearized:
     __slots__ = ()
 
     def sites(self, known: FloatArray) -> Sequence[DataSites]:
-        """Return the modifier's data sites in the last pass, with rates as values.
+        """Return the modifier's data sites in its pass, with rates as values.
 
         Parameters
         ----------
@@ -28,6 +28,10 @@ class Linearized:
         """
         del known
         return ()
+
+    def sites_reverse(self, gradient: FloatArray) -> FloatArray:
+        """Return the gradient (B, 3) by the known nodes, given that (S, 3) by the values at the modifier's sites."""
+        raise NotImplementedError
 
     def forward(self, rate: FloatArray, known: FloatArray) -> FloatArray:
         """Return the rates (M, 3) of the corrected displacements, given those before the correction."""

@@ -323,6 +323,11 @@ class FollowingRates(Linearized):
         values = self.of.layers.displacement(known, self.turning.forward(known))
         return (DataSites(self.of.layers.places, values[:, self.of.components], self.of.components),)
 
+    def sites_reverse(self, gradient: FloatArray) -> FloatArray:
+        """Hand the gradient at layer sites to the boundary nodes that carry them."""
+        known, turns = self.of.layers.reverse(gradient)
+        return known + self.turning.reverse(turns)
+
     def forward(self, rate: FloatArray, known: FloatArray) -> FloatArray:
         """Let rates near walls follow those of the walls: the correction is linear in them."""
         return self.near.following(rate, known, self.turning.forward(known))

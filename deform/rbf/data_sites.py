@@ -114,6 +114,21 @@ def multivariate(parts: Sequence[DataSites], tol: float = 1e-9) -> tuple[DataSit
     return tuple(join([_columns(parts[i], tuple(cs)) for i in where], tol) for where, cs in carriers.items() if where)
 
 
+def rows_of_parts(
+    parts: Sequence[DataSites], components: tuple[int, ...], tol: float = 1e-9
+) -> list[tuple[int, IndexArray, IndexArray]]:
+    """Return where the sites of a group come from: number of each part, rows of the part, rows in the group."""
+    carrying = [i for i, part in enumerate(parts) if set(components) <= set(part.components)]
+    points = np.vstack([parts[i].points for i in carrying])
+    kept = first_coincident(points, tol) == np.arange(len(points))
+    place, start, out = np.cumsum(kept) - 1, 0, []
+    for i in carrying:
+        rows = np.flatnonzero(kept[start : start + len(parts[i])])
+        out.append((i, rows, place[start + rows]))
+        start += len(parts[i])
+    return out
+
+
 def _columns(sites: DataSites, components: tuple[int, ...]) -> DataSites:
     columns = [sites.components.index(c) for c in components]
     return DataSites(sites.points, sites.values[:, columns], components, merged=sites.merged)

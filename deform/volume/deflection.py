@@ -24,6 +24,7 @@ from .boundary import PrescribedMotion
 from .job import Amounts
 from .plan import BoxPlan, Plan
 from .step import Step, take
+from .step_rates import StepRates
 
 if TYPE_CHECKING:
     from sdm_deflect.meshing.mesh.orthogonality import State
@@ -294,19 +295,21 @@ class Deflection:
 
 
 def _rate(deflection: BoxDeflection, row: int) -> FloatArray:
-    """Return the derivative (N, 3) by the amount of surface `row` at the end of the last step, on its centres."""
-    plan, step, count = deflection.plan, deflection.steps[-1], len(deflection.steps)
+    """Return the derivative (N, 3) by the amount of surface `row` at the end of the last step, on its centres.
+
+    The surface's displacement is differentiated by a difference of fourth order, the step itself exactly.
+    """
+    plan, step = deflection.plan, deflection.steps[-1]
     boundary = plan.boundary.frozen_at(deflection.amounts)
     h = DEGREES if plan.job.surfaces[row].motion.unit == "deg" else SHARE
-    before = step.known[: len(plan.sites.moving)] - boundary.displacement(deflection.amounts) if count > 1 else 0.0
     ends = []
     for k in (-2, -1, 1, 2):
         amounts = tuple(amount + k * h * (i == row) for i, amount in enumerate(deflection.amounts))
-        move = boundary.displacement(amounts)
-        points = take(step.start, move + before, step, keep_centers=True, runner=plan.runner).points
-        points[plan.sites.moving] = boundary.mesh.points[plan.sites.moving] + move
-        ends.append(plan.to_whole_mesh(points))
-    return np.asarray((8.0 * (ends[2] - ends[1]) - (ends[3] - ends[0])) / (12.0 * h))
+        ends.append(boundary.displacement(amounts))
+    speeds = (8.0 * (ends[2] - ends[1]) - (ends[3] - ends[0])) / (12.0 * h)
+    moving = step.known[: len(plan.sites.moving)]
+    rate = StepRates.of(step.start, step.first, step.fits, moving).forward(speeds, plan.runner)
+    return plan.boundary.thin.displacement(rate) if plan.boundary.thin else rate
 
 
 def deflect(

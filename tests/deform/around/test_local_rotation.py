@@ -1,6 +1,7 @@
 """Local rotations: a rigid motion gives its own, and the rates are derivatives."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -48,6 +49,18 @@ def test_a_pure_stretch_turns_nothing():
     pairs = [(i, j) for i in range(27) for j in range(i) if np.abs(grid[i] - grid[j]).sum() == 1.0]
     turns = of(grid, np.array(pairs)).rotations(grid * [0.5, -0.2, 0.1])
     np.testing.assert_allclose(turns, 0.0, atol=1e-12)
+
+
+def test_rates_are_differences_also_where_edges_are_those_of_a_cube():
+    corner = np.vstack([np.zeros(3), np.eye(3)])
+    edges = np.array([(0, 1), (0, 2), (0, 3), (1, 2), (2, 3)])
+    turning = of(corner, edges)
+    at, rate, h = np.zeros((4, 3)), rng.normal(size=(4, 3)), 1e-6
+    differences = (turning.rotations(at + h * rate) - turning.rotations(at - h * rate)) / (2.0 * h)
+    rates = turning.linearized(at)
+    np.testing.assert_allclose(rates.forward(rate), differences, atol=1e-8)
+    gradient = rng.normal(size=(4, 3, 3))
+    assert np.sum(rates.reverse(gradient) * rate) == pytest.approx(np.sum(gradient * differences), rel=1e-7)
 
 
 def test_a_strain_is_what_a_turn_leaves_of_the_edges_rates():
