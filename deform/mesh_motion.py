@@ -94,7 +94,7 @@ class MeshMotion:
                 if low < high:
                     functions = box.boundary.laws[row].functions.within(low, high)
                     control = ControlRange(
-                        _name(moving, surface), surface.patches, moving.motion.unit, low, high, functions
+                        control_name(moving, surface), surface.patches, moving.motion.unit, low, high, functions
                     )
                     there = known.boxes[b] if known else None
                     taken.append(Snapshots.of(box, row, control, progress, there))
@@ -124,7 +124,7 @@ class MeshMotion:
         for (moving, surface), amount in zip(plan.moving, deflection.amounts, strict=True):
             ends = min(0.0, amount), max(0.0, amount)
             controls.append(
-                ControlRange(_name(moving, surface), surface.patches, moving.motion.unit, *ends, Fixed(amount))
+                ControlRange(control_name(moving, surface), surface.patches, moving.motion.unit, *ends, Fixed(amount))
             )
         first = next((i for i, amount in enumerate(deflection.amounts) if amount), 0)
         least = min((quality.min for quality in deflection.quality), default=nan)
@@ -461,7 +461,7 @@ def _finer(box: BoxPlan) -> BoxPlan:
     return replace(box, margin=float(max(1, sum(moving.ends[0] < moving.ends[1] for moving in box.job.surfaces))))
 
 
-def _name(moving: Moving, surface: Surface) -> str:
-    """Return a name for a surface, without the panel that moves with its root."""
+def control_name(moving: Moving, surface: Surface) -> str:
+    """Return the name of a surface in a plan: without the panel that moves with its root."""
     following = moving.motion.panel if isinstance(moving.motion, RootOnCylinder) else ()
-    return name_of([name for name in surface.plain_names if name not in following])
+    return name_of([name for name in surface.plain_names if name not in following]) + surface.suffix

@@ -19,7 +19,7 @@ from sdm_deflect.cases.run.metrics import Json, width_setting
 from sdm_deflect.cases.run.output import text_of
 from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.checks import Check
-from sdm_deflect.deform.mesh_motion import MeshMotion
+from sdm_deflect.deform.mesh_motion import MeshMotion, control_name
 from sdm_deflect.deform.rbf.data_sites import DIRECTIONS
 from sdm_deflect.deform.surface.surface import name_of
 from sdm_deflect.deform.volume.deflection import BoxDeflection
@@ -118,6 +118,7 @@ class MovedSurface:
     nodes : (K,) its nodes.
     axis : its hinge, None without one.
     width : name of the setting of a blended width beside it, ``"strip"`` or ``"panel"``, or empty.
+    control : name of the surface in a plan.
     """
 
     name: str
@@ -127,6 +128,7 @@ class MovedSurface:
     nodes: IntArray = field(repr=False)
     axis: Axis | None = None
     width: str = ""
+    control: str = ""
 
     @property
     def amount_text(self) -> str:
@@ -164,13 +166,14 @@ class Box:
         """Return the box of a plan with its surfaces at some amounts."""
         surfaces = [
             MovedSurface(
-                name=name_of(surface.plain_names),
+                name=name_of(surface.plain_names) + surface.suffix,
                 amount=amount,
                 unit=moving.motion.unit,
                 patches=surface.patches,
                 nodes=surface.nodes,
                 axis=moving.motion.axis,
                 width=width_setting(moving.motion, plan.mesh.plane),
+                control=control_name(moving, surface),
             )
             for (moving, surface), amount in zip(plan.moving, amounts, strict=True)
         ]

@@ -104,12 +104,15 @@ class Turning:
         motion = data.motion
         if motion is None:
             return cls(MeshMotion((), data.mesh.points, (), ()), ())
-        amounts, poses = [], []
-        for i, control in enumerate(motion.controls):
-            amounts += [surface.amount for surface in data.surfaces if {*surface.patches} & {*control.patches}][:1]
+        amounts, poses = {surface.control: surface.amount for surface in data.surfaces}, []
+        for i in range(len(motion.controls)):
             for row in motion.measured[i]:
                 poses.append(tuple(row.amount if i == j else other for j, other in enumerate(motion.amounts)))
-        return cls(motion if motion.plan else motion.on(data.mesh.points), tuple(amounts), tuple(poses))
+        return cls(
+            motion if motion.plan else motion.on(data.mesh.points),
+            tuple(amounts[control.name] for control in motion.controls),
+            tuple(poses),
+        )
 
     def page_fields(self, nodes: IntArray, points: FloatArray, exact: bool) -> tuple[list[Json], FloatArray]:
         """Return the fields of nodes (K,) at points (K, 3), and the places that the page computes from them."""

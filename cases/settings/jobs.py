@@ -235,14 +235,23 @@ def _rows(angles: Any, settings: JobSettings) -> tuple[Amounts, ...]:
 
 
 def _columns(path: Path, names: Sequence[tuple[str, ...]]) -> FloatArray:
-    """Read a table with a column for each surface, in the order of the surfaces' patch `names`."""
-    wanted = ",".join(name[0] for name in names)
-    titles, given = read_rows(path, "table of amounts", wanted)
+    """Read a table with a column for each surface, in the order of the surfaces' patch `names`.
+
+    A column is titled by the first patch; of several surfaces with that one by ``wing``, ``wing (2)``. Any other patch
+    of one surface alone will do.
+    """
+    first, every = [name[0] for name in names], [patch for name in names for patch in name]
+    numbers = [first[: i + 1].count(patch) for i, patch in enumerate(first)]
+    wanted = [f"{patch} ({number})" if number > 1 else patch for patch, number in zip(first, numbers, strict=True)]
+    others = ([patch for patch in name if every.count(patch) == 1] for name in names)
+    known = {title: (title, *patches) for title, patches in zip(wanted, others, strict=True)}
+    titles, given = read_rows(path, "table of amounts", ",".join(wanted))
     with damaged(path, "table of amounts"):
-        columns = columns_of(titles, {name[0]: name for name in names})
+        columns = columns_of(titles, known)
     if len(columns) < len(names) or len(columns) < len(titles):
-        raise InputError(f"{path}: one column for each surface, titled {wanted}; its titles are {','.join(titles)}")
-    return given[:, [columns[name[0]] for name in names]]
+        some = f"one column for each surface, titled {','.join(wanted)}"
+        raise InputError(f"{path}: {some}; its titles are {','.join(titles)}")
+    return given[:, [columns[title] for title in wanted]]
 
 
 def job_of(settings: JobSettings, *, by_range: bool = False) -> Job:
@@ -266,7 +275,8 @@ def _stays_beside(surface: SurfaceSettings, settings: JobSettings) -> tuple[str,
     """Return the patches on which nodes of a blended surface are held: fixed patches and other surfaces."""
     turn = attrgetter("hinge", "device", "angle", "shift", "track", "slot", "gap", "overlap")
     others = (other for other in settings.surface if turn(other) != turn(surface))
-    return (*settings.fixed, *(name for other in others for name in other.patches)) if settings.fixed else ()
+    names = (name for other in others for name in other.patches if name not in surface.patches)
+    return (*settings.fixed, *names)
 
 
 def _moving(surface: SurfaceSettings, fixed: tuple[str, ...], by_range: bool) -> Moving:

@@ -10,7 +10,7 @@ from sdm_deflect.base.arrays import FloatArray
 from sdm_deflect.base.errors import InputError
 from sdm_deflect.meshing.mesh.axis import Axis
 
-from .motions import MOST, OWN, Table
+from .motions import Table
 from .surface import Surface
 
 # Ratios of metres, millimetres, inches and feet.
@@ -136,20 +136,18 @@ class TablePlacement:
     surface : its patches, for messages.
     nodes, points : (K, 3) nodes of the surface and (P, 3) distinct points of the table.
     plane : whether the mesh is plane.
-    carried : number of points that carry the spline.
     """
 
     surface: str
     nodes: FloatArray = field(repr=False)
     points: FloatArray = field(repr=False)
     plane: bool
-    carried: int
 
     @classmethod
     def of(cls, surface: Surface, table: Table) -> "TablePlacement":
         """Take the nodes of a surface and the points of a table; InputError as for `Table.distinct`."""
         points, _ = table.distinct()
-        return cls(surface.label, surface.points, points, surface.mesh.plane, min(len(points), MOST))
+        return cls(surface.label, surface.points, points, surface.mesh.plane)
 
     @property
     def size(self) -> float:
@@ -202,12 +200,6 @@ class TablePlacement:
             yield (
                 f"table: {coarse / len(nodes):.0%} of the nodes of {self.surface} are farther than {near:.4g} from its "
                 "points: is it too coarse?"
-            )
-        others = np.count_nonzero(distance > OWN * self.size)
-        if self.carried < len(self.points) and others:
-            yield (
-                f"table: {self.carried} of its {len(self.points)} points carry the spline; "
-                f"{others / len(nodes):.0%} of the nodes of {self.surface} are at none of its points"
             )
 
 

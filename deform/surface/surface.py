@@ -32,11 +32,13 @@ class Surface:
     patches : their names.
     nodes : (K,) sorted node indices.
     mesh : the whole mesh.
+    number : 2 for the second moving surface of the same patches, and so on.
     """
 
     patches: tuple[str, ...]
     nodes: IntArray = field(repr=False)
     mesh: Mesh = field(repr=False)
+    number: int = 1
 
     @classmethod
     def of(cls, mesh: Mesh, names: Sequence[str]) -> "Surface":
@@ -62,7 +64,12 @@ class Surface:
     @property
     def label(self) -> str:
         """Names of the patches, for messages."""
-        return ", ".join(self.plain_names)
+        return ", ".join(self.plain_names) + self.suffix
+
+    @property
+    def suffix(self) -> str:
+        """What tells the surface from others of the same patches: nothing, then `` (2)``, `` (3)``."""
+        return f" ({self.number})" if self.number > 1 else ""
 
     def on(self, names: Sequence[str]) -> BoolArray:
         """Return which of the nodes (K,) are also on the named patches."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import reduce
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -91,12 +92,13 @@ class PrescribedMotion:
         slides = thin.slides(slides) if thin else slides
         pairs, sides, flat = _bound_patches(mesh, moves, slides)
         slides = {name: slides[name] for name in _without(slides, flat)}
-        surfaces = tuple(Surface.of(mesh, moving.patches) for moving in job.surfaces)
+        surfaces = _numbered([Surface.of(mesh, moving.patches) for moving in job.surfaces])
         others = {*moves, *slides, *pairs, *sides}.difference(job.fixed)
         fixed = _without(mesh.expand(job.fixed, "fixed"), others)
         slides |= _symmetry(mesh, (*others, *fixed))
         fixed = (*fixed, *_beside_roots(mesh, job, (*others, *fixed, *slides)))
         _check_parts(mesh, moves, fixed, slides)
+        _check_shared(mesh, job, surfaces)
         _check_sections(mesh, job)
         _check_hinges(job, surfaces)
         laws = tuple(moving.motion.law(surface) for moving, surface in zip(job.surfaces, surfaces, strict=True))
@@ -111,7 +113,7 @@ class PrescribedMotion:
     @property
     def moving(self) -> tuple[str, ...]:
         """Patches of the moving surfaces."""
-        return tuple(name for surface in self.surfaces for name in surface.patches)
+        return tuple(dict.fromkeys(name for surface in self.surfaces for name in surface.patches))
 
     @property
     def edge(self) -> float:
@@ -235,9 +237,15 @@ class PrescribedMotion:
             yield surface, surface.points[row], vectors[row]
 
     def reaches(self, amounts: Amounts) -> Iterator[tuple[Surface, ReachedShare | None]]:
-        """Yield each surface with the share of its angle by which it turns; None without a hinge or at angle 0."""
-        move = self.displacement(amounts)
+        """Yield each surface with the share of its angle by which it turns; None without a hinge or at angle 0.
+
+        Tables that add to a turn are left out.
+        """
+        is_table = [moving.motion.unit == Table.unit for moving in self.job.surfaces]
+        by_table = {name for of, table in zip(self.surfaces, is_table, strict=True) if table for name in of.patches}
+        turned = tuple(0.0 if table else amount for amount, table in zip(amounts, is_table, strict=True))
         for surface, law, moving, amount in zip(self.surfaces, self.laws, self.job.surfaces, amounts, strict=True):
+            move = self.displacement(amounts if by_table.isdisjoint(surface.patches) else turned)
             vectors, axis = move[np.searchsorted(self.nodes, surface.nodes)], moving.motion.axis
             turns = axis is not None and moving.motion.unit == "deg" and amount != 0.0
             yield surface, ReachedShare.of(surface.points, vectors, axis, amount, law) if axis and turns else None
@@ -255,17 +263,25 @@ class PrescribedMotion:
                 yield patch, rows
 
     def _join(self, parts: list[FloatArray], fault: str) -> FloatArray:
-        """Join the displacements of the surfaces to those of `nodes` (K, 3); InputError where two differ."""
+        """Join the displacements of the surfaces to those of `nodes` (K, 3); InputError where two patches differ.
+
+        Displacements of surfaces that have a patch in common add up on it.
+        """
         out = np.full((len(self.nodes), 3), np.nan)
-        for surface, part in zip(self.surfaces, parts, strict=True):
-            rows = np.searchsorted(self.nodes, surface.nodes)
+        for name in self.moving:
+            nodes = self.mesh.patch(name).nodes
+            pairs = zip(self.surfaces, parts, strict=True)
+            of_patch = (part[np.searchsorted(of.nodes, nodes)] for of, part in pairs if name in of.patches)
+            part, rows = reduce(np.add, of_patch), np.searchsorted(self.nodes, nodes)
             known = out[rows]
             apart = np.abs(known - part).max(axis=1) > ZERO_LENGTH * self.size  # nan (unknown) compares false
             if apart.any():
+                way = "blend both, and name the other one's patch in held, beside those that stay"
+                if any(moving.motion.unit == Table.unit for moving in self.job.surfaces):
+                    way = "name both patches for the table, which adds to a turn, or let it fall to zero there"
                 raise InputError(
-                    f"{self.mesh.name}: {int(apart.sum())} nodes of {surface.label} also belong to another moving "
-                    f"surface, and the two {fault} there; blend both, and name "
-                    "the other one's patch in held, beside those that stay"
+                    f"{self.mesh.name}: {int(apart.sum())} nodes of {name} also belong to another moving "
+                    f"surface, and the two {fault} there; {way}"
                 )
             out[rows] = np.where(np.isnan(known), part, known)
         return out
@@ -482,6 +498,24 @@ def _check_parts(mesh: Mesh, moves: list[str], fixed: tuple[str, ...], sliding: 
         both = sorted(set(names) & set(others))
         if both:
             raise InputError(f"{mesh.name}: patch {both[0]} cannot be {what} at once")
-    twice = sorted({name for name in moves if moves.count(name) > 1})
+
+
+def _check_shared(mesh: Mesh, job: Job, surfaces: Sequence[Surface]) -> None:
+    """Raise InputError for a patch of two surfaces that turn; tables add to whatever else moves a patch."""
+    turning = [
+        name
+        for moving, surface in zip(job.surfaces, surfaces, strict=True)
+        for name in surface.patches
+        if moving.motion.unit != Table.unit
+    ]
+    twice = sorted({name for name in turning if turning.count(name) > 1})
     if twice:
-        raise InputError(f"{mesh.name}: patch {twice[0]} belongs to two moving surfaces")
+        raise InputError(f"{mesh.name}: patch {twice[0]} belongs to two moving surfaces; only tables add up")
+
+
+def _numbered(surfaces: Sequence[Surface]) -> tuple[Surface, ...]:
+    """Return surfaces with numbers for those of the same patches."""
+    return tuple(
+        replace(surface, number=1 + sum(other.patches == surface.patches for other in surfaces[:i]))
+        for i, surface in enumerate(surfaces)
+    )

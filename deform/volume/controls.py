@@ -70,9 +70,12 @@ def by_surface(controls: Sequence[ControlRange], values: Wanted) -> Amounts:
     if not isinstance(values, Mapping) and len(given) != len(controls):
         raise InputError(f"amounts = {shortened(values)}: the plan has {len(controls)} surfaces: {', '.join(names)}")
     for name, value in given.items():
-        rows = [i for i, control in enumerate(controls) if name in (i, control.name, *control.patches)]
+        rows = [i for i, control in enumerate(controls) if name in (i, control.name)]
+        rows = rows or [i for i, control in enumerate(controls) if name in control.patches]
         if not rows or isinstance(name, bool):
             raise InputError(f"{name!r} is no surface of the plan; {nearest(str(name), names)}")
+        if len(rows) > 1:
+            raise InputError(f"{name!r} belongs to several surfaces; say {' or '.join(names[row] for row in rows)}")
         if isinstance(value, bool) or not isinstance(value, Real):
             raise InputError(f"{names[rows[0]]} = {shortened(value)} must be a number")
         out[rows[0]] = float(value)

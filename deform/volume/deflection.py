@@ -58,7 +58,7 @@ class ErrorBetween:
         The reference displacement of a midpoint is the mean of its corners': exact for a rotation. For motions that
         bend a face, the error includes the bending.
         """
-        faces = [block for surface in boundary.surfaces for block in boundary.mesh.faces_of(surface.patches)]
+        faces = boundary.mesh.faces_of(boundary.moving)
         corners = _corners(polygons_of(faces))
         if not len(corners):
             return None

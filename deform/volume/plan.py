@@ -107,7 +107,7 @@ class BoxPlan:
     @property
     def patches(self) -> tuple[str, ...]:
         """Names of the moving patches, those of the first surface first."""
-        return tuple(name for _, surface in self.moving for name in surface.patches)
+        return self.boundary.moving
 
     @property
     def surface(self) -> str:
@@ -360,7 +360,7 @@ class Plan:
     @property
     def patches(self) -> tuple[str, ...]:
         """Names of the moving patches, those of the first surface first."""
-        return tuple(name for box in self.boxes for name in box.patches)
+        return tuple(dict.fromkeys(name for box in self.boxes for name in box.patches))
 
     @property
     def surface(self) -> str:

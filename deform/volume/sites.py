@@ -17,6 +17,7 @@ from sdm_deflect.deform.confined import zero_sites
 from sdm_deflect.deform.rbf.data_sites import DataSites, fixed_sites
 from sdm_deflect.deform.rbf.fitting import KERNELS, Fitting
 from sdm_deflect.deform.rbf.kernels import Kernel, kernel_of
+from sdm_deflect.deform.surface.motions import Table
 from sdm_deflect.meshing.mesh.edges import edges_of, median_edge, polygons_of
 from sdm_deflect.meshing.mesh.images import PLANE_TOLERANCE
 from sdm_deflect.meshing.mesh.sliding import Plane
@@ -190,10 +191,12 @@ def _edges(boundary: PrescribedMotion, known: IntArray) -> IntArray:
 def _shear_mask(boundary: PrescribedMotion, known: IntArray, edges: IntArray, certain: int) -> BoolArray:
     """Return the mask `Sites.sheared`; the first `certain` of the known nodes (B,) are moving or fixed."""
     move = np.zeros((len(known), 3))
-    for surface, law in zip(boundary.surfaces, boundary.laws, strict=True):
-        displacement = law.displacement(SMALL)
+    tables = (moving.motion.unit == Table.unit for moving in boundary.job.surfaces)
+    for is_table, surface, law in zip(tables, boundary.surfaces, boundary.laws, strict=True):
+        displacement, rows = law.displacement(SMALL), np.searchsorted(boundary.nodes, surface.nodes)
         largest = float(np.linalg.norm(displacement, axis=1).max())
-        move[np.searchsorted(boundary.nodes, surface.nodes)] = displacement / largest if largest else displacement
+        there = move[rows] if is_table else 0.0
+        move[rows] = there + (displacement / largest if largest else displacement)
     turning = LocalRotation.of(boundary.mesh.points[known], edges, certain, boundary.mesh.normal)
     return np.asarray(turning.strain(move)[: len(boundary.nodes)] * boundary.size > SHEARED)
 
@@ -279,7 +282,7 @@ def _sides(boundary: PrescribedMotion) -> tuple[tuple[Plane, float, float], ...]
 def _surface_edge(boundary: PrescribedMotion, distinct: IntArray) -> float:
     """Return the median edge of the moving surfaces; without faces, the median distance of nearest nodes."""
     mesh = boundary.mesh
-    faces = [faces for surface in boundary.surfaces for faces in mesh.faces_of(surface.patches)]
+    faces = mesh.faces_of(boundary.moving)
     if faces:
         return median_edge(mesh.points, faces)
     if len(distinct) < 2:

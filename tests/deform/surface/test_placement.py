@@ -10,7 +10,6 @@ import sdm_deflect as sd
 from sdm_deflect.base.errors import InputError
 from sdm_deflect.cases.run.metrics import farthest, travels, warnings_of
 from sdm_deflect.deform.rbf.fitting import Fitting
-from sdm_deflect.deform.surface import motions, placement
 from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.surface.placement import UNITS, Placement
 from sdm_deflect.deform.surface.surface import Surface
@@ -186,18 +185,13 @@ def test_a_table_on_a_line_or_of_a_larger_wing_is_silent(wing):
     deflected(wing, larger, wave(larger))
 
 
-def test_what_a_table_does_not_cover_is_told(wing, monkeypatch):
+def test_what_a_table_does_not_cover_is_told(wing):
     points = skin(wing)
     with pytest.warns(UserWarning, match=r"table: \d+% of the nodes of body lie beyond its points, by up to 2: "):
         deflected(wing, points[points[:, 1] <= 0.0])
     few = np.array([[x, y, z] for x in (1.5, 2.5) for y in (-2.0, 2.0) for z in (-0.25, 0.25)])
     with pytest.warns(UserWarning, match=r"nodes of body are farther than 0\.25 from its points: is it too coarse"):
         deflected(wing, few)
-    monkeypatch.setattr(placement, "MOST", 50)
-    monkeypatch.setattr(motions, "MOST", 50)
-    dense = np.random.default_rng(2).uniform([1.5, -2.0, -0.25], [2.5, 2.0, 0.25], (4000, 3))
-    with pytest.warns(UserWarning, match=r"50 of its 4000 points carry the spline; 100% of the nodes of body"):
-        deflected(wing, dense)
 
 
 @pytest.mark.parametrize("points", [np.zeros((5, 2)), np.zeros((5, 4)), [[0.0, 1.0]], "x", np.full((5, 3), np.nan)])
