@@ -317,7 +317,7 @@ class MeshMotion:
                     read = read or snapshot.nearest(amount)
                     missed = missed + np.tensordot(snapshot.control.functions.values(amount), off, 1)
             steps, at = (read.steps, read.amounts) if read else ((), None)
-            error = float(np.abs(missed).max())
+            error = float(np.abs(missed).max(initial=0.0))
             boxes.append(BoxDeflection(box, tuple(at_box), steps, points, 0.0, None, at, error))
         return Deflection(plan, tuple(boxes))
 

@@ -5,28 +5,34 @@ same function for every shape, and its derivatives are exact. Known nodes are me
 centres. Near walls the mesh follows them over the largest gap between centres.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import product
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from sdm_deflect.base.arrays import FloatArray, IntArray, farthest, first_coincident
-from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.errors import InputError, shortened
 from sdm_deflect.base.threads import Progress, silent
 from sdm_deflect.meshing.mesh.cells import bounded
 from sdm_deflect.meshing.mesh.mesh import Mesh
 
 from .checks import Check, checks_of
 from .confined import GROUPINGS, Choice, Confined
+from .mesh_motion import MeshMotion
 from .rbf.greedy import Adaptation, adapt, fuse
 from .rbf.rules import GreedyOptions
-from .surface.motions import TableLaw
+from .surface.motions import Moving, Table, TableLaw
+from .volume.controls import ControlRange
 from .volume.deflection import BoxDeflection, Deflection
 from .volume.job import Job
 from .volume.places import PlaceTable
 from .volume.plan import BoxPlan, Plan
+from .volume.snapshots import Snapshots
 from .volume.step import Start, Step, sites_of, take
 from .volume.step_rates import StepRates
 
@@ -169,6 +175,49 @@ class SurfaceMap:
             for check in checks
         )
 
+    def modes(self, shapes: Mapping[str, ArrayLike], ends: tuple[float, float] = (-1.0, 1.0)) -> MeshMotion:
+        """Return a plan with an amount for each mode of a structure; the mesh follows their sum to first order.
+
+        The surface is exact at all amounts. The plan answers for the map's points, as `MeshMotion.on`.
+
+        Parameters
+        ----------
+        shapes : For each name the displacement (K, 3) of the surface's nodes at amount 1.
+        ends : The least and the largest amount of each mode.
+
+        Raises InputError without shapes, for one that is 0 or that `at` would refuse at an end, or for ends without 0.
+        """
+        if not isinstance(shapes, Mapping) or not shapes or not all(isinstance(name, str) and name for name in shapes):
+            raise InputError(f"shapes = {shortened(shapes)} must be displacements (K, 3) by name")
+        vectors = {name: self._checked(shape, name) for name, shape in shapes.items()}
+        for name, shape in vectors.items():
+            if not shape.any():
+                raise InputError(f"{name} moves no node")
+        low, high = _ends(ends)
+        box, mesh = self.box, self.plan.mesh
+        moving = tuple(Moving(box.patches, Table(self.start, shape), 0.0, (low, high)) for shape in vectors.values())
+        for shape, end in product(vectors.values(), filter(None, (low, high))):
+            self._admitted(self.start + end * shape)
+        laws = tuple(map(TableLaw, vectors.values()))
+        surfaces = tuple(replace(box.boundary.surfaces[0], number=1 + i) for i in range(len(laws)))
+        boundary = replace(box.boundary, job=replace(box.job, surfaces=moving), surfaces=surfaces, laws=laws)
+        with_modes, at = replace(box, boundary=boundary), max(low, high, key=abs)
+        rates, fields, snapshots = self._rates(self.start, _start(box, self.begin.how))[1], [], []
+        for i, (name, shape) in enumerate(vectors.items()):
+            move = rates.forward(box.boundary.admitted_rate(np.zeros_like(shape), shape), box.runner)
+            pose = tuple(at * (i == j) for j in range(len(laws)))
+            there = BoxDeflection(with_modes, pose, (), mesh.points + at * move, 0.0, residual=0.0)
+            control = ControlRange(name, box.patches, Table.unit, low, high, laws[i].functions)
+            snapshots.append(Snapshots(control, with_modes, i, (there,), np.array([[1.0 / at]]), (there,)))
+            fields.append(move[None, box.movable])
+        rest = (0.0,) * len(laws)
+        plan = replace(self.plan, boxes=(with_modes,), poses=(rest,))
+        motion = MeshMotion(
+            tuple(snapshot.control for snapshot in snapshots), mesh.points, (box.movable,) * len(laws), tuple(fields),
+            rest, source=Path(mesh.source).name, plan=plan, snapshots=tuple(snapshots),
+        )  # fmt: skip
+        return motion if self.coordinates is mesh.points else motion.on(self.coordinates)
+
     @cached_property
     def _free(self) -> IntArray:
         """Sorted free nodes of the whole mesh."""
@@ -217,10 +266,18 @@ class SurfaceMap:
         out[self.rows] = places[self.nodes_of]
         return out
 
-    def _rates(self, surface: ArrayLike) -> tuple[FloatArray, StepRates]:
+    def _rates(self, surface: ArrayLike, begin: Start | None = None) -> tuple[FloatArray, StepRates]:
         """Return the displacement (K, 3) at a surface as given, and the derivative of the step there."""
         given = self._displacement(surface)
-        return given, StepRates.of(self.begin, self.first, self.last, self.box.boundary.admitted(given))
+        return given, StepRates.of(begin or self.begin, self.first, self.last, self.box.boundary.admitted(given))
+
+
+def _ends(given: tuple[float, float]) -> tuple[float, float]:
+    """Return the least and the largest amount of modes; InputError unless 0 is among them."""
+    ends = bounded(given, "ends")
+    if ends.shape != (2,) or not ends[0] <= 0.0 <= ends[1] or ends[0] == ends[1]:
+        raise InputError(f"ends = {shortened(given)} must be the least and the largest amount, with 0 among them")
+    return float(ends[0]), float(ends[1])
 
 
 def _how(box: BoxPlan, centers: tuple[int, int]) -> Choice:

@@ -232,18 +232,19 @@ def residuals(deflection: BoxDeflection, steps: int) -> FloatArray:
     Boundary sites come first, then zero sites; layer sites are left out, because each step chooses its own. Steps
     that the deflection does not have are 0.
     """
-    sites, out = deflection.plan.sites, []
+    sites = deflection.plan.sites
     counts = np.cumsum([0, len(sites.moving), len(sites.fixed)])
     chosen = zip(counts, (sites.distinct, sites.sampled, sites.sampled_sliding), strict=True)
     rows = np.concatenate([start + some for start, some in chosen])
-    for step in deflection.steps:
+    out = np.zeros((steps, len(rows) + sum(len(zero.points) for zero in sites.zero), 3))
+    for k, step in enumerate(deflection.steps):
         parts = [step.off[rows]]
         for zero in sites.zero:
             parts.append(np.zeros((len(zero.points), 3)))
             columns = list(zero.components)
             parts[-1][:, columns] = step.fits.interpolant(zero.points)[:, columns]
-        out.append(np.vstack(parts))
-    return np.stack(out + [np.zeros_like(out[0])] * (steps - len(out)))
+        out[k] = np.vstack(parts)
+    return out
 
 
 def weighted(weights: FloatArray, displacements: Sequence[FloatArray]) -> FloatArray:

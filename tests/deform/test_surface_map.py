@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from sdm_deflect import InputError, Mesh, Patch, deflect, surface_map
+from sdm_deflect import InputError, Mesh, MeshMotion, Patch, deflect, surface_map
 from sdm_deflect.base import threads
 from sdm_deflect.cases.api import OF_MAPS
 from sdm_deflect.cases.settings.job_settings import BY_NAME
@@ -205,3 +205,67 @@ def test_nodes_at_one_place_stay_together(block):
     surface[0] += 0.01
     with pytest.raises(InputError, match="1 nodes part from others at their place"):
         warp.at(surface)
+
+
+@pytest.fixture
+def modes(maps):
+    """Twenty shapes of the wing by name, none of which leaves the symmetry plane."""
+    _, warp = maps["wing"]
+    x, y, _ = warp.start.T
+    shapes = [np.column_stack([0.0 * x, 0.0 * x, 0.02 * np.sin((1 + k) * y / 3.0) * y]) for k in range(20)]
+    return {f"mode {k}": shape for k, shape in enumerate(shapes)}
+
+
+def test_a_sum_of_modes_is_checked_as_a_table_of_it(maps, modes):
+    mesh, warp = maps["wing"]
+    motion = warp.modes(modes, (-1.0, 2.0))
+    amounts = {"mode 0": 0.5, "mode 3": -0.3, "mode 7": 0.2}
+    total = sum(amount * modes[name] for name, amount in amounts.items())
+    points = motion.at(amounts)
+    assert np.abs(points[warp.nodes] - warp.start - total).max() < 1e-15
+    assert motion.at({}).tobytes() == mesh.points.tobytes()
+    by_table = deflect(
+        mesh, ["wing_*", "flap_*"], None, 1.0, table=(warp.start, total), slide="symmetry:plane", fixed="far*"
+    )
+    expected = {check.name: check for check in by_table.checks}
+    checks = [check for check in motion.check(amounts) if check.name in expected]
+    assert [check.verdict for check in checks] == [expected[check.name].verdict for check in checks]
+    for check in checks:
+        assert float(check.value or 0.0) == pytest.approx(float(expected[check.name].value or 0.0), abs=0.01)
+    assert np.abs(points - warp.at(warp.start + total)).max() < 1e-3  # a map is not linear
+    assert [row.failed for row in motion.judged(count=3).measured[0]] == [(), (), ()]
+
+
+def test_modes_of_a_part_and_of_a_file_have_the_bits_of_the_whole(maps, modes, tmp_path):
+    mesh, warp = maps["wing"]
+    amounts, some = {"mode 1": 0.5, "mode 2": 1.0}, np.random.default_rng(3).permutation(len(mesh.points))[:400]
+    whole = warp.modes(modes)
+    points = whole.at(amounts)
+    assert warp.on(mesh.points[some]).modes(modes).at(amounts).tobytes() == points[some].tobytes()
+    whole.save(tmp_path / "modes.npz")
+    assert MeshMotion.load(tmp_path / "modes.npz", mesh.points).at(amounts).tobytes() == points.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("change", "ends", "said"),
+    [
+        (lambda shape: {}, (-1.0, 1.0), r"shapes = \{\} must be displacements \(K, 3\) by name"),
+        (lambda shape: [shape], (-1.0, 1.0), r"must be displacements \(K, 3\) by name"),
+        (lambda shape: {1: shape}, (-1.0, 1.0), r"must be displacements \(K, 3\) by name"),
+        (lambda shape: {"a": 0.0 * shape}, (-1.0, 1.0), "a moves no node"),
+        (lambda shape: {"a": shape[:-1]}, (-1.0, 1.0), r"a \(\d+, 3\) must be \(\d+, 3\), one row for each node"),
+        (lambda shape: {"a": np.nan * shape}, (-1.0, 1.0), "a: a coordinate is not finite"),
+        (
+            lambda shape: {"a": shape + np.array([0.0, 0.1, 0.0])},
+            (-1.0, 1.0),
+            "nodes shared by the moving surface and symmetry",
+        ),
+        (lambda shape: {"a": shape}, (1.0, 2.0), "must be the least and the largest amount, with 0 among them"),
+        (lambda shape: {"a": shape}, (0.0, 0.0), "must be the least and the largest amount"),
+        (lambda shape: {"a": shape}, 1.0, "must be the least and the largest amount"),
+        (lambda shape: {"a": shape}, "xy", "ends must be real numbers"),
+    ],
+)
+def test_modes_that_are_none(maps, modes, change, ends, said):
+    with pytest.raises(InputError, match=said):
+        maps["wing"][1].modes(change(modes["mode 1"]), ends)
