@@ -32,7 +32,7 @@ from sdm_deflect.deform.box.automatic import Automatic
 from sdm_deflect.deform.checks import Check, checks_of
 from sdm_deflect.deform.loop import run
 from sdm_deflect.deform.rbf.interpolant import Interpolant
-from sdm_deflect.deform.surface.motions import AnyShape
+from sdm_deflect.deform.surface.shapes import AnyShape
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.job import Amounts, Job
 from sdm_deflect.deform.volume.plan import Plan

@@ -71,14 +71,10 @@ class SurfaceMap:
         """Plan a job with one surface of the motion `AnyShape`, and factorise the fits.
 
         `whole` (N, 3) are the coordinates of the file if the mesh is a submesh of it. Raises InputError if the job does
-        not suit the mesh, or the mesh is one cell thick.
+        not suit the mesh.
         """
         plan = Plan.of(mesh, [job], (), progress)
         box = plan.boxes[0]
-        if box.boundary.thin:
-            raise InputError(
-                f"{mesh.name}: a surface map needs a plane mesh or one in space; this one is one cell thick"
-            )
         progress("centres", 0.0)
         how = _how(box, centers)
         begin = _start(box, how)

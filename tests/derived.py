@@ -59,6 +59,8 @@ def source(kind: Any, spelled: bool) -> str:
         return "str | Sequence[str]" if inner[0] is str else "ArrayLike"
     if kind.__name__ == "Table":
         return "Table | tuple[ArrayLike, ArrayLike]"
+    if kind.__name__ == "Shapes":
+        return "PathLike[str] | ArrayLike"
     return "str | PathLike[str]" if kind is str else kind.__name__
 
 

@@ -107,14 +107,15 @@ def deflect(
     as_json, quiet, verbose = (given.pop(name) for name in ("as_json", "quiet", "verbose"))
     angles, helpers = given.pop("angles"), {name: given.pop(name) for name in ("count", "scheduler", "memory")}
     settings, inputs = _settings(given)
-    from sdm_deflect.cases.settings.jobs import jobs_of, swept
-    from sdm_deflect.deform.volume.job import pose_of, poses_of
+    from sdm_deflect.cases.settings.jobs import in_series, swept
+    from sdm_deflect.deform.volume.job import poses_of
 
     if angles:
         jobs, poses = swept(settings, angles, by_range=not meshes)
     else:
-        jobs = jobs_of(settings, by_range=not meshes)
-        poses = (pose_of(jobs),)
+        jobs, poses = in_series(settings, by_range=not meshes)
+        if plan and len(poses) > 1:
+            raise InputError("--plan: a plan holds one shape; give one file in --to")
     if angles and plan:
         jobs = tuple(job.over(amounts) for job, amounts in zip(jobs, poses_of(jobs, poses), strict=True))
     poses = tuple(dict.fromkeys(poses))

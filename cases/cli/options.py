@@ -32,8 +32,8 @@ FORMATS = click.Choice(writable())
 BASIC = ("patches", "fixed", "hinge", "angle", "motion", "dry_run", "out")
 # Settings whose options the help of `sdm deflect` shows: those that most runs need; `sdm help` has all.
 SHOWN = (
-    *BASIC, "device", "down", "up", "vertical", "range", "select", "table", "force", "slide", "periodic", "margin",
-    "repair", "min_quality", "tolerance",
+    *BASIC, "device", "down", "up", "vertical", "range", "select", "table", "to", "force", "slide", "periodic",
+    "margin", "repair", "min_quality", "tolerance",
 )  # fmt: skip
 # What `sdm help` explains: groups of settings by their words.
 TOPICS = {group.lower(): group for group in (*GROUPS[1:6], *GROUPS[7:], CLUSTER)}
@@ -138,8 +138,8 @@ class DeflectCommand(click.Command):
         return formatter.getvalue().rstrip("\n")
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Double a hinge of one point."""
-        return super().parse_args(ctx, _of_two_points(args))
+        """Double a hinge of one point, and repeat ``--to`` for each of its files."""
+        return super().parse_args(ctx, _to_each_file(_of_two_points(args)))
 
 
 def _of_two_points(args: list[str]) -> list[str]:
@@ -152,6 +152,17 @@ def _of_two_points(args: list[str]) -> list[str]:
     if first.count(",") == 1 and (second.startswith("--") or "," not in second):
         return [*args[: place + 1], first, *args[place + 1 :]]
     return args
+
+
+def _to_each_file(args: list[str]) -> list[str]:
+    """Return words with ``--to`` before each of its files: all words up to the next option."""
+    if any(word == "--to" and after[:1] in ("", "-") for word, after in zip(args, [*args[1:], ""], strict=True)):
+        raise InputError("--to: name a file with the new places of the surface's nodes")
+    out, listing = list[str](), False
+    for word in args:
+        listing = word == "--to" or (listing and not word.startswith("-"))
+        out += ["--to", word] if listing and word != "--to" and out[-1:] != ["--to"] else [word]
+    return out
 
 
 angle_option = click.option("--angle", type=float, help="Deflection in degrees; positive is trailing edge down.")

@@ -40,6 +40,7 @@ from sdm_deflect.deform.mesh_motion import MeshMotion
 from sdm_deflect.deform.options import JobOptions
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
+from sdm_deflect.deform.surface.shapes import Shapes
 from sdm_deflect.deform.surface.slots import SlotSetting
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, Surface, TrailingEdge, name_of
 from sdm_deflect.deform.surface.tail_root import Root
@@ -299,6 +300,8 @@ def _base(base: Motion, surface: Surface, amount: float, table: Path) -> dict[st
     if isinstance(base, Table):
         np.savez_compressed(table, points=base.points, vectors=base.vectors)
         return {**hinge, "table": table.name, "amount": amount}
+    if isinstance(base, Shapes):
+        return _shape(base, amount, table.with_name(table.name.replace("table", "shape")))
     if isinstance(base, Rotation):
         return {**hinge, "angle": amount}
     if isinstance(base, SlotSetting):
@@ -307,6 +310,15 @@ def _base(base: Motion, surface: Surface, amount: float, table: Path) -> dict[st
     if isinstance(base, Track):
         return {**hinge, "amount": amount} | _track(base, table.with_name(table.name.replace("table", "track")))
     return {**hinge, "angle" if base.unit == "deg" else "amount": amount, "law": type(base).__name__}
+
+
+def _shape(base: Shapes, amount: float, file: Path) -> dict[str, Any]:
+    """Return the settings of the shape that a surface takes; its places are written to a file."""
+    alone = len(base.shapes) == 1
+    shape = base.shapes[0 if alone else int(amount) - 1]
+    arrays = {"points": shape.places} | ({} if shape.numbers is None else {"nodes": shape.numbers})
+    np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+    return {"to": [file.name], "amount": amount if alone else 1.0}
 
 
 def _track(track: Track, file: Path) -> dict[str, Any]:

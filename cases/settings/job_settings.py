@@ -17,6 +17,7 @@ from .spellings import (
     points_of,
     range_of,
     selections_of,
+    shape_of_array,
     shapes_of,
     shift_of,
     strip_of,
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from sdm_deflect.deform.box.automatic import BoxRule
     from sdm_deflect.deform.box.hexahedron import Hexahedron
     from sdm_deflect.deform.surface.motions import Motion, Table
+    from sdm_deflect.deform.surface.shapes import Shapes
     from sdm_deflect.deform.surface.surface import NodeSet
 else:  # known by what they have: settings are read, and help is shown, before any code is compiled
 
@@ -34,7 +36,7 @@ else:  # known by what they have: settings are read, and help is shown, before a
         return runtime_checkable(type(name, (Protocol,), dict.fromkeys(parts)))
 
     Motion, NodeSet = _with("Motion", "unit", "axis", "law"), _with("NodeSet", "of")
-    Table = _with("Table", "points", "vectors")
+    Table, Shapes = _with("Table", "points", "vectors"), _with("Shapes", "shapes")
     BoxRule, Hexahedron = _with("BoxRule", "settings", "choose"), _with("Hexahedron", "corners", "contains")
 
 
@@ -56,7 +58,8 @@ class Only:
     motions: tuple[str, ...]
 
 
-BLENDED, IN_WORDS, ROOT = Only(("blended",)), Only(("rigid", "blended")), Only(("root",))
+BLENDED, RIGID, ROOT = Only(("blended",)), Only(("rigid",)), Only(("root",))
+IN_WORDS = Only((*RIGID.motions, *BLENDED.motions))
 IN_ANGLE = Only((*IN_WORDS.motions, *ROOT.motions))
 
 
@@ -115,6 +118,15 @@ class SurfaceSettings:
     table: Annotated[str | Table | None, Spelling(file="", read=table_of_arrays), IN_WORDS, Doc(
         "What moves", "Displacements in place of a hinge: a .csv of x,y,z,dx,dy,dz, or an .npz.",
         "In Python also points (P, 3) and displacements (P, 3).")] = None
+    to: Annotated[tuple[str, ...] | Shapes, Option(metavar="FILE..."), Spelling(file="", read=shape_of_array), RIGID,
+        Doc(
+        "What moves", "New places of the surface's nodes in place of a hinge; several files are a series.",
+        "SU2's list of surface positions (.dat: number, place), a .csv of x,y,z and PointID, an .npz of points and "
+        "nodes; or .vtu, .vtk, .ply, .obj. Without numbers the rows are in the mesh's order. In Python an array (K, 3)."
+        )] = ()
+    largest: Annotated[float, Range(0.0), RIGID, Doc(
+        "Box", "With `to`: the largest displacement to come, which the box holds (default: that of the files).",
+        "Runs with the same `largest` have the same box.")] = 0.0
     shift: Annotated[tuple[Corner, ...] | None, Option(metavar="x,y,z"), Spelling(read=shift_of), IN_WORDS, Doc(
         "Track", "Distance by which the hinge moves while the surface turns by the angle.",
         "In a file or in Python also two, one for each hinge point.")] = None
@@ -336,6 +348,8 @@ def read_job(path: Path) -> Nested:
             value, ending = table[name], BY_NAME[name].spelling.file
             if isinstance(value, str) and ending is not None and value.endswith(ending):
                 table[name] = str(path.parent / value)
+            elif isinstance(value, list) and ending == "":
+                table[name] = [str(path.parent / item) if isinstance(item, str) else item for item in value]
     return nested
 
 

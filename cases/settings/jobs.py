@@ -23,9 +23,10 @@ from sdm_deflect.deform.options import JobOptions
 from sdm_deflect.deform.surface.blended import Blended, Rib
 from sdm_deflect.deform.surface.hinges import rise
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, SoughtHinge, Table
+from sdm_deflect.deform.surface.shapes import Shapes
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, TrailingEdge
 from sdm_deflect.deform.surface.tail_root import Root
-from sdm_deflect.deform.volume.job import Amounts, Job, Section, Sliding, in_proportion
+from sdm_deflect.deform.volume.job import Amounts, Job, Section, Sliding, in_proportion, pose_of
 from sdm_deflect.meshing.mesh.axis import Axis
 from sdm_deflect.meshing.mesh.cells import real
 from sdm_deflect.meshing.mesh.images import PeriodicPatches
@@ -41,6 +42,7 @@ from .job_settings import (
     angles_of,
     check_swept,
 )
+from .node_places import read_places
 from .spellings import SELECTION
 
 if TYPE_CHECKING:
@@ -48,6 +50,8 @@ if TYPE_CHECKING:
 
 Point = tuple[float, float, float]
 SHARP = "sharp"
+# Settings of a surface that say where it goes, as `to` does.
+NOT_BESIDE_TO = ("hinge", "device", "down", "up", "table", "track", "shift", "slot", "mirror")
 # Distance over a length of one, below which two hinges are the same.
 SAME = 1e-6
 NUMBERS = {"box": "two opposite corners, box:x,y,z,x,y,z", "side": "a point and a normal, side:x,y,z,nx,ny,nz"}
@@ -116,11 +120,33 @@ class _BoxFile:
     corners: tuple[Corner, ...]
 
 
+def in_series(settings: JobSettings, *, by_range: bool = False) -> tuple[tuple[Job, ...], tuple[Amounts, ...]]:
+    """Return the jobs and their poses: the amounts that are set, or one pose for each file of a series of shapes.
+
+    Raises InputError as `jobs_of`; also for a further surface beside a series.
+    """
+    files = max((len(surface.to) for surface in settings.surface if isinstance(surface.to, tuple)), default=0)
+    if files < 2:
+        jobs = jobs_of(settings, by_range=by_range)
+        return jobs, (pose_of(jobs),)
+    if len(settings.surface) > 1 or settings.surface[0].range or settings.surface[0].amount != 1.0:
+        raise InputError("to: several files are a series of one surface, without range and amount: give one file")
+    return _jobs(settings, by_range), tuple((float(i),) for i in range(1, files + 1))
+
+
 def jobs_of(settings: JobSettings, *, by_range: bool = False) -> tuple[Job, ...]:
     """Return one job for all surfaces, or one for each if each has its box; InputError as `job_of`.
 
     With `by_range` a surface with a range needs no angle.
     """
+    if any(len(surface.to) > 1 for surface in settings.surface if isinstance(surface.to, tuple)):
+        raise InputError(
+            "to: several files are a series, which `sdm deflect` alone takes, without --angles: give one file"
+        )
+    return _jobs(settings, by_range)
+
+
+def _jobs(settings: JobSettings, by_range: bool) -> tuple[Job, ...]:
     settings = replace(settings, surface=tuple(map(_with_angle, settings.surface)))
     count, sources = len(settings.surface), [i for i, one in enumerate(settings.surface) if one.mirror]
     settings = _with_reflections(settings, sources) if sources else settings
@@ -295,6 +321,10 @@ def _motion(surface: SurfaceSettings, fixed: tuple[str, ...]) -> Motion:
         if surface.hinge and not _is_along(surface.motion.axis, _rotation(surface.hinge).axis):
             raise InputError(f"hinge = {surface.hinge}: the motion has another one; leave hinge out")
         return surface.motion
+    if surface.to:
+        return _shapes(surface)
+    if surface.largest:
+        raise InputError(f"largest = {surface.largest:g}: only new places of a surface's nodes (to) have a use for it")
     hinge = _rotation(surface.hinge) if surface.hinge else None
     if surface.motion == "root":
         return _root(surface, hinge)
@@ -307,6 +337,23 @@ def _motion(surface: SurfaceSettings, fixed: tuple[str, ...]) -> Motion:
         return base
     held = _nodes(surface.held, "held") if surface.held != () else OnPatches(fixed)
     return Blended(base, held, _nodes(surface.driven, "driven"), _rib(surface, base))
+
+
+def _shapes(surface: SurfaceSettings) -> Shapes:
+    """Return the shapes whose places a surface is given; InputError for a setting that has no use for them."""
+    given = [name for name in NOT_BESIDE_TO if getattr(surface, name) not in (None, ())]
+    if surface.angle not in (None, surface.amount):
+        given.append("angle")
+    if surface.motion != "rigid":
+        given.append("motion")
+    if given:
+        raise InputError(
+            f"{given[0]}: `to` says where all nodes of {', '.join(surface.patches)} go; leave out one of them"
+        )
+    shapes = (
+        surface.to.shapes if isinstance(surface.to, Shapes) else tuple(read_places(Path(file)) for file in surface.to)
+    )
+    return Shapes(shapes, surface.largest)
 
 
 def _turn(surface: SurfaceSettings, hinge: Rotation | None) -> Motion:
@@ -408,7 +455,11 @@ def _pair(given: PeriodicSettings) -> PeriodicPatches:
 
 
 def _box(settings: JobSettings) -> BoxRule:
-    rule = _rule(settings.box, settings.margin)
+    rule, largest = _rule(settings.box, settings.margin), max((each.largest for each in settings.surface), default=0.0)
+    if largest and not isinstance(rule, Automatic):
+        raise InputError(f"largest = {largest:g}: only the automatic box has a use for it; leave it or the box out")
+    if isinstance(rule, Automatic):
+        rule = replace(rule, largest=largest)
     if not settings.open_faces:
         return rule
     if not isinstance(rule, Given):

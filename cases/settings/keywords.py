@@ -32,6 +32,8 @@ class Options(TypedDict, total=False):
     depth: float
     panel: float
     table: str | PathLike[str] | Table | tuple[ArrayLike, ArrayLike]
+    to: str | Sequence[str] | PathLike[str] | ArrayLike
+    largest: float
     shift: ArrayLike
     track: str | PathLike[str]
     slot: str

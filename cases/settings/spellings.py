@@ -1,6 +1,7 @@
 """Spellings of points, ranges, shapes, pairs and selections: text on the command line, or values."""
 
 from collections.abc import Iterable, Mapping
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +66,16 @@ def table_of_arrays(value: Any) -> Any:
         np.column_stack([array, np.zeros(len(array))]) if plane else array for array in (points, vectors)
     )
     return Table(points, vectors, plane=plane)
+
+
+def shape_of_array(value: Any) -> Any:
+    """Return the shape of an array (K, 3) of places, in a plane mesh (K, 2); names of files as they are."""
+    rows = value if isinstance(value, list | tuple) or hasattr(value, "tolist") else ()
+    if not len(rows) or any(isinstance(row, str | PathLike) for row in rows):
+        return value
+    from sdm_deflect.deform.surface.shapes import NodePlaces, Shapes
+
+    return Shapes((NodePlaces(value),))
 
 
 def strip_of(value: Any) -> Any:

@@ -150,7 +150,7 @@ class Automatic:
     ----------
     margin : margin in the mesh's unit; 0 for the surface's reach from the hinge, and at least `GROWTH` times the
         largest displacement.
-    largest : largest displacement of a surface that may take any shape; 0 if the scene has its positions.
+    largest : largest displacement that the box must hold, whatever the positions in the scene; 0 to take those.
     """
 
     margin: float = 0.0
@@ -168,9 +168,14 @@ class Automatic:
     def choose(self, scene: BoxScene) -> Chosen:
         """Return the box for a scene."""
         origin, axes = frame(scene)
-        places = (np.vstack([scene.moving, scene.track]) - origin) @ axes.T
+        if self.largest and scene.largest > self.largest:
+            raise InputError(
+                f"largest = {self.largest:g}: the surface moves by up to {scene.largest:.4g}; give at least that"
+            )
+        places = (scene.moving if self.largest else np.vstack([scene.moving, scene.track])) - origin
+        places = places @ axes.T
         low, high = places.min(axis=0) - self.largest, places.max(axis=0) + self.largest
-        wanted = self.margin or max(_reach(places, scene), GROWTH * max(scene.largest, self.largest))
+        wanted = self.margin or max(_reach(places, scene), GROWTH * (self.largest or scene.largest))
         margins = _clear(low, high, wanted, (scene.obstacles - origin) @ axes.T)
         low, high = low - margins[0], high + margins[1]
         corners = origin + (low + BITS * (high - low)) @ axes

@@ -445,9 +445,10 @@ def _interpolated(points: FloatArray, vectors: FloatArray, places: FloatArray) -
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TableLaw(Smooth):
-    """A share of fixed vectors (K, 3)."""
+    """A share of fixed vectors (K, 3), which the surface reaches at the amount `at`."""
 
     vectors: FloatArray = field(repr=False)
+    at: float = 1.0
 
     @property
     def exact(self) -> BoolArray:
@@ -455,25 +456,13 @@ class TableLaw(Smooth):
         return np.ones(len(self.vectors), dtype=bool)
 
     def displacement(self, amount: float) -> FloatArray:
-        """Return `amount` times the vectors."""
-        return np.asarray(amount * self.vectors)
+        """Return the share of the vectors at an amount."""
+        return np.asarray(amount / self.at * self.vectors)
 
     @property
     def functions(self) -> Functions:
-        """The amount itself."""
-        return Powers(1)
-
-
-@dataclass(frozen=True, slots=True)
-class AnyShape:
-    """A motion that is given later, as places of the surface's nodes. Until then nothing moves."""
-
-    unit: ClassVar[str] = "of the shape"
-    axis: ClassVar[None] = None
-
-    def law(self, surface: Surface) -> TableLaw:
-        """Return the law of a surface that stays."""
-        return TableLaw(np.zeros_like(surface.points))
+        """The share itself."""
+        return Powers(1, self.at)
 
 
 @dataclass(frozen=True, slots=True)

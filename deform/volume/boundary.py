@@ -11,9 +11,10 @@ from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, union
 from sdm_deflect.base.errors import InputError, nearest
 from sdm_deflect.deform.rbf.data_sites import XYZ
 from sdm_deflect.deform.surface.blended import Blended
-from sdm_deflect.deform.surface.motions import TRACK_UNIT, AnyShape, MotionLaw, Table
+from sdm_deflect.deform.surface.motions import TRACK_UNIT, MotionLaw, Table
 from sdm_deflect.deform.surface.placement import Placement, TablePlacement, check_aft
 from sdm_deflect.deform.surface.reached_share import ReachedShare
+from sdm_deflect.deform.surface.shapes import AnyShape, NodePlaces, Shapes, ShapesLaw
 from sdm_deflect.deform.surface.surface import Surface
 from sdm_deflect.deform.surface.tail_root import Root
 from sdm_deflect.meshing.mesh.edges import median_edge
@@ -87,6 +88,10 @@ class PrescribedMotion:
     def of(cls, mesh: Mesh, job: Job) -> "PrescribedMotion":
         """Sort the patches of a mesh by role; InputError for an unknown patch, or one with two roles."""
         thin, mesh = _thin(mesh, job)
+        if thin and any(isinstance(moving.motion, AnyShape) for moving in job.surfaces):
+            raise InputError(
+                f"{mesh.name}: places of nodes need a plane mesh or one in space; this one is one cell thick"
+            )
         moves = [name for moving in job.surfaces for name in mesh.expand(moving.patches, "the surface")]
         slides = {name: slide.shape for slide in job.slides for name in mesh.expand([slide.patch], "slide")}
         slides = thin.slides(slides) if thin else slides
@@ -209,6 +214,14 @@ class PrescribedMotion:
     def frozen_at(self, amounts: Amounts) -> "PrescribedMotion":
         """Return the motion whose laws keep their choices at these amounts, so that it is smooth around them."""
         laws = (law.frozen_at(amount) for law, amount in zip(self.laws, amounts, strict=True))
+        return replace(self, laws=tuple(laws), known={})
+
+    def straight_to(self, amounts: Amounts) -> "PrescribedMotion":
+        """Return the motion to one of several shapes on a straight way; the motion itself without such."""
+        if not any(isinstance(law, ShapesLaw) for law in self.laws):
+            return self
+        pairs = zip(self.laws, amounts, strict=True)
+        laws = (law.straight_to(amount) if isinstance(law, ShapesLaw) else law for law, amount in pairs)
         return replace(self, laws=tuple(laws), known={})
 
     @property
@@ -475,8 +488,10 @@ def _check_hinges(job: Job, surfaces: Sequence[Surface]) -> None:
             check_aft(surface, moving.motion.axis)
 
 
-def _placements(job: Job, surfaces: Sequence[Surface]) -> Iterator[tuple[Placement | TablePlacement, Surface, bool]]:
-    """Yield the placement of each hinge and each table, its surface, and whether the motion is blended.
+def _placements(
+    job: Job, surfaces: Sequence[Surface]
+) -> Iterator[tuple[Placement | TablePlacement | NodePlaces, Surface, bool]]:
+    """Yield the placement of each hinge, table and shape, its surface, and whether the motion is blended.
 
     The hinge of a track may be anywhere.
     """
@@ -485,6 +500,8 @@ def _placements(job: Job, surfaces: Sequence[Surface]) -> Iterator[tuple[Placeme
         table = motion.base if isinstance(motion, Blended) else motion
         if isinstance(table, Table):
             yield TablePlacement.of(surface, table), surface, blended
+        for shape in motion.shapes if isinstance(motion, Shapes) else ():
+            yield shape, surface, blended
         if motion.axis is not None and motion.unit != TRACK_UNIT:
             yield Placement.of(surface, motion.axis), surface, blended
 

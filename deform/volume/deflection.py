@@ -23,6 +23,7 @@ from sdm_deflect.meshing.repair.repair import repair_cells
 from .boundary import PrescribedMotion
 from .job import Amounts
 from .plan import BoxPlan, Plan
+from .sites import Sites
 from .step import Step, take
 from .step_rates import StepRates
 
@@ -344,8 +345,13 @@ def deflect_box(
     If cells are newly inverted, the number of steps is doubled as long as that halves their number, and the repair
     leaves some. The result is the deflection with the fewest. A number of steps is skipped if one of them cannot be
     solved, for example because a moving node meets a fixed one on the way. Two steps are also tried if cells that were
-    not poor become poor. A single step uses the centres and factors of the first step of an earlier deflection.
+    not poor become poor. A single step uses the centres and factors of the first step of an earlier deflection. Each of
+    several shapes has its own centres.
     """
+    boundary = plan.boundary.straight_to(amounts)
+    if boundary is not plan.boundary:
+        plan = replace(plan, boundary=boundary, sites=Sites.of(boundary, plan.region, plan.more))
+        earlier = None
     reused = earlier.steps[0] if earlier is not None and earlier.steps else None
     attempts, count, most = [deflect_in_steps(plan, amounts, 1, progress, reused)], 1, plan.job.fitting.max_steps
     allowed = attempts[0].inverted
