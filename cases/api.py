@@ -50,8 +50,8 @@ if TYPE_CHECKING:
 
 # Settings that a surface map has a use for.
 OF_MAPS = (
-    "fixed", "slide", "periodic", "select", "zones", "box", "margin", "near_wall", "spacing", "spacing_edges",
-    "kernel", "kernel_radius", "polynomial", "allow_inverted", "min_quality",
+    "largest", "fixed", "slide", "periodic", "select", "zones", "box", "margin", "near_wall", "spacing",
+    "spacing_edges", "kernel", "kernel_radius", "polynomial", "allow_inverted", "min_quality",
 )  # fmt: skip
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -435,12 +435,7 @@ def sweep(
 
 
 def surface_map(
-    mesh: Any,
-    surfaces: str | Sequence[str],
-    *,
-    largest: float | None = None,
-    progress: Progress = silent,
-    **options: Unpack[Options],
+    mesh: Any, surfaces: str | Sequence[str], *, progress: Progress = silent, **options: Unpack[Options]
 ) -> SurfaceMap:
     """Return the coordinates of a mesh as a function of the places of its surface's nodes, with both derivatives.
 
@@ -452,9 +447,8 @@ def surface_map(
     ----------
     mesh, progress : As for `deflect`.
     surfaces : Name or wildcard of the surface's patches, or several.
-    largest : Largest displacement to come, in the mesh's unit of length: the box has room for it. Not needed with a
-        `box`.
-    **options : Settings of `deflect` on what stays and slides, on the box, on patches, and on the kernel.
+    **options : `largest`, the largest displacement to come in the mesh's unit of length, which the box holds; or a
+        `box`. Further settings of `deflect` on what stays and slides, on patches, and on the kernel.
 
     Returns
     -------
@@ -477,12 +471,14 @@ def surface_map(
     for name in options:
         if name in BY_NAME and name not in OF_MAPS:
             raise InputError(f"{name}: a surface map has no use for it; it takes {', '.join(OF_MAPS)}")
+    largest = options.get("largest")
     if largest is None and "box" not in options:
         raise InputError("largest is missing: give the largest displacement to come, a length, or a box")
     if largest is not None and not (isinstance(largest, Real) and 0.0 < largest < LARGEST):
         raise InputError(f"largest = {shortened(largest)} must be a length above 0: the largest displacement to come")
     surface = {"patches": surfaces, "motion": AnyShape(), "amount": 1.0}
-    (job,) = jobs_of(settings_of([surface], None, None, options))
+    others = {name: value for name, value in options.items() if name != "largest"}
+    (job,) = jobs_of(settings_of([surface], None, None, others))
     if isinstance(job.box, Automatic):
         job = replace(job, box=replace(job.box, largest=float(largest or 0.0)))
     needed = _read_needed(path_of(mesh), [job], progress) if isinstance(mesh, str | PathLike) else mesh

@@ -144,7 +144,7 @@ def test_a_file_read_in_pieces_gives_the_same_map(maps, block, tmp_path, monkeyp
         ({}, "largest is missing: give the largest displacement to come, a length, or a box"),
         ({"largest": 0.0}, "largest = 0.0 must be a length above 0"),
         ({"largest": "0.1 m"}, "largest = '0.1 m' must be a length above 0"),
-        ({"largest": 0.1, "angle": 3}, "angle: a surface map has no use for it; it takes fixed, slide"),
+        ({"largest": 0.1, "angle": 3}, "angle: a surface map has no use for it; it takes largest, fixed"),
         ({"largest": 0.1, "repair": "auto"}, "repair: a surface map has no use for it"),
         ({"largest": 0.1, "fixd": "x-"}, "unknown setting fixd"),
         ({"largest": 0.1, "fixed": "wall"}, "no patch"),
