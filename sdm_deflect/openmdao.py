@@ -126,8 +126,7 @@ class SurfaceWarp(om.ExplicitComponent):
     -------
     map : A map of `sdm_deflect.surface_map`.
     points : (N, 3) or (3N,) undeflected coordinates of the nodes of this process; those of the map's mesh if None.
-    start : (n, 3) or (3n,) undeflected places of the surface's points of this process. If None, those of the map; the
-        first process has them all.
+    start : (n, 3) or (3n,) undeflected places of this process's points; if None those of the map, in the first process.
     surface, output : Names of input and output; in a coupled scenario of MPhys the surface is ``x_aero``.
     check : Whether the first process judges each mesh.
 
