@@ -118,7 +118,7 @@ FAULTS = (
           "tests/cases/test_job_settings.py"),
     Fault("down is up", "(surface.up if surface.down is None else -surface.down)",
           "(surface.up if surface.down is None else surface.down)", "tests/cases/test_job_settings.py"),
-    Fault("columns of a table in the file's order", "return given[:, [columns[name[0]] for name in names]]",
+    Fault("columns of a table in the file's order", "return given[:, [columns[title] for title in wanted]]",
           "return given", "tests/cases/test_job_settings.py"),
     Fault("a plan moves beyond its range", "if not self.low <= amount <= self.high:", "if False:",
           "tests/cases/test_apply.py"),

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import is_dataclass
 from functools import partial
+from itertools import pairwise
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args, get_origin
@@ -156,7 +157,7 @@ def _of_two_points(args: list[str]) -> list[str]:
 
 def _to_each_file(args: list[str]) -> list[str]:
     """Return words with ``--to`` before each of its files: all words up to the next option."""
-    if any(word == "--to" and after[:1] in ("", "-") for word, after in zip(args, [*args[1:], ""], strict=True)):
+    if any(word == "--to" and after[:1] in ("", "-") for word, after in pairwise([*args, ""])):
         raise InputError("--to: name a file with the new places of the surface's nodes")
     out, listing = list[str](), False
     for word in args:
