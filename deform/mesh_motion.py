@@ -393,6 +393,18 @@ class MeshMotion:
         around = [amount for amount in good if low < amount < high]
         return min(around), max(around)
 
+    def where_passed(self) -> "MeshMotion":
+        """Return the motion with each range cut to what passed around the surface's own amount.
+
+        A range of which nothing passed stays.
+        """
+        controls, measured = [], []
+        for i, control in enumerate(self.controls):
+            low, high = self.passed(i) or (control.low, control.high)
+            controls.append(replace(control, low=min(low, 0.0), high=max(high, 0.0)))
+            measured.append(tuple(row for row in self.measured[i] if controls[i].low <= row.amount <= controls[i].high))
+        return replace(self, controls=tuple(controls), measured=tuple(measured))
+
     @property
     def shortfalls(self) -> tuple[str, ...]:
         """A sentence for each surface whose whole range did not pass: the part that did, and a range to try."""
@@ -463,5 +475,11 @@ def _finer(box: BoxPlan) -> BoxPlan:
 
 def control_name(moving: Moving, surface: Surface) -> str:
     """Return the name of a surface in a plan: without the panel that moves with its root."""
-    following = moving.motion.panel if isinstance(moving.motion, RootOnCylinder) else ()
-    return name_of([name for name in surface.plain_names if name not in following]) + surface.suffix
+    panels = panels_of(moving, surface)
+    return name_of([name for name in surface.patches if name not in panels]) + surface.suffix
+
+
+def panels_of(moving: Moving, surface: Surface) -> tuple[str, ...]:
+    """Return the patches of a surface that are panels of the body and follow its root."""
+    named = moving.motion.panel if isinstance(moving.motion, RootOnCylinder) else ()
+    return tuple(name for name in surface.patches if name in named or name not in surface.plain_names)

@@ -11,7 +11,6 @@ from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.cases.aircraft.job import BLOCK, panel_of
 from sdm_deflect.cases.aircraft.metrics import Run
 from sdm_deflect.cases.report.figures import bars
-from sdm_deflect.cases.report.slices import BLUE, COMPONENTS, DARK, GREY, MAGENTA, ORANGE
 from sdm_deflect.geometry.confinement import block_corners, gap_faces
 from sdm_deflect.geometry.datum import ends, ribs
 from sdm_deflect.meshing.generate.attachment import cell_faces, edges_of
@@ -19,6 +18,7 @@ from sdm_deflect.meshing.mesh.labelled import tets_of, touching, triangles_of
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.quality import mean_ratio
 from studies import rendering
+from studies.colours import BOX, COMPONENTS, DARK, GREY, NAVY, ORANGE
 from studies.rendering import Layer, Picture, View, components_of, quality_rgb
 
 BINS = np.linspace(0.0, 1.0, 51)
@@ -45,7 +45,7 @@ def blocks(aircraft: Run, chimera: Run) -> Picture:
         (whole, overlapping(chimera, chimera.background)),
         ("full model, one block", "Chimera block of the aileron in the aircraft's block"),
         "Left: surface mesh of the aircraft, coloured by component. Right: the Chimera block around the left aileron, "
-        "transparent with magenta edges, in the surrounding aircraft.",
+        "transparent with grey edges, in the surrounding aircraft.",
         legend={("block's outer faces" if name == BLOCK else name): colour for name, colour in legend.items()},
     )
 
@@ -75,7 +75,7 @@ def overlapping(run: Run, background: Mesh) -> View:
     corners = block_corners(run.case.fighter, run.case.block, run.deflection.boxes[0].plan.surface)
     around = rendering.patches(background, walls(background), edge=(120, 120, 120), width=0.4)
     own = rendering.patches(run.mesh, walls(run.mesh), edge=(60, 60, 60), width=0.6)
-    outside = rendering.plain(run.mesh.points, triangles_of(run.mesh, BLOCK), MAGENTA, opacity=0.12)
+    outside = rendering.plain(run.mesh.points, triangles_of(run.mesh, BLOCK), BOX, opacity=0.12)
     return rendering.framed((*around, *own, outside, rendering.box(corners)), corners, (0.9, -1.0, 0.9), WHOLE)
 
 
@@ -86,7 +86,7 @@ def gaps(runs: Sequence[Run]) -> Picture:
         tuple(f"{run.case.angle:+g} deg" for run in runs),
         "Cells around the end of the deflected aileron, cut near its trailing edge and seen from behind; the straight "
         "face on the right is the Chimera block's, on which nodes slide. Colours show the mean ratio; aileron and wing "
-        "are dark grey, the box has magenta edges.",
+        "are dark grey, the box has grey edges.",
         columns=len(runs),
         quality=True,
     )
@@ -131,14 +131,14 @@ def confinement(run: Run) -> Picture:
     shown = rendering.patches(mesh, (surface, panel_of(surface)), edge=(60, 60, 60), width=0.7)
     others = [name for name in walls(mesh) if name not in run.deflection.boxes[0].plan.patches]
     rest = rendering.patches(mesh, others, GREY, opacity=0.25)
-    zero = tuple(rendering.dots(part.points, BLUE, 10.0) for part in plan.sites.zero)
+    zero = tuple(rendering.dots(part.points, NAVY, 5.0) for part in plan.sites.zero)
     corners = plan.region.hexahedron.corners
     view = rendering.framed((*rest, *shown, *zero, rendering.box(corners)), corners, (0.7, -1.0, 0.6), TAIL)
     return Picture(
         (view,),
         (f"{len(plan.sites.zero[0])} sites at zero, {len(plan.sites.moving)} on the surface",),
-        "Surface mesh of the left tail and of the fuselage panel on which it turns; the hexahedron in magenta and the "
-        "data sites of zero displacement on its faces as blue dots.",
+        "Surface mesh of the left tail and of the fuselage panel on which it turns; the hexahedron in grey and the "
+        "data sites of zero displacement on its faces as dark dots.",
         columns=1,
     )
 

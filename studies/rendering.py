@@ -5,7 +5,6 @@ from dataclasses import dataclass, field, replace
 from math import floor, log10
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 import pyvista as pv
 from matplotlib.axes import Axes
@@ -15,20 +14,12 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from sdm_deflect.base.arrays import FloatArray, IntArray
+from sdm_deflect.cases.report import colours
 from sdm_deflect.cases.report.data import METRES, Length
-from sdm_deflect.cases.report.slices import (
-    BOX_EDGES,
-    COMPONENTS,
-    MAGENTA,
-    QUALITY_MAP,
-    QUALITY_RANGE,
-    Colour,
-    Direction,
-    by_size,
-    component,
-    patch_colour,
-)
+from sdm_deflect.cases.report.slices import BOX_EDGES, by_size
 from sdm_deflect.meshing.mesh.mesh import Mesh
+
+from .colours import BOX, COMPONENTS, Colour, Direction, component, patch_colour
 
 Image = NDArray[np.uint8]
 # Width of one image.
@@ -145,7 +136,7 @@ def patches(
 
 def box(corners: FloatArray, width: float = 3.0) -> Layer:
     """Return the edges of a hexahedron (8, 3)."""
-    return plain(corners, BOX_EDGES, MAGENTA, width=width)
+    return plain(corners, BOX_EDGES, BOX, width=width)
 
 
 def rendered(views: Sequence[View]) -> list[Image]:
@@ -223,8 +214,8 @@ def assembled(picture: Picture, images: Sequence[Image]) -> Figure:
         one.set_axis_off()
         _scale(one, view, picture.length)
     if picture.quality:
-        shades = ScalarMappable(QUALITY_RANGE, QUALITY_MAP)
-        figure.colorbar(shades, ax=axes.tolist(), label="mean ratio of a cell", extend="min", shrink=0.85)
+        shades = ScalarMappable(colours.QUALITIES, colours.QUALITY)
+        figure.colorbar(shades, ax=axes.tolist(), label="mean ratio of a cell", shrink=0.85)
     if picture.legend:
         handles = [Patch(facecolor=colour, edgecolor="0.3", label=name) for name, colour in picture.legend.items()]
         figure.legend(handles=handles, loc="outside lower center", ncols=7, fontsize="small", frameon=False)
@@ -255,4 +246,4 @@ def components_of(patches: Iterable[str]) -> list[str]:
 
 def quality_rgb(quality: FloatArray) -> IntArray:
     """Return the colours (F, 3) of qualities (F,)."""
-    return np.asarray(np.rint(255.0 * mpl.colormaps[QUALITY_MAP](QUALITY_RANGE(quality))[:, :3]), dtype=np.intp)
+    return np.asarray(np.rint(255.0 * colours.QUALITY(colours.QUALITIES(quality))[:, :3]), dtype=np.intp)

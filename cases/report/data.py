@@ -19,7 +19,7 @@ from sdm_deflect.cases.run.metrics import Json, width_setting
 from sdm_deflect.cases.run.output import text_of
 from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.checks import Check
-from sdm_deflect.deform.mesh_motion import MeshMotion, control_name
+from sdm_deflect.deform.mesh_motion import MeshMotion, control_name, panels_of
 from sdm_deflect.deform.rbf.data_sites import DIRECTIONS
 from sdm_deflect.deform.surface.surface import name_of
 from sdm_deflect.deform.volume.deflection import BoxDeflection
@@ -119,6 +119,7 @@ class MovedSurface:
     axis : its hinge, None without one.
     width : name of the setting of a blended width beside it, ``"strip"`` or ``"panel"``, or empty.
     control : name of the surface in a plan.
+    panel : those of its patches that follow its root on the body.
     """
 
     name: str
@@ -129,11 +130,12 @@ class MovedSurface:
     axis: Axis | None = None
     width: str = ""
     control: str = ""
+    panel: tuple[str, ...] = ()
 
     @property
     def amount_text(self) -> str:
-        """Amount and unit."""
-        return f"{self.amount:+g} {self.unit}"
+        """Amount and unit, with a minus sign and a degree sign."""
+        return signed(self.amount, self.unit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,6 +176,7 @@ class Box:
                 axis=moving.motion.axis,
                 width=width_setting(moving.motion, plan.mesh.plane),
                 control=control_name(moving, surface),
+                panel=panels_of(moving, surface),
             )
             for (moving, surface), amount in zip(plan.moving, amounts, strict=True)
         ]
@@ -276,9 +279,21 @@ class ReportData:
         between = {} if self.interpolated is None else {"interpolated": self.interpolated}
         return {"before": self.mesh.points, **between, "after": self.points}
 
+    @property
+    def headline(self) -> str:
+        """The title in a few words: of several surfaces their number."""
+        surfaces = self.surfaces
+        return f"{self.mesh.name}: {len(surfaces)} surfaces deflected" if len(surfaces) > 1 else self.title
+
     def with_verdict(self, checks: tuple[Check, ...], figures: Json) -> "ReportData":
         """Return the data with the verdict and the content of metrics.json."""
         return replace(self, checks=checks, figures=figures)
+
+
+def signed(amount: float, unit: str) -> str:
+    """Return an amount with its sign and unit, as pages show it: ``+15°``, ``−0.5 of the table``."""
+    number = f"{amount:+g}".replace("-", "\N{MINUS SIGN}")
+    return f"{number}\N{DEGREE SIGN}" if unit == "deg" else f"{number} {unit}"
 
 
 def _bounds_of_slices(corners: FloatArray) -> FloatArray:

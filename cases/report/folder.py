@@ -118,11 +118,36 @@ def write_run_folder(
 
 
 def plan_around(deflection: Deflection, progress: Progress = silent) -> MeshMotion | None:
-    """Return the judged plan from 0 to the amounts of a deflection; None if its fields do not repeat the deflection."""
-    try:
-        return MeshMotion.of(deflection.plan, progress, deflection).judged(progress)
-    except InputError:
-        return None
+    """Return the judged plan of a deflection; None if its fields do not repeat the deflection.
+
+    It reaches as far to the opposite side as all checks pass in the box of the deflection; at least from 0 to the
+    amounts of the deflection.
+    """
+    for plan in (_both_ways(deflection.plan), deflection.plan):
+        with suppress(InputError):
+            motion = MeshMotion.of(plan, progress, deflection).judged(progress)
+            if plan is deflection.plan or not motion.shortfalls:
+                return motion
+            motion = motion.where_passed()
+            if all(
+                control.low <= own <= control.high for control, own in zip(motion.controls, motion.amounts, strict=True)
+            ):
+                return motion
+    return None
+
+
+def _both_ways(plan: Plan) -> Plan:
+    """Return a plan whose turning surfaces also reach the opposite amounts, in the same boxes."""
+    boxes = []
+    for box in plan.boxes:
+        surfaces = tuple(
+            replace(moving, range=(-abs(moving.amount), abs(moving.amount)))
+            if moving.motion.unit == "deg" and moving.amount
+            else moving
+            for moving in box.job.surfaces
+        )
+        boxes.append(replace(box, boundary=replace(box.boundary, job=replace(box.job, surfaces=surfaces))))
+    return replace(plan, boxes=tuple(boxes))
 
 
 def written_plan(folder: Path | None, motion: MeshMotion | None) -> Json:

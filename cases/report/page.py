@@ -2,7 +2,6 @@
 
 from base64 import b64encode
 from collections.abc import Iterable, Iterator
-from functools import partial
 from gzip import decompress
 from hashlib import sha256
 from importlib.resources import files
@@ -27,10 +26,10 @@ from .scene3d import pack, turnable
 HERE = "sdm_deflect.cases.report"
 # What the picture needs of three.js, made by `npm ci && npm run build` in the folder ``.ci/three``.
 LIBRARY = "three.min.js.gz"
-# Bytes of a page.
+# Bytes of a page. Of a larger one some pictures stay in the folder `figures`, and the page names them.
 LARGEST = 4_000_000
-# Width of its pictures, by their own: the first with which the page is small enough.
-SHARES = (1.0, 0.7, 0.5, 0.35)
+# Largest bytes of a picture that stays a PNG in the page.
+SMALL = 40_000
 CHECKS = {
     "slid_on_surfaces": "nodes of fixed surfaces that the repair moved, from the undeflected surface",
     "outside_moved": "largest displacement outside the boxes",
@@ -141,15 +140,16 @@ def page(data: ReportData, gallery: Gallery) -> str:
     with damaged(Path("metrics.json"), "table of a run's figures"):
         shown["qualities"] = list(qualities(data))
         shown["faces"] = [(name, *face_rows(figures)) for name, figures in data.figures.get("deflections", {}).items()]
-        for share in SHARES:
-            jinja.filters["inline"] = partial(inline, share=share)
+        inlined = {exhibit.path: inline(exhibit) for exhibit in gallery.exhibits}
+        while True:
+            jinja.filters["inline"] = lambda exhibit: inlined.get(exhibit.path, "")
             try:
                 text = jinja.get_template("page.html").render(shown)
             except TemplateError as error:
                 raise InputError(f"{error}") from error
-            if len(text.encode()) <= LARGEST:
-                break
-    return text
+            if len(text.encode()) <= LARGEST or not inlined:
+                return text
+            inlined.popitem()
 
 
 def qualities(data: ReportData) -> Iterator[tuple[str, str, Quality | Json]]:
@@ -184,16 +184,15 @@ def read(package: str, *name: str) -> Markup:
     return Markup(files(package).joinpath(*name).read_text(encoding="utf-8").replace("\r\n", "\n"))
 
 
-def inline(exhibit: Exhibit, share: float = 1.0) -> str:
-    """Return a picture, or a copy at a share of its width, as a data address."""
-    if share == 1.0:
-        return "data:image/png;base64," + b64encode(exhibit.path.read_bytes()).decode("ascii")
-    smaller = BytesIO()
+def inline(exhibit: Exhibit) -> str:
+    """Return a picture as a data address; large ones as WebP, which takes half of their bytes."""
+    content = exhibit.path.read_bytes()
+    if len(content) <= SMALL:
+        return "data:image/png;base64," + b64encode(content).decode("ascii")
+    packed = BytesIO()
     with Image.open(exhibit.path) as image:
-        shown = image.convert("RGB")
-        shown.thumbnail((share * image.width, share * image.height))
-        shown.save(smaller, "webp")
-    return "data:image/webp;base64," + b64encode(smaller.getvalue()).decode("ascii")
+        image.convert("RGB").save(packed, "webp", quality=82, method=6)
+    return "data:image/webp;base64," + b64encode(packed.getvalue()).decode("ascii")
 
 
 def pixels(exhibit: Exhibit) -> tuple[int, int]:

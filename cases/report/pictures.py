@@ -24,6 +24,8 @@ LADDER = ((110, 1), (110, 4), (95, 4), (80, 4), (65, 4))
 SHOWN = 300
 # Dots per inch of a picture for a page that may be printed.
 SHARP = 92
+# Dots per inch of sections, which have fine lines.
+FINE = 110
 # Colours (0 to 255) from which on white was meant.
 WHITE = 252
 # Part of the page, name of a surface, figure, and what it shows in words.
@@ -102,7 +104,9 @@ def save_figure(folder: Path, part: str, name: str, figure: Figure, alternative:
     """Write a figure of one part of the page, such as of one surface, into a folder."""
     harmless = re.sub(r"[^\w.+-]", "_", f"{part}_{name}" if name else part)
     path = folder / f"{harmless}.png"
-    pixels = pixels_of(figure, SHARP).quantize(160, method=ImageFile.Quantize.FASTOCTREE, dither=ImageFile.Dither.NONE)
+    pixels = pixels_of(figure, FINE if part == "slices" else SHARP).quantize(
+        160, method=ImageFile.Quantize.FASTOCTREE, dither=ImageFile.Dither.NONE
+    )
     pixels.putpalette([shade if shade < WHITE else 255 for shade in pixels.getpalette() or ()])
     pixels.save(path, "png", optimize=True)
     return Exhibit(part, path, alternative, figure)

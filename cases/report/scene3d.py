@@ -8,8 +8,6 @@ from gzip import compress
 from typing import Any
 
 import numpy as np
-from matplotlib import colormaps
-from matplotlib.colors import to_hex
 
 from sdm_deflect.base.arrays import FloatArray, IntArray, distinct, union
 from sdm_deflect.cases.run.metrics import Json
@@ -18,51 +16,33 @@ from sdm_deflect.deform.surface.motions import Fixed, Powers, Turn
 from sdm_deflect.deform.volume.controls import ControlRange
 from sdm_deflect.meshing.formats.polyhedra import faces_by_cell
 from sdm_deflect.meshing.mesh.cells import Cells, Patch, Polyhedra, Volume
-from sdm_deflect.meshing.mesh.edges import area_vectors, edges_of, polygons_of, sharp_edges, unit
+from sdm_deflect.meshing.mesh.edges import area_vectors, edges_of, polygons_of, sharp_edges
 from sdm_deflect.meshing.mesh.faces import FACES
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.quality import quality_of
 from sdm_deflect.meshing.mesh.standard import parts_of
 
-from .data import Box, ReportData, measure_in_words
-from .slices import (
-    BLUE,
-    BOX_COLOUR,
-    BOX_EDGES,
-    CHANGE_MAP,
-    CHANGE_RANGE,
-    MOVED_MAP,
-    ORANGE,
-    QUALITY_MAP,
-    QUALITY_RANGE,
-    Colour,
-    hexadecimal,
-    patch_colour,
-    triangles_of,
-)
+from . import colours
+from .data import Box, MovedSurface, ReportData, diagonal, measure_in_words
+from .slices import BOX_EDGES, triangles_of
 
-# Largest number of cells in the page, the worst of all boxes, in space and in a plane: a browser draws them.
-MOST_CELLS, MOST_PLANE = 6_500, 25_000
+# Largest number of cells in the page, the worst of all boxes, in space and in a plane: a browser draws them. With many
+# surfaces, whose fields take most of the page, there are fewer.
+MOST_CELLS, MOST_OF_MANY, MOST_PLANE = 6_500, 4_000, 25_000
 # Largest number of triangles of a patch; outside of the boxes larger ones are thinned to about that.
 MOST_TRIANGLES = 4_000
 # Largest number of sites, or of centres, of one kind in the page.
 MOST_DOTS = 3_000
-# Margin around the hexahedron of a view, as a share of its largest extent.
-MARGIN = 0.2
 # Margin around the scene, as a share of its largest extent: without it, what touches the end of an axis is clipped.
 EDGE = 0.02
 # Drawn height of the hexahedron around a plane mesh, as a share of its own.
 FLAT = 1e-3
-# Share of the largest displacement that a trailing edge has.
-AT_LEAST = 0.5
-# Length of an arrow, as a share of the surface's largest extent.
-ARROW = 0.25
-# Corners of an arrow's shaft and head, along and across it, as shares of its length.
-SHAPE = np.array([[0.0, -0.03], [0.0, 0.03], [0.7, 0.03], [0.7, -0.03], [0.7, -0.12], [0.7, 0.12], [1.0, 0.0]])
+# Share of the largest displacement that the tip of a surface has, at which its label stands.
+FAR = 0.35
+# Largest number of patches that have a label in the picture of a mesh in which nothing moves.
+MOST_LABELS = 8
 # Number of amounts at which a page stores a track's functions; it interpolates between them.
 SAMPLES = 501
-# Number of colours by which a colour map is sent to the page.
-SHADES = 9
 # Edges at which faces turn by more degrees stay as they are in thinned patches.
 CREASE = 20.0
 # Corners of the triangles on the outside of each shape.
@@ -79,6 +59,9 @@ ARRAYS = frozenset((
 KEPT = frozenset(("nodes",))
 # Shares of the coordinates: smaller differences from what the page computes are left out, of patches and of cells.
 SEEN, EXACT = 2.0**-24, 1e-13
+# From this number of surfaces on, fields have no remainders, unless single precision would be coarser than this share
+# of the shortest edge: five surfaces would fill 1.8 MB with them.
+MANY, THIN = 3, 1e-4
 # Where single precision is coarser than this share of the surfaces' size, patches store remainders, too.
 COARSE = 5e-7
 
@@ -114,8 +97,13 @@ class Turning:
             tuple(poses),
         )
 
-    def page_fields(self, nodes: IntArray, points: FloatArray, exact: bool) -> tuple[list[Json], FloatArray]:
-        """Return the fields of nodes (K,) at points (K, 3), and the places that the page computes from them."""
+    def page_fields(
+        self, nodes: IntArray, points: FloatArray, exact: bool, fine: bool
+    ) -> tuple[list[Json], FloatArray]:
+        """Return the fields of nodes (K,) at points (K, 3), and the places that the page computes from them.
+
+        With `exact` points have a second, low part, and with `fine` fields have one.
+        """
         out, computed, place = [], np.sum(_split(points, exact), axis=0), np.full(len(self.motion.start), -1)
         surfaces = zip(self.motion.controls, self.own, self.motion.rows, self.motion.fields, strict=True)
         for i, (control, amount, rows, fields) in enumerate(surfaces):
@@ -123,7 +111,7 @@ class Turning:
             place[rows] = np.arange(len(rows))
             at = np.flatnonzero(place[nodes] >= 0)
             at = at[fields[:, place[nodes[at]]].any(axis=(0, 2))]
-            parts = [_split(field[place[nodes[at]]], exact) for field in fields]
+            parts = [_split(field[place[nodes[at]]], fine) for field in fields]
             for value, part in zip(control.functions.values(amount), parts, strict=True):
                 computed[at] += value * np.sum(part, axis=0)
             names = zip(("fields", "fields_low"), zip(*parts, strict=True), strict=False)
@@ -139,27 +127,27 @@ class Turning:
 
 def turnable(data: ReportData, most_cells: int = 0, most_triangles: int = MOST_TRIANGLES) -> Json:
     """Return patches, hexahedra, sites, centres and cells of a run, with the fields that turn them."""
-    edges, turning = BOX_EDGES, Turning.of(data)
-    most_cells = most_cells or (MOST_PLANE if data.mesh.plane else MOST_CELLS)
+    turning = Turning.of(data)
+    in_space = MOST_CELLS if len(data.surfaces) < MANY else MOST_OF_MANY
+    most_cells = most_cells or (MOST_PLANE if data.mesh.plane else in_space)
+    parts = list(patches(data, most_triangles, turning))
     return {
-        "patches": list(patches(data, most_triangles, turning)),
-        "boxes": [
-            {"name": box.name, "colour": BOX_COLOUR, "segments": single(_corners_shown(data, box)[edges])}
-            for box in data.boxes
-        ],
-        "arrows": {"segments": single(_arrows(data))},
+        "patches": parts,
+        "labels": list(labels(data, parts)),
+        "boxes": [{"segments": single(_corners_shown(data, box)[BOX_EDGES])} for box in data.boxes],
         "dots": list(dots(data)),
         "cells": cells(data, most_cells, turning),
         "turn": surfaces(data, turning) if turning.own else None,
         "views": list(views(data)),
         "colours": {
-            "range": [QUALITY_RANGE.vmin, QUALITY_RANGE.vmax],
-            "shades": shades(QUALITY_MAP),
-            "displacement": shades(MOVED_MAP),
-            "change": shades(CHANGE_MAP),
-            "changes": [CHANGE_RANGE.vmin, CHANGE_RANGE.vmax],
+            "shades": colours.shades(colours.QUALITY),
+            "range": [colours.QUALITIES.vmin, colours.QUALITIES.vmax],
+            "displacement": colours.shades(colours.DISPLACEMENT),
+            "change": colours.shades(colours.CHANGE),
+            "changes": [colours.CHANGES.vmin, colours.CHANGES.vmax],
         },
         "measure": measure_in_words(data.boxes),
+        "failed": [check.name for check in data.checks if not check.passed],
         "plane": data.mesh.plane,
         "unit": data.length.shown,
         "factor": data.length.factor,
@@ -167,28 +155,38 @@ def turnable(data: ReportData, most_cells: int = 0, most_triangles: int = MOST_T
     }
 
 
-def _arrows(data: ReportData) -> FloatArray:
-    """Return triangles (T, 3, 3) of an arrow for each surface, from its trailing edge in the direction of its motion.
+def labels(data: ReportData, parts: list[Json]) -> Iterator[Json]:
+    """Yield the name of each surface, its amount in words, and the patch and row of the node at its tip.
 
-    x points aft. The trailing edge is among the nodes that move at least half the largest distance.
+    Where nothing moves, the largest patches have labels.
     """
-    triangles = [np.empty((0, 3, 3))]
+    nodes = {part["own"]: np.frombuffer(b64decode(part["nodes"]), "<u4") for part in parts}
     for surface in data.surfaces:
-        places, ends = data.mesh.points[surface.nodes], data.points[surface.nodes]
-        travel = np.linalg.norm(ends - places, axis=1)
-        row = int(np.argmax(np.where(travel >= AT_LEAST * travel.max(), places[:, 0], -np.inf)))
-        way = unit((ends - places)[row : row + 1])[0]
-        first = unit(np.cross(way, np.eye(3)[2 if data.mesh.plane else int(np.argmin(np.abs(way)))])[None])[0]
-        for across in (first, np.cross(way, first)):
-            corners = ends[row] + ARROW * float(np.ptp(places, axis=0).max()) * (SHAPE @ np.array([way, across]))
-            triangles.append(corners[[[0, 1, 2], [0, 2, 3], [4, 5, 6]]])
-    return np.concatenate(triangles)
+        node = _tip(data, surface)
+        name = next((name for name in surface.patches if name in nodes and node in nodes[name]), None)
+        if name:
+            place = {"own": name, "row": int(np.searchsorted(nodes[name], node))}
+            yield {"name": surface.name, "control": surface.control, "amount": surface.amount_text, **place}
+    shown = [] if data.surfaces else [part["own"] for part in parts if not part["hidden"]]
+    for name in sorted(shown, key=lambda name: -diagonal(data.mesh.points[nodes[name]]))[:MOST_LABELS]:
+        places = data.mesh.points[nodes[name]]
+        row = int(np.argmin(np.linalg.norm(places - places.mean(axis=0), axis=1)))
+        yield {"name": name, "control": "", "amount": "", "own": name, "row": row}
+
+
+def _tip(data: ReportData, surface: MovedSurface) -> int:
+    """Return the node of a surface that is farthest from the middle, among those that move far."""
+    places, ends = data.mesh.points[surface.nodes], data.points[surface.nodes]
+    travel = np.linalg.norm(ends - places, axis=1)
+    away = np.linalg.norm(places - data.middle, axis=1)
+    return int(surface.nodes[np.argmax(np.where(travel >= FAR * travel.max(), away, -np.inf))])
 
 
 def patches(data: ReportData, most: int, turning: Turning) -> Iterator[Json]:
     """Yield the surface meshes; faces point out of the body, for the lighting."""
     inside = union(*(box.nodes for box in data.boxes))
     moving = [name for surface in data.surfaces for name in surface.patches]
+    following = [name for surface in data.surfaces for name in surface.panel]
     for patch in data.mesh.patches:
         if patch.name not in (*data.drawn, *data.hidden) or not patch.faces:
             continue
@@ -198,9 +196,9 @@ def patches(data: ReportData, most: int, turning: Turning) -> Iterator[Json]:
         yield {
             "name": f"{patch.name} (thinned)" if thin else patch.name,
             "own": patch.name,
-            "colour": hexadecimal(patch_colour(patch.name, patch.name in moving)),
             "hidden": patch.name in data.hidden,
             "surface": patch.name in moving,
+            "panel": patch.name in following,
             **_part(data, turning, shown[:, ::-1], None if thin else _edges(patch)),
         }
 
@@ -252,9 +250,9 @@ def dots(data: ReportData) -> Iterator[Json]:
     if not data.boxes:
         return
     sites = [data.mesh.points[box.sites] for box in data.boxes]
-    yield _dots("sites", "sites on the surface", sites, ORANGE)
-    yield _dots("sites", "sites of zero displacement", [box.zero for box in data.boxes], BLUE)
-    for direction, colour in zip("xyz", (BLUE, ORANGE, (30, 30, 30)), strict=True):
+    yield _dots("sites", "sites on the surface", sites, colours.WORSE)
+    yield _dots("sites", "sites of zero displacement", [box.zero for box in data.boxes], colours.NAVY)
+    for direction, colour in zip("xyz", (colours.MOVES, colours.WORSE, colours.INK), strict=True):
         centres = [box.fits.centres[direction] for box in data.boxes if direction in box.fits.centres]
         if centres:
             yield _dots("centres", f"centres for {direction}", centres, colour)
@@ -331,19 +329,19 @@ def _corners(block: Cells | Polyhedra, rows: IntArray) -> tuple[Json, IntArray]:
 
 
 def views(data: ReportData) -> Iterator[Json]:
-    """Yield names and boxes (low, high) of the views: each hexahedron, then everything.
+    """Yield names and extents (low, high) of the views: all surfaces, each surface, then everything.
 
-    A hexahedron's view shows only the patches with a node in it.
+    The camera looks at the view's patches; extents are those of the boxes, in which planes may cut.
     """
-    for i, box in enumerate(data.boxes):
-        corners = _corners_shown(data, box)
-        inside = box.hexahedron.contains(data.mesh.points)
-        near = [patch.name for patch in data.mesh.patches if inside[patch.nodes].any()]
-        margin = MARGIN * float(np.ptp(corners, axis=0).max())
-        yield _view(data, box.name, corners, margin) | {"box": i, "near": near}
     every = [_corners_shown(data, box) for box in data.boxes]
+    if data.surfaces:
+        named = [name for surface in data.surfaces for name in surface.patches]
+        yield _view(data, "surfaces", np.vstack(every)) | {"patches": named, "box": None}
+    for i, box in enumerate(data.boxes):
+        for surface in box.surfaces if len(data.surfaces) > 1 else ():
+            yield _view(data, surface.name, every[i]) | {"patches": list(surface.patches), "box": i}
     drawn = np.vstack([data.mesh.points[data.mesh.on(*data.drawn)], *every])
-    yield _view(data, "everything", drawn, EDGE * float(np.ptp(drawn, axis=0).max())) | {"box": None, "near": None}
+    yield _view(data, "everything", drawn) | {"patches": [], "box": None}
 
 
 def _corners_shown(data: ReportData, box: Box) -> FloatArray:
@@ -352,11 +350,6 @@ def _corners_shown(data: ReportData, box: Box) -> FloatArray:
     if data.mesh.plane:
         corners[:, 2] = data.mesh.points[0, 2] + FLAT * (corners[:, 2] - data.mesh.points[0, 2])
     return corners
-
-
-def shades(name: str) -> list[list[object]]:
-    """Return a colour map as shares of the range and their colours."""
-    return [[float(s), to_hex(colormaps[name](s))] for s in np.linspace(0.0, 1.0, SHADES)]
 
 
 def single(values: FloatArray) -> str:
@@ -409,10 +402,14 @@ def _part(
     Numbers of `exact` parts have a second, low part, which cells of thin layers need.
     """
     nodes, local = np.unique(faces, return_inverse=True)
+    local = local.reshape(faces.shape)
     before, after = data.mesh.points[nodes], data.points[nodes]
     largest = float(np.abs(before).max(initial=0.0))
     exact = exact or SEEN * largest > COARSE * data.surface_size > 0.0
-    modes, computed = turning.page_fields(nodes, before, exact)
+    edge = np.linalg.norm(before[local] - before[np.roll(local, 1, axis=1)], axis=2)
+    shortest = float(edge[edge > 0.0].min(initial=np.inf))
+    fine = exact and (len(turning.own) < MANY or SEEN * data.surface_size > THIN * shortest)
+    modes, computed = turning.page_fields(nodes, before, exact, fine)
     between = after if data.interpolated is None else data.interpolated[nodes]
     small = (EXACT if exact else SEEN) * largest
     rest, mended = _without_small(after - computed, small), _without_small(between - after, small)
@@ -446,14 +443,15 @@ def _without_small(values: FloatArray, small: float) -> FloatArray:
     return np.where(np.abs(values).max(axis=1, keepdims=True) > small, values, 0.0)
 
 
-def _dots(group: str, name: str, points: list[FloatArray], colour: Colour) -> Json:
+def _dots(group: str, name: str, points: list[FloatArray], colour: str) -> Json:
     every = np.vstack(points)
     step = -(-len(every) // MOST_DOTS)
     label = name if step <= 1 else f"{name}, 1 in {step} drawn"
     return {"group": group, "name": label, "points": single(every[:: max(step, 1)]), "count": len(every),
-            "colour": hexadecimal(colour)}  # fmt: skip
+            "colour": colour}  # fmt: skip
 
 
-def _view(data: ReportData, name: str, points: FloatArray, margin: float) -> Json:
+def _view(data: ReportData, name: str, points: FloatArray) -> Json:
+    margin = EDGE * float(np.ptp(points, axis=0).max())
     low, high = data.length.factor * (points.min(axis=0) - margin), data.length.factor * (points.max(axis=0) + margin)
     return {"name": name, "low": low.tolist(), "high": high.tolist()}

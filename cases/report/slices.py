@@ -1,20 +1,20 @@
-"""Sections through the cells around a surface, coloured by quality.
+"""Sections through the cells around a surface: the mesh, what moves, and the cells that lost quality.
 
-Also colours of patches, qualities and displacements, and faces as arrays.
+Also faces as arrays.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any
-from zlib import crc32
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.colors import Normalize, to_rgb
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch as Swatch
 from numpy.typing import NDArray
 
 from sdm_deflect.base.arrays import FloatArray, IntArray
@@ -26,81 +26,26 @@ from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.polyhedra import corner_edges
 from sdm_deflect.meshing.mesh.quality import quality_of
 
+from . import colours
 from .data import Box, MovedSurface, ReportData, measure_in_words
 
-Colour = tuple[int, int, int]
-Direction = tuple[float, float, float]
-QUALITY_MAP = "cividis"
-# Cells of a quality below 0.4 get the darkest colour.
-QUALITY_RANGE = Normalize(0.4, 1.0)
-
-BOX_COLOUR = "#cc00cc"
-# After Paul Tol's muted scheme.
-COMPONENTS = {
-    "fuselage": "#bbbbbb",
-    "canopy": "#332288",
-    "inlet": "#999933",
-    "pedestal": "#dddddd",
-    "strake": "#44aa99",
-    "wing": "#88ccee",
-    "aileron": "#cc6677",
-    "tail": "#ddcc77",
-    "ventral": "#117733",
-    "fin": "#aa4499",
-    "rudder": "#882255",
-    "chimera": BOX_COLOUR,
-}
-
-# Colours of patches that are no component of our aircraft, chosen by the letters of the name.
-OTHERS = ("#bbbbbb", "#88ccee", "#44aa99", "#dddddd", "#ddcc77", "#999933", "#6699cc", "#b8b8d8")
-# Colour of such patches if they move.
-MOVING = COMPONENTS["aileron"]
-
-DARK: Colour = (90, 90, 90)
-GREY: Colour = (190, 190, 190)
-# Also the colour of boxes.
-MAGENTA: Colour = (204, 0, 204)
-ORANGE: Colour = (213, 94, 0)
-BLUE: Colour = (0, 114, 178)
-CHANGE_MAP = "RdBu"
-# Colours of the change of quality: red for a loss, blue for a gain.
-CHANGE_RANGE = Normalize(-0.2, 0.2)
-# Colours of the displacement: pale for none, dark for the largest.
-MOVED_MAP = "YlOrRd"
 BOX_EDGES = np.array(hexahedron.EDGES)
 AXES = "xyz"
-# Margin around the box, as a share of its size.
-AROUND = 0.06
 # Largest distance of a section's nodes from it, as a share of the span.
 BESIDE = 0.03
-# Half the width and height of the view of the hinge, as a share of the box's size.
-CLOSE = 0.128
-# Position of the colour bar in the figure: left, bottom, width, height.
-BAR = (0.89, 0.2, 0.025, 0.6)
+# Half the width of a panel, in chords of what moves: of the whole surface, and of its hinge or trailing edge.
+WHOLE, CLOSE = 0.95, 0.35
+# Width over height of a panel, and the inches of a panel's width, of the margins around it, and of the legend.
+RATIO, WIDE, SIDE, HEAD, FOOT = 1.5, 4.7, 0.6, 0.56, 0.5
+# A cell that lost more quality than `colours.LOST` is coloured; one that is now below this is outlined.
+POOR = 0.3
+# Number of surfaces from which on each has the section of the whole surface alone: pages stay small.
+MANY = 3
 # Edges of each shape.
 EDGES = {
     shape: sorted({(min(ends), max(ends)) for face in faces for ends in zip(face, face[1:] + face[:1], strict=True)})
     for shape, faces in FACES.items()
 }
-
-
-def component(patch: str) -> str:
-    """Return the component that a patch belongs to; left and right are alike."""
-    stem = patch.removesuffix("_left").removesuffix("_right")
-    return "fuselage" if stem.startswith("fuselage") else stem
-
-
-def patch_colour(patch: str, moving: bool = False) -> Colour:
-    """Return the colour of a patch's component."""
-    name = component(patch)
-    colour = COMPONENTS.get(name) or (MOVING if moving else OTHERS[crc32(name.encode()) % len(OTHERS)])
-    r, g, b = (round(255 * share) for share in to_rgb(colour))
-    return r, g, b
-
-
-def hexadecimal(colour: Colour) -> str:
-    """Return a colour as text for a web page."""
-    return "#{:02x}{:02x}{:02x}".format(*colour)
 
 
 def by_size(faces: Iterable[Faces]) -> list[IntArray]:
@@ -156,29 +101,30 @@ def directions(points: FloatArray, surface: MovedSurface) -> tuple[int, int]:
 
 
 def planes(data: ReportData, box: Box, surface: MovedSurface) -> tuple[CutPlane, ...]:
-    """Return sections at half span: of the whole box, around the hinge, and around the trailing edge.
+    """Return sections at half span: of the whole surface, around the hinge, and around the trailing edge.
 
     The section of a plane mesh is its plane. The trailing edge is at the node of the section that moves farthest. A
     motion without a hinge has no section around one. If layers changed, the last section is at their largest change.
+    Where many surfaces moved, each has the first section alone.
     """
-    points, corners = data.mesh.points[surface.nodes], box.hexahedron.corners
-    size = float(np.ptp(corners, axis=0).max())
-    span = 2 if data.mesh.plane else directions(data.mesh.points, surface)[0]
+    points = data.mesh.points[surface.nodes]
+    span, chordwise = (2, 0) if data.mesh.plane else directions(data.mesh.points, surface)
     half = float(points[:, span].min() + points[:, span].max()) / 2
-    close = np.full(3, CLOSE * size)
     off = np.abs(points[:, span] - half)
     near = np.flatnonzero(off <= off.min() + BESIDE * np.ptp(points[:, span]))
-    moves = np.linalg.norm(data.points[surface.nodes[near]] - points[near], axis=1)
-    edge = surface.nodes[near[np.argmax(moves)]]
-    ends = np.array([data.mesh.points[edge], data.points[edge]])
+    ends = np.array([points[near], data.points[surface.nodes[near]]])
+    chord = float(np.ptp(points[near, chordwise])) or float(np.ptp(points, axis=0).max())
+    edge = ends[:, np.argmax(np.linalg.norm(ends[1] - ends[0], axis=1))]
+    both = ends.reshape(-1, 3)
     what = "the plane" if data.mesh.plane else "section at half span"
-    windows = [(what, corners.min(axis=0) - AROUND * size, corners.max(axis=0) + AROUND * size)]
-    if surface.axis is not None:
-        along = surface.axis.direction[span]
-        hinge = surface.axis.point + (half - surface.axis.point[span]) / (along or np.inf) * surface.axis.direction
-        windows.append(("at the hinge", hinge - close, hinge + close))
-    windows.append(("at the trailing edge", ends.min(axis=0) - close, ends.max(axis=0) + close))
-    cuts = [CutPlane(span, half, text, np.array([low, high])) for text, low, high in windows]
+    cuts = [CutPlane(span, half, what, _window((both.min(axis=0), both.max(axis=0)), WHOLE * chord, span))]
+    if len(data.surfaces) < MANY:
+        if surface.axis is not None:
+            along = surface.axis.direction[span]
+            hinge = surface.axis.point + (half - surface.axis.point[span]) / (along or np.inf) * surface.axis.direction
+            cuts.append(CutPlane(span, half, "at the hinge", _window((hinge, hinge), CLOSE * chord, span)))
+        low, high = edge.min(axis=0), edge.max(axis=0)
+        cuts.append(CutPlane(span, half, "at the trailing edge", _window((low, high), CLOSE * chord, span)))
     for window in (np.array(check.window) for check in data.checks if check.window):
         if box.hexahedron.contains(window.mean(axis=0)[None]).all():
             station = half if data.mesh.plane else float(window[:, span].mean())
@@ -186,55 +132,138 @@ def planes(data: ReportData, box: Box, surface: MovedSurface) -> tuple[CutPlane,
     return tuple(cuts)
 
 
+def _window(ends: tuple[FloatArray, FloatArray], least: float, span: int) -> FloatArray:
+    """Return a window (2, 3) around two corners, `RATIO` wide, at least twice `least` and a fifth wider than they."""
+    middle, size = 0.5 * (ends[0] + ends[1]), 0.6 * (ends[1] - ends[0])
+    right, up = (i for i in range(3) if i != span)
+    half = max(least, float(size[right]), RATIO * float(size[up]))
+    reach = np.full(3, half)
+    reach[up] = half / RATIO
+    return np.array([middle - reach, middle + reach])
+
+
 def slices(data: ReportData, box: Box, surface: MovedSurface) -> tuple[Figure, str]:
     """Draw the sections of a surface before and after the deflection; return a description."""
     cuts, texts = planes(data, box, surface), []
-    figure = Figure(figsize=(9.6, 4.0 * len(cuts)))
-    figure.subplots_adjust(left=0.09, right=0.86, bottom=0.05, top=0.94, wspace=0.28, hspace=0.28)
-    axes = figure.subplots(len(cuts), 2)
-    states = (("undeflected", data.mesh.points), (surface.amount_text, data.points))
-    for row, plane in zip(axes, cuts, strict=True):
-        pairs = zip(row, states, strict=True)
-        before, after = (draw_slice(mesh_state, data, points, box, plane, name) for mesh_state, (name, points) in pairs)
-        place = f"{plane.what.capitalize()}, {AXES[plane.axis]} = {data.length.text(plane.station)}"
-        texts.append(f"{place}: smallest of its cells {before:.3f} before, {after:.3f} after.")
-    shades, measure = ScalarMappable(QUALITY_RANGE, QUALITY_MAP), measure_in_words(data.boxes)
-    figure.colorbar(shades, cax=figure.add_axes(BAR), label=f"{measure} of a cell", extend="min")
-    figure.suptitle(surface.name, fontsize="medium")
+    wide, high = 2.0 * (WIDE + SIDE) + 0.15, len(cuts) * (WIDE / RATIO + HEAD) + FOOT
+    figure = Figure(figsize=(wide, high))
+    for row, plane in enumerate(cuts):
+        bottom = high - (row + 1) * (WIDE / RATIO + HEAD) + 0.26
+        place = f"{plane.what}, {AXES[plane.axis]} = {data.length.text(plane.station)}"
+        least = []
+        for column, (state, points) in enumerate((("before", data.mesh.points), ("after", data.points))):
+            left = SIDE + column * (WIDE + SIDE)
+            axes = figure.add_axes((left / wide, bottom / high, WIDE / wide, WIDE / RATIO / high))
+            least.append(draw_slice(axes, data, points, surface, box, plane))
+            axes.set_title(f"{state}, {surface.amount_text}" if column else state, loc="left", fontsize=10, weight=600)
+            axes.set_title(place if column else "", loc="right", fontsize=8, color=colours.SOFT)
+        texts.append(
+            f"{place[0].upper()}{place[1:]}: smallest of its cells {least[0]:.3f} before, {least[1]:.3f} after."
+        )
+    _legend(figure, wide, high)
     return figure, (
-        f"Sections through the cells around {surface.name}, coloured by {measure}, before (left) and after (right); "
-        "walls are black, the box is dashed. " + " ".join(texts)
+        f"Sections through the cells around {surface.name}, before (left) and after (right). Cells that lost more than "
+        f"{colours.LOST:g} of their {measure_in_words(data.boxes)} are coloured, those below {POOR:g} outlined. "
+        + " ".join(texts)
     )
 
 
-def draw_slice(axes: Axes, data: ReportData, points: FloatArray, box: Box, plane: CutPlane, state: str) -> float:
-    """Draw one slice; return the smallest quality of a cell in it."""
-    factor, unit, (right, up) = data.length.factor, data.length.shown, plane.across
-    signed = zip(data.mesh.cells, box.affected.orientation, strict=True)
-    cuts = [cut_cells(points, block, plane, sign) for block, sign in signed]
-    polygons = [polygon for some, _ in cuts for polygon in some]
-    shades = np.concatenate([np.empty(0), *(rows for _, rows in cuts)])
-    looks: dict[str, Any] = {"cmap": QUALITY_MAP, "norm": QUALITY_RANGE, "edgecolors": "0.15", "lw": 0.25}
-    sizes = np.array([len(polygon) for polygon in polygons])
-    for size in np.unique(sizes):  # an array of polygons is drawn much faster than a list
-        rows = np.flatnonzero(sizes == size)
-        corners: Any = factor * np.array([polygons[i] for i in rows])
-        axes.add_collection(PolyCollection(corners, array=shades[rows], **looks))
-    walls = factor * cut_walls(data.mesh, points, plane)
-    axes.add_collection(LineCollection(list(walls), colors="black", linewidths=1.6))
+def _legend(figure: Figure, wide: float, high: float) -> None:
+    """Explain colours and lines below the panels."""
+    bar = figure.add_axes((SIDE / wide, 0.26 / high, 2.4 / wide, 0.11 / high))
+    figure.colorbar(ScalarMappable(colours.LOSSES, colours.LOSS), cax=bar, orientation="horizontal", extend="max")
+    bar.set_title("quality lost by a cell", fontsize=8, loc="left", pad=3)
+    bar.tick_params(labelsize=8)
+    handles: list[Any] = [
+        Swatch(facecolor="none", edgecolor=colours.WORSE, label=f"below {POOR:g}"),
+        Line2D([], [], color=colours.WORSE, marker="o", ls="", mfc="none", ms=10, label="worst here"),
+        Line2D([], [], color=colours.MOVES, lw=2.4, label="moves"),
+        Line2D([], [], color=colours.INK, lw=1.4, label="stays"),
+        Line2D([], [], color=colours.INK, lw=1.0, ls="--", label="was"),
+        Line2D([], [], color=colours.BOX, lw=1.0, ls=":", label="box"),
+    ]
+    place = (3.4 / wide, 0.3 / high)
+    figure.legend(handles=handles, ncols=6, fontsize=9, frameon=False, loc="center left", bbox_to_anchor=place)
+
+
+def draw_slice(
+    axes: Axes, data: ReportData, points: FloatArray, surface: MovedSurface, box: Box, plane: CutPlane
+) -> float:
+    """Draw one section of a mesh at points (N, 3); return the smallest quality of a cell in it."""
+    factor, (right, up), mesh = data.length.factor, plane.across, data.mesh
+    polygons, now, lost = list[FloatArray](), [np.empty(0)], [np.empty(0)]
+    for block, sign in zip(mesh.cells, box.affected.orientation, strict=True):
+        some, rows = cut_cells(points, block, plane)
+        polygons += some
+        now.append(quality_of(points, block, rows, sign))
+        lost.append(quality_of(mesh.points, block, rows, sign) - now[-1])
+    quality, loss = np.concatenate(now), np.concatenate(lost)
+    axes.set_facecolor(colours.STAYS)  # a body has no cells, and is seen as grey
+    lost_much, poor = np.flatnonzero(loss > colours.LOST), np.flatnonzero(quality < POOR)
+    _fill(axes, factor, polygons, np.arange(len(polygons)), facecolors="white", edgecolors=colours.CELLS, lw=0.3)
+    _fill(
+        axes,
+        factor,
+        polygons,
+        lost_much,
+        loss,
+        cmap=colours.LOSS,
+        norm=colours.LOSSES,
+        edgecolors=colours.CELLS,
+        lw=0.3,
+    )
+    _fill(axes, factor, polygons, poor, facecolors="none", edgecolors=colours.WORSE, lw=0.8)
+    moved = points is not mesh.points
+    if moved:
+        was = factor * cut_walls(mesh, mesh.points, plane, surface.patches)
+        axes.add_collection(LineCollection(list(was), colors=colours.INK, linewidths=0.9, linestyles="--"))
+    stays = [name for name in mesh.names if name not in surface.patches]
+    for names, colour, width in ((stays, colours.INK, 1.3), (surface.patches, colours.MOVES, 2.2)):
+        walls = factor * cut_walls(mesh, points, plane, names)
+        axes.add_collection(LineCollection(list(walls), colors=colour, linewidths=width))
     normal = np.eye(3)[plane.axis]
     section = factor * box.hexahedron.section(plane.station * normal, normal)[:, plane.across]
-    axes.plot(*np.vstack([section, section[:1]]).T, color=BOX_COLOUR, lw=1.3, ls="--")
-    axes.set(xlim=factor * plane.window[:, right], ylim=factor * plane.window[:, up], aspect="equal")
-    axes.set(xlabel=f"{AXES[right]}, {unit}", ylabel=f"{AXES[up]}, {unit}")
-    axes.set_title(f"{plane.what},\n{state}", fontsize="small")
-    return float(shades.min(initial=1.0))
+    axes.plot(*np.vstack([section, section[:1]]).T, color=colours.BOX, lw=1.0, ls=":")
+    window = factor * plane.window
+    axes.set(xlim=window[:, right], ylim=window[:, up])
+    axes.tick_params(labelsize=8, colors=colours.SOFT)
+    for spine in axes.spines.values():
+        spine.set_color(colours.CELLS)
+    axes.text(
+        0.01,
+        0.02,
+        f"{AXES[right]} to the right, {AXES[up]} up",
+        transform=axes.transAxes,
+        fontsize=7,
+        color=colours.SOFT,
+    )
+    places = np.array([polygon.mean(axis=0) for polygon in polygons]).reshape(-1, 2)
+    low, top = plane.window[:, plane.across]
+    seen = np.flatnonzero(((places > low) & (places < top)).all(axis=1))
+    if len(seen):
+        worst = seen[np.argmin(quality[seen])]
+        x, y = factor * places[worst]
+        axes.plot(x, y, "o", ms=17, mfc="none", mec=colours.WORSE, mew=1.6)
+        looks = {"fontsize": 9, "weight": 600, "color": colours.BAD, "xytext": (11, 9), "textcoords": "offset points"}
+        note = axes.annotate(f"{quality[worst]:.3f}", (x, y), annotation_clip=True, **looks)
+        note.set_bbox({"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0})
+    return float(quality[seen].min(initial=1.0))
 
 
-def cut_cells(
-    points: FloatArray, block: Volume, plane: CutPlane, orientation: float = 1.0
-) -> tuple[list[FloatArray], FloatArray]:
-    """Return polygons (k, 2) in which the plane cuts the cells of its window, and these cells' drawn quality (P,).
+def _fill(
+    axes: Axes, factor: float, polygons: Sequence[FloatArray], rows: IntArray, shades: FloatArray | None = None,
+    **looks: Any,
+) -> None:  # fmt: skip
+    """Draw some polygons; an array of those of one size is drawn much faster than a list."""
+    sizes = np.array([len(polygons[i]) for i in rows], dtype=np.intp)
+    for size in np.unique(sizes):
+        some = rows[sizes == size]
+        corners: Any = factor * np.array([polygons[i] for i in some])
+        axes.add_collection(PolyCollection(corners, array=None if shades is None else shades[some], **looks))
+
+
+def cut_cells(points: FloatArray, block: Volume, plane: CutPlane) -> tuple[list[FloatArray], IntArray]:
+    """Return polygons (k, 2) in which the plane cuts the cells of its window, and the rows (P,) of these cells.
 
     Cells of a plane mesh lie in it.
     """
@@ -244,16 +273,16 @@ def cut_cells(
     beyond += [points[:, c] > window[0, c] for c in (right, up)] + [points[:, c] < window[1, c] for c in (right, up)]
     rows = np.flatnonzero(np.all([with_node(block, mask) for mask in beyond], axis=0))
     if isinstance(block, Cells) and block.shape in PLANE:
-        return list(points[block.nodes[rows]][:, :, plane.across]), quality_of(points, block, rows, orientation)
+        return list(points[block.nodes[rows]][:, :, plane.across]), rows
     cell, edges = cell_edges(block, rows)
     polygons = _cut(points, cell, edges, len(rows), plane)
     kept = [i for i, polygon in enumerate(polygons) if len(polygon) > 2]
-    return [polygons[i] for i in kept], quality_of(points, block, rows[kept], orientation)
+    return [polygons[i] for i in kept], rows[kept]
 
 
-def cut_walls(mesh: Mesh, points: FloatArray, plane: CutPlane) -> FloatArray:
-    """Return segments (S, 2, 2) in which the plane cuts the boundary."""
-    faces = polygons_of(tuple(chain.from_iterable(patch.faces for patch in mesh.patches)))
+def cut_walls(mesh: Mesh, points: FloatArray, plane: CutPlane, names: Sequence[str]) -> FloatArray:
+    """Return segments (S, 2, 2) in which the plane cuts some patches."""
+    faces = polygons_of(tuple(chain.from_iterable(mesh.patch(name).faces for name in names)))
     if not len(faces):
         return np.empty((0, 2, 2))
     if are_lines(faces):

@@ -17,7 +17,7 @@
   }
 
   function without(reason) {
-    for (const name of ["controls", "turns"]) control(name).hidden = true;
+    for (const one of document.querySelectorAll(".tools, .panel")) one.hidden = true;
     plot.classList.add("empty");
     plot.textContent = "The picture cannot be drawn: " + reason + " All else on this page is complete.";
   }
@@ -52,6 +52,13 @@
     if (low) numbers(low).forEach((value, i) => { out[i] += data.factor * value; });
     return out;
   }
+
+  // Colours of the page's style sheet; of its light scheme for paper.
+  const hue = (name, where = document.documentElement) => getComputedStyle(where).getPropertyValue(`--${name}`).trim();
+  const signed = (amount, unit) => {
+    const number = Number(amount.toPrecision(4)), text = `${number < 0 ? "\u2212" : number ? "+" : ""}${Math.abs(number)}`;
+    return unit === "deg" ? `${text}\u00b0` : `${text} ${unit}`;
+  };
 
   // What turns the mesh: the functions of each surface's amount, times the fields of a part.
   const turned = data.turn ? data.turn.surfaces : [], own = turned.map((one) => one.own);
@@ -134,6 +141,7 @@
   const distances = (part, points) => Float32Array.from({ length: points.length / 3 }, (_, i) => (
     Math.hypot(...[0, 1, 2].map((c) => points[3 * i + c] - part.points[3 * i + c]))));
   const moving = patches.filter((one) => one.goes || one.turns);
+  const CREASE = Math.cos(35 * Math.PI / 180);
   const farthest = () => Math.max(0, ...moving.map((one) => distances(one, one.moved).reduce((most, each) => Math.max(most, each), 0)));
   const coloured = () => control("colour").value;
   const viewed = () => data.views[control("view").value];
@@ -147,6 +155,39 @@
       seen.set(pair[0] * 4294967296 + pair[1], pair);
     }
     return Uint32Array.from(Array.from(seen.values()).flat());
+  }
+
+  // The edges that show a patch's shape: its border, and those at which its faces turn.
+  function features({ faces, points, edges: every }) {
+    const sides = new Map(), key = (p, q) => (p < q ? p * 4294967296 + q : q * 4294967296 + p), normals = [];
+    for (let i = 0; i < faces.length; i += 3) {
+      const [a, b, c] = [0, 1, 2].map((k) => 3 * faces[i + k]), u = [], v = [];
+      for (let k = 0; k < 3; k += 1) { u.push(points[b + k] - points[a + k]); v.push(points[c + k] - points[a + k]); }
+      const n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]], size = Math.hypot(...n) || 1;
+      normals.push(n.map((value) => value / size));
+      for (let k = 0; k < 3; k += 1) {
+        const side = key(faces[i + k], faces[i + (k + 1) % 3]);
+        if (sides.has(side)) sides.get(side).push(i / 3); else sides.set(side, [i / 3]);
+      }
+    }
+    const out = [];
+    for (let i = 0; i < every.length; i += 2) {
+      const two = sides.get(key(every[i], every[i + 1])) || [];
+      const turn = two.length === 2 ? normals[two[0]].reduce((sum, value, k) => sum + value * normals[two[1]][k], 0) : -1;
+      if (turn < CREASE) out.push(every[i], every[i + 1]);
+    }
+    return Uint32Array.from(out);
+  }
+
+  // Segments (S, 6) cut into dashes of one length with gaps as long.
+  function dashed(segments, length) {
+    const out = [];
+    for (let i = 0; i < segments.length; i += 6) {
+      const from = segments.slice(i, i + 3), way = [0, 1, 2].map((c) => segments[i + 3 + c] - from[c]);
+      const count = Math.max(1, Math.min(400, Math.round(Math.hypot(...way) / length / 2)));
+      for (let k = 0; k < count; k += 1) for (const end of [k, k + 0.5]) out.push(...from.map((value, c) => value + way[c] * end / count));
+    }
+    return single(out);
   }
 
   // The axis (-1: none) and the place of the section.
@@ -189,12 +230,17 @@
     controls.zoomToCursor = true;
 
     const positions = (points) => new THREE.BufferAttribute(points, 3);
+    const extent = (points) => Math.hypot(...[0, 1, 2].map((c) => {
+      let [low, high] = [Infinity, -Infinity];
+      for (let i = c; i < points.length; i += 3) { low = Math.min(low, points[i]); high = Math.max(high, points[i]); }
+      return high - low;
+    }));
     let amounts = own.slice();
-    function segments(points, pairs, colour) {
+    function segments(points, pairs) {
       const geometry = new THREE.BufferGeometry();
       geometry.setAttribute("position", points);
       if (pairs) geometry.setIndex(new THREE.BufferAttribute(pairs, 1));
-      const lines = new THREE.LineSegments(geometry, new THREE.LineBasicMaterial({ color: colour, clippingPlanes: [] }));
+      const lines = new THREE.LineSegments(geometry, new THREE.LineBasicMaterial({ clippingPlanes: [] }));
       lines.frustumCulled = false;
       scene.add(lines);
       return lines;
@@ -213,19 +259,19 @@
       patch.mesh.patch = patch;
       patch.mesh.geometry.setAttribute("position", shared);
       patch.mesh.geometry.setIndex(new THREE.BufferAttribute(patch.faces, 1));
-      patch.wire = segments(shared, patch.edges, "#222222");
-      const goes = new Set(patch.modes.flatMap((mode) => Array.from(mode.at)));
-      const off = (i) => goes.has(i) || [0, 1, 2].some((c) => patch.points[3 * i + c] !== patch.moved[3 * i + c]);
-      patch.outline = segments(positions(patch.points), patch.edges.filter((_, i) => off(patch.edges[i - i % 2]) || off(patch.edges[i - i % 2 + 1])), "#0072b2");
+      patch.wire = segments(shared, patch.edges);
+      const shape = data.plane ? patch.edges : features(patch), size = extent(patch.points);
+      patch.frame = segments(shared, shape);
+      patch.ghost = patch.surface ? segments(positions(dashed(Array.from(shape).flatMap((i) => Array.from(patch.points.subarray(3 * i, 3 * i + 3))), size / 90))) : null;
     }
     for (const group of groups) {
       group.mesh = solid();
-      if (data.plane) group.wire = segments(positions(single(group.moved)), edges(group), "#888888");
+      if (data.plane) group.wire = segments(positions(single(group.moved)), edges(group));
     }
-    const arrows = solid(); // which way the surfaces moved
-    arrows.geometry.setAttribute("position", positions(lengthsOf(data.arrows.segments)));
-    arrows.material.color.set("#e69f00");
-    const outlines = boxes.map((points, i) => segments(positions(points), null, data.boxes[i].colour));
+    const outlines = boxes.map((points) => segments(positions(dashed(Array.from(points), extent(points) / 160))));
+    const shard = solid(); // the worst cell, seen through all else
+    shard.material.depthTest = false;
+    shard.renderOrder = 5;
     const clouds = dots.map((one) => {
       const geometry = new THREE.BufferGeometry();
       geometry.setAttribute("position", positions(one.points));
@@ -262,17 +308,20 @@
       control("bar-high").textContent = high.toPrecision(3);
     }
 
-    // Lines of a plane mesh are in the colour of the page's text, those that move in red.
-    const scheme = matchMedia("(prefers-color-scheme: dark)"), written = () => (scheme.matches ? "#e4e6e9" : "#222222");
-    let ink = written();
-    function inked(colour) {
-      ink = colour;
+    // The colours follow the scheme of the page; a picture for paper has the light ones.
+    const scheme = matchMedia("(prefers-color-scheme: dark)"), paper = document.querySelector(".light");
+    let where = document.documentElement;
+    function inked(scope) {
+      where = scope;
       patches.forEach(surface);
+      for (const one of outlines) one.material.color.set(hue("box", where));
+      for (const group of data.plane ? groups : []) group.wire.material.color.set(hue("cells", where));
+      shard.material.color.set(hue("worse", where));
     }
-    scheme.addEventListener("change", () => { inked(written()); redraw(); });
+    scheme.addEventListener("change", () => { inked(document.documentElement); redraw(); });
 
-    function surface(patch) {
-      const view = viewed(), visible = shownPatches.has(patch.name) && (!view.near || view.near.includes(patch.own));
+    function surface(patch, row) {
+      const visible = shownPatches.has(patch.name);
       const shared = patch.mesh.geometry.getAttribute("position"), shaded = coloured() === "displacement";
       const cut = section()[0] < 0 ? [] : [knife];
       if (patch.drawn !== at(patch)) {
@@ -280,15 +329,23 @@
         shared.array.set(patch.drawn);
         shared.needsUpdate = true;
       }
-      for (const one of [patch.mesh, patch.wire]) one.material.clippingPlanes = cut;
-      patch.wire.material.color.set(!data.plane ? "#222222" : patch.surface ? patch.colour : ink);
+      for (const one of [patch.mesh, patch.wire, patch.frame]) one.material.clippingPlanes = cut;
+      patch.wire.material.color.set(hue(patch.surface ? "edge" : "cells", where));
+      patch.wire.material.opacity = patch.surface ? 0.35 : 1;
+      patch.wire.material.transparent = patch.surface;
+      patch.frame.material.color.set(hue(data.plane && patch.surface ? "moves" : "edge", where));
       if (shaded) patch.mesh.geometry.setAttribute("color", shades(distances(patch, at(patch)), data.colours.displacement, [0, farthest()]));
       patch.mesh.material.vertexColors = shaded;
-      patch.mesh.material.color.set(shaded ? "#ffffff" : patch.colour);
+      patch.mesh.material.color.set(shaded ? "#ffffff" : hue(patch.surface ? "moves" : "stays", where));
+      if (patch.panel && !shaded) patch.mesh.material.color.lerp(new THREE.Color(hue("stays", where)), 0.65);
+      if (!shaded && !boxes.length) patch.mesh.material.color.multiplyScalar(1 - 0.09 * (row % 3)); // neighbours differ where nothing moves
       patch.mesh.material.needsUpdate = true;
-      patch.mesh.visible = visible;
-      patch.wire.visible = visible && control("lines").checked;
-      patch.outline.visible = visible && (patch.goes || patch.turns) && control("overlay").checked && state !== "undeflected";
+      patch.mesh.visible = visible && !data.plane;
+      patch.wire.visible = visible && control("lines").checked && !data.plane;
+      patch.frame.visible = visible && (!data.plane || where === paper);
+      if (!patch.ghost) return;
+      patch.ghost.material.color.set(hue("edge", where));
+      patch.ghost.visible = visible && control("overlay").checked && state !== "undeflected";
     }
 
     // Fill the triangles around the cells of a group that are below the threshold and in the section.
@@ -338,7 +395,6 @@
         shared.array.set(at(group));
         shared.needsUpdate = true;
         group.wire.visible = control("lines").checked;
-        group.wire.material.color.set(ink);
       }
       const [scale, range] = change ? [data.colours.change, data.colours.changes] : [data.colours.shades, data.colours.range];
       for (const group of groups) {
@@ -382,13 +438,59 @@
       renderer.render(scene, camera);
       corner.position.copy(camera.position).sub(controls.target).setLength(10);
       corner.quaternion.copy(camera.quaternion);
-      renderer.setViewport(8, 8, 84, 84);
+      renderer.setViewport(12, 12, 72, 72);
       renderer.clearDepth();
       renderer.render(cross, corner);
       const length = 200 * (camera.right - camera.left) / camera.zoom / wide, power = 10 ** Math.floor(Math.log10(length));
       const round = [1, 2, 5].map((one) => one * power).filter((one) => one <= length).pop();
       control("bar-of-scale").style.width = `${200 * round / length}px`;
       control("text").textContent = `${round.toPrecision(1) * 1} ${data.unit}`;
+      marked();
+    }
+
+    // Names, the worst cell and a picked hinge are written over the picture, where their places are seen.
+    const SVG = "http://www.w3.org/2000/svg", LINE = 18;
+    function element(name, attributes, text) {
+      const one = document.createElementNS(SVG, name);
+      Object.entries(attributes).forEach(([key, value]) => one.setAttribute(key, value));
+      if (text) one.textContent = text;
+      return one;
+    }
+    function onScreen(place) {
+      const seen = new THREE.Vector3(...place).project(camera);
+      return [(seen.x + 1) / 2 * plot.clientWidth, (1 - seen.y) / 2 * plot.clientHeight];
+    }
+    const named = data.labels.map((label) => ({ ...label, patch: patches.find((one) => one.own === label.own) }));
+    function said({ name, control: of, amount }) {
+      const i = turned.findIndex((one) => one.name === of);
+      if (!amount || state === "undeflected") return name;
+      return `${name} ${i < 0 ? amount : signed(amounts[i], turned[i].unit)}`;
+    }
+    function marked() {
+      const [wide, high] = [plot.clientWidth, plot.clientHeight], layer = control("labels"), taken = [];
+      layer.replaceChildren();
+      for (const patch of data.plane ? patches.filter((one) => shownPatches.has(one.name)) : []) { // walls of a plane mesh
+        const points = at(patch), seen = (i) => onScreen(points.subarray(3 * i, 3 * i + 3)).map((value) => value.toFixed(1)).join(" ");
+        let d = "";
+        for (let i = 0; i < patch.edges.length; i += 2) d += `M${seen(patch.edges[i])}L${seen(patch.edges[i + 1])}`;
+        layer.append(element("path", { class: patch.surface ? "moves" : "stays", d }));
+      }
+      for (const label of lowest ? [] : named) {
+        if (!shownPatches.has(label.patch.name)) continue;
+        const points = at(label.patch), [x, y] = onScreen(points.subarray(3 * label.row, 3 * label.row + 3));
+        if (x < 0 || y < 0 || x > wide || y > high) continue;
+        const text = said(label), width = 7.4 * text.length, right = x > wide / 2;
+        const left = Math.min(Math.max(6, right ? x + 8 : x - 8 - width), wide - width - 6);
+        let base = y < high / 2 ? y - 22 : y + 34;
+        const apart = (one) => left > one[0] + one[2] || left + width < one[0] || Math.abs(base - one[1]) >= LINE;
+        for (let k = 0; k < 12 && !taken.every(apart); k += 1) base += y < high / 2 ? -LINE : LINE;
+        base = Math.min(Math.max(base, 16), high - 30);
+        taken.push([left, base, width]);
+        layer.append(element("line", { x1: x, y1: y, x2: Math.min(Math.max(x, left), left + width), y2: base < y ? base + 4 : base - 12 }),
+          element("circle", { class: "dot", cx: x, cy: y, r: 3.5 }), element("text", { x: left, y: base }, text));
+      }
+      if (lowest) ringed(layer);
+      if (ends.length) hinged(layer);
     }
 
     let asked = 0, pending = 0;
@@ -400,11 +502,11 @@
     }
     function pictured() {
       renderer.setClearColor("#ffffff", 1);
-      inked("#222222");
+      inked(paper);
       render();
       const still = canvas.toDataURL("image/png");
       renderer.setClearColor("#000000", 0);
-      inked(written());
+      inked(document.documentElement);
       render();
       return still;
     }
@@ -416,9 +518,10 @@
     function draw() {
       patches.forEach(surface);
       const only = viewed().box;
-      arrows.visible = isOwn(amounts) && control("overlay").checked && state !== "undeflected";
       outlines.forEach((one, i) => { one.visible = control("box").checked && (only === null || only === i); });
       clouds.forEach((one, i) => { one.visible = control(dots[i].group).checked; });
+      if (lowest) lowest = worstCell();
+      shown();
       cells();
       plot.dataset.state = state;
       redraw();
@@ -439,38 +542,42 @@
       controls.update();
     }
 
-    // What the first view holds: the moving surfaces of it at half the width, or everything.
-    function framed() {
-      const view = viewed(), parts = view.near ? moving.filter((one) => one.surface && view.near.includes(one.own)) : [];
-      if (!parts.length) return view;
-      const ends = (pick) => [0, 1, 2].map((c) => parts.reduce((found, one) => one.aimed.reduce(
-        (each, value, i) => (i % 3 === c ? pick(each, value) : each), found), pick === Math.min ? Infinity : -Infinity));
-      const low = ends(Math.min), high = ends(Math.max);
-      return { low: low.map((one, c) => 1.5 * one - 0.5 * high[c]), high: high.map((one, c) => 1.5 * one - 0.5 * low[c]) };
-    }
-    // The camera looks from the side to which the surfaces move.
+    // The camera looks from above and behind, at what a view names: its patches fill most of the frame.
     function first() {
-      const { low, high } = framed(), middle = new THREE.Vector3(...low.map((one, c) => (one + high[c]) / 2));
-      const rise = moving.reduce((sum, one) => sum + one.aimed.reduce((each, value, i) => each + (i % 3 === 2 ? value - one.points[i] : 0), 0), 0);
-      const side = low[1] + high[1] > 2 * data.middle + 1e-3 * (high[1] - low[1]) ? -1 : 1;
-      const from = data.plane ? [0, 0, 1] : [1.1, -0.9 * side, rise < 0 ? -0.75 : 0.75];
-      const size = Math.hypot(...high.map((one, c) => one - low[c]));
-      camera.position.copy(middle).add(new THREE.Vector3(...from).setLength(4 * size));
+      if (lowest) worst();
+      const { low, high, patches: names } = viewed(), inView = patches.filter((one) => names.includes(one.own));
+      const places = inView.length ? inView.flatMap((one) => [one.points, one.aimed]) : [single([...low, ...high])];
+      const ends = (pick, from) => [0, 1, 2].map((c) => places.reduce((found, points) => {
+        for (let i = c; i < points.length; i += 3) found = pick(found, points[i]);
+        return found;
+      }, from));
+      const [least, most] = [ends(Math.min, Infinity), ends(Math.max, -Infinity)], size = Math.hypot(...most.map((one, c) => one - least[c])) || 1;
+      const middle = new THREE.Vector3(...least.map((one, c) => (one + most[c]) / 2));
+      const side = least[1] + most[1] > 2 * data.middle + 1e-3 * (most[1] - least[1]) ? -1 : 1;
+      camera.position.copy(middle).add(new THREE.Vector3(...(data.plane ? [0, 0, 1] : [1.1, -0.9 * side, 0.75])).setLength(4 * size));
       controls.target.copy(middle);
-      Object.assign(camera, { near: -20 * size, far: 20 * size, zoom: 1 });
+      const whole = data.views[data.views.length - 1], far = 20 * Math.max(size, Math.hypot(...whole.high.map((one, c) => one - whole.low[c])));
+      Object.assign(camera, { near: -far, far, zoom: 1 });
       camera.lookAt(middle);
       camera.updateMatrixWorld();
-      let [wide, tall] = [0, 0];
-      for (let i = 0; i < 8; i += 1) {
-        const corner = new THREE.Vector3(...[0, 1, 2].map((c) => (i >> c & 1 ? high : low)[c])).applyMatrix4(camera.matrixWorldInverse);
-        [wide, tall] = [Math.max(wide, Math.abs(corner.x)), Math.max(tall, Math.abs(corner.y))];
-      }
-      plot.half = [wide, tall];
+      const seen = [Infinity, -Infinity, Infinity, -Infinity], point = new THREE.Vector3();
+      const each = (x, y, z) => {
+        point.set(x, y, z).applyMatrix4(camera.matrixWorldInverse);
+        seen[0] = Math.min(seen[0], point.x); seen[1] = Math.max(seen[1], point.x);
+        seen[2] = Math.min(seen[2], point.y); seen[3] = Math.max(seen[3], point.y);
+      };
+      if (inView.length) places.forEach((points) => { for (let i = 0; i < points.length; i += 3) each(points[i], points[i + 1], points[i + 2]); });
+      else for (let i = 0; i < 8; i += 1) each(...[0, 1, 2].map((c) => (i >> c & 1 ? most : least)[c]));
+      const shift = new THREE.Vector3((seen[0] + seen[1]) / 2, (seen[2] + seen[3]) / 2, 0).applyQuaternion(camera.quaternion);
+      camera.position.add(shift);
+      controls.target.add(shift);
+      const room = inView.length ? 1.3 : 1.08; // for labels
+      plot.half = [room * (seen[1] - seen[0]) / 2, room * (seen[3] - seen[2]) / 2];
       sized();
       controls.update();
     }
     function sized() {
-      const ratio = plot.clientWidth / plot.clientHeight, half = 1.05 * Math.max(plot.half[1], plot.half[0] / ratio);
+      const ratio = plot.clientWidth / plot.clientHeight, half = Math.max(plot.half[1], plot.half[0] / ratio);
       Object.assign(camera, { left: -half * ratio, right: half * ratio, top: half, bottom: -half });
       camera.updateProjectionMatrix();
       renderer.setSize(plot.clientWidth, plot.clientHeight);
@@ -515,27 +622,98 @@
         return off(one) < off(best) ? one : best;
       });
       const own = Array.from(patch.points.subarray(3 * node, 3 * node + 3), (value) => Number((value / data.factor).toPrecision(6)));
-      ends.push((data.plane ? own.slice(0, 2) : own).join(","));
-      const hinge = ends.length > 1 && !data.plane ? `; --hinge ${ends.slice(-2).join(" ")}` : "";
-      control("picked").textContent = `${patch.own}, undeflected node at ${ends[ends.length - 1]}${hinge}`;
+      if (ends.length > 1) ends.splice(0);
+      ends.push({ place: Array.from(patch.points.subarray(3 * node, 3 * node + 3)), text: own.join(",") });
+      control("picked").textContent = `${patch.own}, undeflected node at ${own.join(",")}${ends.length > 1 ? `; ${hinge()}` : "; click a second node"}`;
+      control("copy-hinge").hidden = ends.length < 2;
+      control("picked").closest("details").open = true;
+      redraw();
+    }
+    const hinge = () => `--hinge ${ends.map((one) => one.text).join(" ")}`;
+    // Points and line of the hinge, and an arrow that turns as a positive angle does, to the scale of the hinge.
+    function hinged(layer) {
+      const group = element("g", { class: "picked" }), places = ends.map((one) => one.place), seen = places.map(onScreen);
+      layer.append(group);
+      if (seen.length > 1) {
+        const axis = new THREE.Vector3(...places[1]).sub(new THREE.Vector3(...places[0])), middle = new THREE.Vector3(...places[0]).addScaledVector(axis, 0.5);
+        const radius = 0.15 * axis.length(), arm = new THREE.Vector3(1, 0, 0).cross(axis).length() > 1e-3 * axis.length() ? new THREE.Vector3(1, 0, 0) : new THREE.Vector3(0, 0, 1);
+        axis.normalize();
+        arm.addScaledVector(axis, -arm.dot(axis)).setLength(radius);
+        const other = axis.clone().cross(arm), turnedBy = (degrees, share = 1) => onScreen(middle.clone().addScaledVector(arm, share * Math.cos(RADIANS * degrees)).addScaledVector(other, share * Math.sin(RADIANS * degrees)).toArray());
+        const path = (points) => `M${points.map((point) => point.map((value) => value.toFixed(1)).join(" ")).join("L")}`;
+        group.append(element("line", { x1: seen[0][0], y1: seen[0][1], x2: seen[1][0], y2: seen[1][1] }),
+          element("path", { d: path(Array.from({ length: 28 }, (_, i) => turnedBy(10 * i))) }),
+          element("path", { d: path([turnedBy(252, 0.75), turnedBy(270), turnedBy(252, 1.25)]) }),
+          element("text", { x: turnedBy(0)[0] + 8, y: turnedBy(0)[1] }, "a positive angle turns so"));
+      }
+      seen.forEach(([cx, cy], i) => group.append(element("circle", { class: "dot", cx, cy, r: 5 }), element("text", { x: cx + 9, y: cy - 8 }, String(i + 1))));
     }
 
-    // Put the section through the cell of lowest quality.
-    function worst() {
+    // The cell of lowest quality: where it is, its size, and how good it was before.
+    let lowest = null;
+    function worstCell() {
       let least = [Infinity];
       for (const group of groups) group.quality[state].forEach((value, cell) => { if (value < least[0]) least = [value, group, cell]; });
-      if (!least[1]) return;
-      if (control("axis").value === "none") control("axis").value = "y";
-      const [, group, cell] = least, axis = section()[0], points = at(group), found = [];
+      if (!least[1]) return null;
+      const [value, group, cell] = least, points = at(group), corners = new Set(), triangles = [];
       for (let row = 0; row < group.faces.length / group.corners; row += 1) {
         if ((group.cell ? group.cell[row] : row) !== cell) continue;
-        for (let k = 0; k < group.corners; k += 1) found.push(points[3 * group.faces[row * group.corners + k] + axis]);
+        for (let k = 0; k < group.corners; k += 1) corners.add(group.faces[row * group.corners + k]);
+        for (const k of group.table) triangles.push(...points.subarray(3 * group.faces[row * group.corners + k], 3 * group.faces[row * group.corners + k] + 3));
       }
-      const place = (Math.min(...found) + Math.max(...found)) / 2;
-      if (place < viewed().low[axis] || place > viewed().high[axis]) control("view").value = String(data.views.length - 1);
-      control("place").value = String(100 * (place - viewed().low[axis]) / (viewed().high[axis] - viewed().low[axis]));
-      cutting();
+      const middle = [0, 1, 2].map((c) => Array.from(corners).reduce((sum, node) => sum + points[3 * node + c], 0) / corners.size);
+      const size = Math.max(...Array.from(corners, (node) => Math.hypot(...middle.map((one, c) => points[3 * node + c] - one))));
+      let near = [Infinity, null];
+      for (const patch of patches) {
+        const places = at(patch);
+        for (let i = 0; i < places.length; i += 3) {
+          const off = Math.hypot(places[i] - middle[0], places[i + 1] - middle[1], places[i + 2] - middle[2]);
+          if (off < near[0]) near = [off, patch.own];
+        }
+      }
+      const place = near[0] <= 1.0001 * size ? `on ${near[1]}` : `${(near[0] / size).toFixed(0)} cells from ${near[1]}`;
+      const own = middle.map((one) => Number((one / data.factor).toPrecision(4))).slice(0, data.plane ? 2 : 3).join(", ");
+      return { middle, size, triangles, lines: [`worst cell: ${value.toFixed(3)}; ${group.quality.undeflected[cell].toFixed(3)} before`, `${group.shape} ${near[1] ? place : ""}`, `at ${own}`] };
+    }
+    function shown() {
+      shard.visible = Boolean(lowest);
+      if (lowest) shard.geometry.setAttribute("position", positions(single(lowest.triangles)));
+    }
+    function ringed(layer) {
+      const [x, y] = onScreen(lowest.middle), radius = Math.max(20, 1.4 * lowest.size * camera.zoom * plot.clientWidth / (camera.right - camera.left));
+      const left = x > 0.55 * plot.clientWidth, group = element("g", { class: "worst" });
+      group.append(element("circle", { class: "ring", cx: x, cy: y, r: radius }));
+      lowest.lines.forEach((text, i) => group.append(element("text", { x: left ? x - radius - 8 : x + radius + 8, y: y + LINE * i - 2, "text-anchor": left ? "end" : "start" }, text)));
+      layer.append(group);
+    }
+    // Come so close to the worst cell that it is seen, with what is around it; once more, and back to the first view.
+    function worst() {
+      const back = Boolean(lowest);
+      lowest = back ? null : worstCell();
+      control("worst").setAttribute("aria-pressed", String(Boolean(lowest)));
+      if (back) { first(); return draw(); }
+      if (!lowest) return;
+      const arm = camera.position.clone().sub(controls.target);
+      controls.target.set(...lowest.middle);
+      camera.position.copy(controls.target).add(arm);
+      camera.zoom = Math.min(plot.half[1], plot.half[0]) / Math.max(9 * lowest.size, 0.03 * Math.min(...plot.half));
+      camera.updateProjectionMatrix();
+      controls.update();
       draw();
+    }
+
+    // The verdict on the mesh that is seen, and its least quality; null where the checks were not measured.
+    function judge(failed) {
+      const chip = control("verdict");
+      if (!chip) return;
+      const words = failed === null ? "checks not measured here" : failed.length ? `\u2717 failed: ${failed.join(", ")}` : "\u2713 all checks passed";
+      chip.textContent = words;
+      chip.classList.toggle("passed", failed !== null && !failed.length);
+      chip.classList.toggle("failed", failed !== null && failed.length > 0);
+      const least = (name) => groups.reduce((found, group) => group.quality[name].reduce((one, value) => Math.min(one, value), found), Infinity);
+      const [now, before] = [least("deflected"), least("undeflected")];
+      control("least").textContent = Number.isFinite(now) ? now.toFixed(3).replace("-", "\u2212") : "";
+      control("least-before").textContent = Number.isFinite(now) ? `least quality of a cell; ${before.toFixed(3).replace("-", "\u2212")} before` : "";
     }
 
     // Sliders: each surface has one; the others stay where they are.
@@ -572,48 +750,60 @@
         const one = turned[active], away = turned.filter((_, i) => i !== active && amounts[i] !== data.turn.stands[i]);
         const [k, share] = around(one.measured, amounts[active]), two = [one.measured[k], one.measured[k + 1]];
         const near = share === 0 ? two.slice(0, 1) : share === 1 ? two.slice(1) : two, failed = [...new Set(near.flatMap((row) => row.failed))];
-        const least = near.map((row) => row.least).filter((value) => value !== null);
-        const worst = (name) => Math.max(...near.map((row) => row[name])), inverted = worst("inverted");
-        const said = away.length ? `not measured: ${away.map((other) => other.name).join(", ")} moved as well` : [
-          `measured ${near.length > 1 ? `at ${text(two[0].amount)} and ${text(two[1].amount)}` : "here"}`,
-          failed.length ? `failed ${failed.join(", ")}` : "all checks passed",
-          ...(least.length ? [`least quality ${Math.min(...least).toFixed(3)}`] : []),
-          inverted ? `${inverted} newly inverted cells` : "no newly inverted cell",
-          `error at the sites ${(100 * worst("site_error") / one.tolerance).toFixed(0)} % of the tolerance`,
-        ].join(", ");
-        control("measured").textContent = `${one.name} at ${text(amounts[active])}${unit(one)}: ${said}.`;
-        control("measured").classList.toggle("bad", !away.length && failed.length > 0);
+        const most = (name) => Math.max(...near.map((row) => row[name])), inverted = most("inverted");
+        const place = near.length > 1 ? `measured at ${signed(two[0].amount, one.unit)} and ${signed(two[1].amount, one.unit)}` : "measured here";
+        control("measured").textContent = away.length
+          ? `Checks were measured with one surface away, and ${away.map((other) => other.name).join(", ")} moved as well; the least quality is of this mesh.`
+          : `${one.name} at ${signed(amounts[active], one.unit)}: ${place}, ${[
+            inverted ? `${inverted} newly inverted cells` : "no newly inverted cell",
+            `error at the sites ${(100 * most("site_error") / one.tolerance).toFixed(0)}\u00a0% of the tolerance`].join(", ")}.`;
+        judge(away.length ? null : failed);
         const wanted = turned.map((each, i) => `${each.name}=${Number(amounts[i].toPrecision(12))}`).join(",");
         control("command").textContent = data.turn.command.replace("AMOUNTS", turned.length > 1 ? wanted : wanted.slice(wanted.lastIndexOf("=") + 1));
-        const mark = control("curve").querySelector(".here"), [low, high] = one.range;
-        if (mark) mark.setAttribute("transform", `translate(${(40 + 540 * (amounts[active] - low) / (high - low)).toFixed(1)} 0)`);
+        const [low, high] = one.range, x = LEFT + (amounts[active] - low) / (high - low) * (RIGHT - LEFT);
+        for (const mark of control("curve").querySelectorAll(".here")) mark.setAttribute("transform", `translate(${x.toFixed(1)} 0)`);
       }
 
-      // The least quality, the inverted cells and the error at the sites over the range of a surface.
+      // Two curves over the range of a surface, one below the other: the least quality, and the error at the sites.
+      const [LEFT, RIGHT, TOP, LOW] = [46, 276, 22, 92];
       function curve() {
-        const one = turned[active], [low, high] = one.range, rows = one.measured;
-        const x = (amount) => 40 + 540 * (amount - low) / (high - low), y = (share) => 110 - 96 * Math.max(0, Math.min(1, share));
-        const line = (values, name) => `<polyline class="${name}" points="${values.map(([amount, share]) => `${x(amount).toFixed(1)},${y(share).toFixed(1)}`).join(" ")}"/>`;
+        const one = turned[active], [low, high] = one.range, rows = one.measured, x = (amount) => LEFT + (RIGHT - LEFT) * (amount - low) / (high - low);
+        const passed = one.passed ? `<rect class="passed" x="${x(one.passed[0])}" y="${TOP}" width="${x(one.passed[1]) - x(one.passed[0])}" height="${LOW - TOP}"/>` : "";
+        const panel = (name, values, floor, top, ticks, limit, more = "") => {
+          const y = (value) => LOW - (LOW - TOP) * Math.max(0, Math.min(1, (value - floor) / (top - floor)));
+          const line = values.map(([amount, value]) => `${x(amount).toFixed(1)},${y(value).toFixed(1)}`).join(" ");
+          return `<svg viewBox="0 0 288 124" role="img"><title></title>${passed}<path class="axes" d="M${LEFT} ${TOP}V${LOW}H${RIGHT}"/><text x="0" y="12">${name}</text>
+            ${[floor, top].map((value) => `<text x="${LEFT - 6}" y="${y(value) + 4}" text-anchor="end">${ticks(value)}</text>`).join("")}
+            ${limit === null ? "" : `<path class="limit" d="M${LEFT} ${y(limit)}H${RIGHT}"/>`}
+            <text x="${LEFT}" y="${LOW + 16}" text-anchor="middle">${signed(low, one.unit === "deg" ? "deg" : "").trim()}</text><text x="${RIGHT}" y="${LOW + 16}" text-anchor="end">${signed(high, one.unit === "deg" ? "deg" : "").trim()}</text>
+            <polyline points="${line}"/>${more}<path class="here" d="M0 ${TOP - 4}V${LOW + 4}"/></svg>`;
+        };
         const quality = rows.filter((row) => row.least !== null).map((row) => [row.amount, row.least]);
-        const values = quality.map(([, value]) => value), top = Math.ceil(10 * Math.max(1e-3, ...values)) / 10, floor = Math.floor(10 * Math.min(0, ...values)) / 10;
-        const passed = one.passed ? `<rect class="passed" x="${x(one.passed[0])}" y="14" width="${x(one.passed[1]) - x(one.passed[0])}" height="96"/>` : "";
-        const bad = rows.filter((row) => row.inverted).map((row) => `<text x="${x(row.amount)}" y="124" text-anchor="middle">${row.inverted} inverted</text>`);
-        control("curve").innerHTML = `<svg viewBox="0 0 620 150" role="img"><title></title>${passed}<path class="axes" d="M40 14V110H580"/>
-          <text x="34" y="18" text-anchor="end">${top.toFixed(1)}</text><text x="34" y="113" text-anchor="end">${floor ? floor.toFixed(1) : 0}</text>
-          <text x="40" y="140" text-anchor="middle">${text(low)}</text><text x="580" y="140" text-anchor="middle">${text(high)}</text>
-          ${line(quality.map(([amount, value]) => [amount, (value - floor) / (top - floor)]), "quality")}${line(rows.map((row) => [row.amount, row.site_error / one.tolerance]), "error")}
-          ${bad.join("")}<g class="here"><path d="M0 8V116"/></g></svg>`;
-        const ends = quality.map(([amount, value]) => `${value.toFixed(3)} at ${text(amount)}`).join(", ");
-        control("curve").querySelector("title").textContent = `Least quality of ${one.name} over its amount: ${ends || "no cells"}`;
-        control("curve-name").textContent = `${one.name}, ${text(low)} to ${text(high)}${unit(one)}`;
+        const best = Math.ceil(10 * Math.max(0.1, ...quality.map(([, value]) => value))) / 10, bad = Math.floor(10 * Math.min(0, ...quality.map(([, value]) => value))) / 10;
+        const inverted = rows.filter((row) => row.inverted).map((row) => `<text x="${x(row.amount)}" y="${TOP + 12}" text-anchor="middle">${row.inverted} inverted</text>`).join("");
+        const errors = rows.map((row) => [row.amount, 100 * row.site_error / one.tolerance]), most = Math.max(100, ...errors.map(([, value]) => value));
+        control("curve").innerHTML = panel("least quality of a cell", quality, bad, best, (value) => value.toFixed(1), null, inverted)
+          + panel("error at the sites, % of the tolerance", errors, 0, Math.ceil(most / 20) * 20, (value) => value.toFixed(0), 100);
+        const [first, second] = control("curve").querySelectorAll("title");
+        first.textContent = `Least quality of ${one.name} over its amount: ${quality.map(([amount, value]) => `${value.toFixed(3)} at ${text(amount)}`).join(", ") || "no cells"}`;
+        second.textContent = `Error at the data sites of ${one.name} over its amount: ${errors.map(([amount, value]) => `${value.toFixed(0)} % at ${text(amount)}`).join(", ")}`;
+        control("curve-name").textContent = `${one.name}, ${signed(low, one.unit)} to ${signed(high, one.unit)}`;
       }
 
       function moved(i, amount) {
-        if (!Number.isFinite(amount)) return told();
         const other = active !== i;
         active = i;
         if (other) curve();
         to(amounts.map((old, k) => (k === i ? amount : old)));
+      }
+
+      // An amount that is typed; what cannot be is said beside it, and the mesh stays.
+      function read(i) {
+        const given = typed(i).value.trim(), amount = Number(given.replace("\u2212", "-").replace(",", ".") || NaN), [low, high] = turned[i].range;
+        const outside = amount < low || amount > high, range = `${signed(low, "").trim()} to ${signed(high, "").trim()}`;
+        control(`wrong-${turned[i].name}`).textContent = Number.isFinite(amount)
+          ? outside ? `${text(amount)} is outside ${range}` : "" : `\u201c${given}\u201d is no number`;
+        if (Number.isFinite(amount) && !outside) moved(i, amount);
       }
 
       function stepped() {
@@ -625,13 +815,13 @@
       function play() {
         if (playing) cancelAnimationFrame(playing);
         playing = playing ? 0 : requestAnimationFrame(stepped);
-        control("play").textContent = playing ? "stop" : "play";
+        control("play").textContent = playing ? "Stop" : "Play";
       }
 
       function offered() {
         turned.forEach((one, i) => {
-          slider(i).addEventListener("input", () => moved(i, Number(slider(i).value)));
-          typed(i).addEventListener("change", () => moved(i, Number(typed(i).value.replace("\u2212", "-").replace(",", "."))));
+          slider(i).addEventListener("input", () => { control(`wrong-${one.name}`).textContent = ""; moved(i, Number(slider(i).value)); });
+          typed(i).addEventListener("change", () => read(i));
         });
         control("play").addEventListener("click", play);
         control("own").addEventListener("click", () => to(own));
@@ -665,9 +855,8 @@
       for (const button of document.querySelectorAll("#scene-turns button")) {
         button.addEventListener("click", () => turn(button.dataset.turn));
       }
-      data.views.forEach((view, i) => control("view").add(new Option(view.name, String(i))));
+      data.views.forEach((view, i) => control("view").add(new Option(`view: ${view.name}`, String(i))));
       control("view").addEventListener("change", first);
-      if (boxes.length > 1) control("view").value = String(data.views.length - 1);
       for (const name of ["view", "lines", "overlay", "box", "sites", "centres", "cells", "colour", "axis"]) {
         control(name).addEventListener("change", () => {
           if (name === "axis") cutting();
@@ -678,6 +867,7 @@
       control("threshold").addEventListener("input", () => { control("cells").checked = true; draw(); });
       control("place").addEventListener("input", () => { if (control("axis").value !== "none") draw(); });
       control("worst").addEventListener("click", worst);
+      control("copy-hinge").addEventListener("click", () => navigator.clipboard.writeText(hinge()).catch(() => {}));
       for (const one of document.querySelectorAll("input[name=state]")) {
         one.addEventListener("change", () => {
           state = one.id.slice("scene-".length);
@@ -689,7 +879,7 @@
         const label = document.createElement("label"), box = document.createElement("input"), colour = document.createElement("i");
         box.type = "checkbox";
         box.checked = shownPatches.has(patch.name);
-        colour.style.background = patch.colour;
+        colour.style.background = `var(--${patch.surface ? "moves" : "stays"})`;
         box.addEventListener("change", () => { shownPatches[box.checked ? "add" : "delete"](patch.name); draw(); });
         label.append(box, colour, patch.name);
         control("patches").append(label);
@@ -700,8 +890,10 @@
 
     offered();
     first();
+    inked(document.documentElement);
     draw();
     if (turned.length) sliders.offered();
+    else judge(data.failed);
   }
 
   // The page's policy allows the library because it knows its digest: nothing else runs.

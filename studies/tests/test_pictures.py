@@ -6,11 +6,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from sdm_deflect.cases.report.colours import QUALITIES
 from sdm_deflect.cases.report.pictures import write_png
-from sdm_deflect.cases.report.slices import BLUE, MAGENTA, ORANGE, QUALITY_RANGE, patch_colour
 from sdm_deflect.meshing.mesh.labelled import tets_of
 from sdm_deflect.meshing.mesh.quality import signed_volumes
 from studies import pictures as aircraft
+from studies.colours import BOX, NAVY, ORANGE, patch_colour
 from studies.pictures import cells_by_quality, histograms, shell
 from studies.rendering import figure_of, quality_rgb, rendered
 from tests.pictures import differing, inked, pixels, share
@@ -40,9 +41,9 @@ def test_shell_of_one_tetrahedron_points_outwards():
 
 
 def test_better_cells_are_brighter():
-    shades = quality_rgb(np.linspace(QUALITY_RANGE.vmin, QUALITY_RANGE.vmax, 9)) @ [0.2126, 0.7152, 0.0722]
+    shades = quality_rgb(np.linspace(QUALITIES.vmin, QUALITIES.vmax, 9)) @ [0.2126, 0.7152, 0.0722]
     assert all(a < b for a, b in pairwise(shades))
-    np.testing.assert_array_equal(quality_rgb(np.array([0.0, 0.1])), quality_rgb(np.full(2, QUALITY_RANGE.vmin)))
+    np.testing.assert_array_equal(quality_rgb(np.array([-1.0, 0.0])), quality_rgb(np.full(2, QUALITIES.vmin)))
 
 
 @pytest.mark.mesher
@@ -64,7 +65,7 @@ def test_tail_is_drawn_before_and_after(tail_run, tmp_path):
     assert np.isin(border, panel).all()
     picture = aircraft.confinement(run)
     (image,) = rendered(picture.views)
-    for colour in (BLUE, MAGENTA, patch_colour("tail_left")):  # sites, hexahedron, tail
+    for colour in (NAVY, BOX, patch_colour("tail_left")):  # sites, hexahedron, tail
         assert share(image, colour) > 5e-4
     write_png(figure_of(picture), tmp_path / "figure6.png")
     assert inked(pixels(tmp_path / "figure6.png")) == pytest.approx(inked(image), abs=0.15)
@@ -90,7 +91,7 @@ def test_gap_shows_cells_at_the_block_face_alone_that_moved(chimera_run):
     np.testing.assert_array_equal(before.cells, after.cells)
     image, undeflected = rendered(aircraft.gaps([run, replace(run, deflected=run.mesh)]).views)
     assert differing(image, undeflected) > 0.1
-    assert share(image, MAGENTA) > 5e-4
+    assert share(image, BOX) > 5e-4
 
 
 @pytest.mark.mesher

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases.report.pictures import write_png
-from sdm_deflect.cases.report.slices import BLUE, MAGENTA, patch_colour
+from studies.colours import BLUE, ORANGE, patch_colour
 from studies.pictures import walls
 from studies.rendering import (
     MARGIN,
@@ -81,11 +81,11 @@ def test_what_is_nearer_hides_what_is_behind_it():
     face = plain(TRIANGLE, np.array([[0, 1, 2]]), (255, 0, 0), ambient=1.0)
     line = plain(behind, np.array([[1, 2]]), BLUE, width=2.0)
     other = plain(behind, np.array([[0, 1, 2]]), (0, 255, 0), ambient=1.0)
-    dot = dots(np.array([[2.0, 0.3, 0.3]]), MAGENTA, 6.0)
+    dot = dots(np.array([[2.0, 0.3, 0.3]]), ORANGE, 6.0)
     for layers in permutations((face, line, other)):
         np.testing.assert_array_equal(rendered((replace(FACING, layers=layers),)), rendered((FACING,)))
     (image,) = rendered((replace(FACING, layers=(dot, face)),))
-    np.testing.assert_array_equal(image[30, 40], MAGENTA)
+    np.testing.assert_array_equal(image[30, 40], ORANGE)
 
 
 def test_png_is_written_small(tmp_path):

@@ -24,6 +24,7 @@ SWITCHES = [
     "--disable-background-networking", "--disable-dev-shm-usage",
 ]  # fmt: skip
 DRAWN = "#turnable[data-state=deflected]"
+UNFOLD = "document.querySelectorAll('details').forEach((one) => { one.open = true })"
 
 
 @pytest.fixture(scope="session")

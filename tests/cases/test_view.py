@@ -8,11 +8,12 @@ from functools import partial
 import numpy as np
 import pytest
 
-from sdm_deflect import deflect, plan
+from sdm_deflect import MeshMotion, deflect
 from sdm_deflect.cases.run.mesh_files import write_mesh
 from sdm_deflect.meshing.mesh.cells import Cells
 from sdm_deflect.meshing.mesh.quality import quality_of
 from tests.cases.accessible import found, grave, rules
+from tests.cases.conftest import UNFOLD
 from tests.deform.blocks import two_bodies
 from tests.deform.plates import plate
 
@@ -65,10 +66,9 @@ def made(tmp_path_factory, hybrid_wing):
         if name not in kept:
             mesh, surfaces, hinge, angle, options = asked[name]
             result = deflect(mesh, surfaces, hinge, angle, **options)
-            ranged = {"range": (min(0.0, angle), max(0.0, angle))} if angle else {}
-            tables = [one | {"range": sorted((0.0, one["angle"]))} for one in surfaces] if angle is None else surfaces
-            held = plan(mesh, tables, hinge, angle, **ranged, **options)
-            kept[name] = result, held, result.report(tmp_path_factory.mktemp(name) / "report")
+            path = result.report(tmp_path_factory.mktemp(name) / "report")
+            held = MeshMotion.load(path.parent / "plan.npz", result.plan.mesh.points)
+            kept[name] = result, held, path
         return kept[name]
 
     return make
@@ -80,6 +80,7 @@ def page(made, opened):
         result, held, path = made(name)
         tab, asked, complaints = opened(path)
         tab.context.set_offline(True)
+        tab.evaluate(UNFOLD)
         tab.asked, tab.complaints = asked, complaints
         return tab, result, held
 
@@ -134,29 +135,40 @@ def test_a_slider_is_typed_dragged_and_played_and_says_what_was_measured(page):
     tab, _, held = page("wing")
     typed, slider = tab.locator("#scene-typed-flap"), tab.locator("#scene-amount-flap")
     assert typed.input_value() == "8"
-    assert "measured here, all checks passed" in tab.inner_text("#scene-measured")
+    assert "flap at +8\N{DEGREE SIGN}: measured here, no newly inverted cell" in tab.inner_text("#scene-measured")
+    assert tab.inner_text("#scene-verdict") == "\N{CHECK MARK} all checks passed"
+    least = min(row.least for row in held.measured[0] if row.amount == 8.0)
+    assert float(tab.inner_text("#scene-least")) == pytest.approx(least, abs=1e-3)
     typed.fill("2,5")
     typed.press("Enter")
     assert tab.get_attribute("#turnable", "data-amounts") == '{"flap":2.5}'
-    assert "measured at 2 and 3, all checks passed, least quality" in tab.inner_text("#scene-measured")
+    assert "measured at +2\N{DEGREE SIGN} and +4\N{DEGREE SIGN}" in tab.inner_text("#scene-measured")
     assert tab.inner_text("#scene-command").startswith("sdm apply report/plan.npz --angle=2.5 ")
     slider.fill("6")
     assert tab.get_attribute("#turnable", "data-amounts") == '{"flap":6}'
-    typed.fill("99")
-    typed.press("Enter")
-    assert typed.input_value() == "99" or slider.input_value() == "8"
-    assert tab.get_attribute("#turnable", "data-amounts") == '{"flap":8}'
+    for text, said in (
+        ("99", "99 is outside \N{MINUS SIGN}8 to +8"),
+        ("abc", "\u201cabc\u201d is no number"),
+        ("", "no number"),
+    ):
+        typed.fill(text)
+        typed.press("Enter")
+        assert said in tab.inner_text("#scene-wrong-flap")
+        assert tab.get_attribute("#turnable", "data-amounts") == '{"flap":6}'
+    slider.fill("-8")
+    assert tab.inner_text("#scene-wrong-flap") == ""
+    assert tab.get_attribute("#turnable", "data-amounts") == '{"flap":-8}'
     tab.click("#scene-play")
-    while tab.get_attribute("#turnable", "data-amounts") == '{"flap":8}':
+    while tab.get_attribute("#turnable", "data-amounts") == '{"flap":-8}':
         tab.wait_for_timeout(50)
-    assert tab.inner_text("#scene-play") == "stop"
+    assert tab.inner_text("#scene-play") == "Stop"
     tab.click("#scene-play")
     tab.click("#scene-own")
     assert tab.get_attribute("#turnable", "data-amounts") == '{"flap":8}'
-    title = tab.locator("#scene-curve title").text_content()
-    assert title.count(" at ") == len(held.measured[0])
-    assert tab.locator("#scene-curve polyline").count() == 2
-    assert tab.locator("#scene-curve rect.passed").count() == 1
+    titles = tab.locator("#scene-curve title").all_text_contents()
+    assert [titles[0].count(" at "), titles[1].count(" % at ")] == [len(held.measured[0])] * 2
+    assert tab.locator("#scene-curve polyline").count() == 2  # one quantity an axis
+    assert tab.locator("#scene-curve rect.passed").count() == 2
 
 
 def test_off_the_measured_line_nothing_is_claimed(page):
@@ -166,7 +178,10 @@ def test_off_the_measured_line_nothing_is_claimed(page):
     for name, amount in (("left", "3"), ("right", "-2")):
         tab.locator(f"#scene-typed-{name}").fill(amount)
         tab.locator(f"#scene-typed-{name}").press("Enter")
-    assert tab.inner_text("#scene-measured") == "right at -2\N{DEGREE SIGN}: not measured: left moved as well."
+    said = "Checks were measured with one surface away, and left moved as well; the least quality is of this mesh."
+    assert tab.inner_text("#scene-measured") == said
+    assert tab.inner_text("#scene-verdict") == "checks not measured here"
+    assert 0.0 < float(tab.inner_text("#scene-least")) < 1.0
     assert "--angle=left=3,right=-2" in tab.inner_text("#scene-command")
 
 
@@ -177,10 +192,24 @@ def test_a_cut_is_seen_from_its_side_and_its_cells_go_with_it(page):
     assert [tab.is_checked("#scene-cells"), tab.input_value("#scene-threshold")] == [True, "1"]
     tab.select_option("#scene-axis", "none")
     assert [tab.is_checked("#scene-cells"), tab.input_value("#scene-threshold")] == before
+
+
+def test_the_worst_cell_has_a_ring_and_its_place_in_words(page):
+    tab, result, _ = page("wing")
+    worst = min(quality.min for quality in result.quality)
     tab.click("#scene-worst")
-    assert tab.input_value("#scene-axis") == "y"
-    tab.select_option("#scene-axis", "none")
-    assert [tab.is_checked("#scene-cells"), tab.input_value("#scene-threshold")] == before
+    assert tab.get_attribute("#scene-worst", "aria-pressed") == "true"
+    tab.wait_for_selector("#scene-labels .ring", state="attached")
+    said = " ".join(tab.locator("#scene-labels .worst text").all_text_contents())
+    assert re.fullmatch(rf"worst cell: {worst:.3f}; \d\.\d+ before \w+ (on|\d+ cells from) \w+ at \S+, \S+, \S+", said)
+    tab.click("#scene-worst")
+    tab.wait_for_selector("#scene-labels .ring", state="detached")
+    labels = tab.locator("#scene-labels text").all_text_contents()
+    assert labels == ["flap +8\N{DEGREE SIGN}"]
+    tab.check("#scene-undeflected", force=True)
+    tab.wait_for_selector("#turnable[data-state=undeflected]")
+    tab.wait_for_timeout(200)
+    assert tab.locator("#scene-labels text").all_text_contents() == ["flap"]
 
 
 def test_the_page_is_for_everyone(page):
@@ -192,7 +221,7 @@ def test_the_page_is_for_everyone(page):
     assert tab.evaluate("document.documentElement.scrollWidth") == 390
     reached = set()
     tab.locator("body").focus()
-    for _ in range(60):
+    for _ in range(90):
         tab.keyboard.press("Tab")
         reached.add(tab.evaluate("document.activeElement.id || document.activeElement.dataset.turn || ''"))
     names = (
@@ -241,6 +270,10 @@ def test_a_click_names_the_patch_and_two_make_a_hinge_of_any_mesh(opened, view, 
     for shift in (0, 40):
         tab.mouse.click(frame["x"] + frame["width"] / 2 + shift, frame["y"] + frame["height"] / 2)
     assert re.search(r"body, undeflected node at \S+; --hinge \S+ \S+", tab.inner_text("#scene-picked"))
+    tab.wait_for_selector("#scene-labels .picked line", state="attached")
+    assert tab.locator("#scene-labels .picked .dot").count() == 2
+    assert tab.locator("#scene-labels .picked path").count() == 2  # the sense of a positive angle
+    assert tab.is_visible("#scene-copy-hinge")
     assert grave(tab) == {}
     assert complaints == []
     assert [url for url in asked if not url.startswith(("file:", "data:", "blob:"))] == []
