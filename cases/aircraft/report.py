@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
 from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.base.numbers import apart
 from sdm_deflect.base.schema import Range, Setting, settings_in
 from sdm_deflect.cases.report.data import METRES, Box, FitRows, MovedSurface, ReportData, Rows, as_text, before_repair
 from sdm_deflect.cases.report.pictures import Exhibit, save_figure
@@ -132,13 +133,13 @@ def cad_map(data: ReportData, surface: MovedSurface, part: str) -> Iterator[tupl
     for panel in axes[rows - 1 :]:
         panel.set_xlabel(f"{'xyz'[seen[0]]}, mm")
     unit = METRES.shown if factor > 1.0 else METRES.name
+    shown, allowed = apart(factor * largest, factor * limit)
     figure.colorbar(ScalarMappable(norm, MAP), ax=list(axes), label=f"distance, {unit}")
     yield (
         figure,
         (
-            f"Distance of {len(known)} moved nodes of {surface.name} from {what}, on both sides: at most "
-            f"{factor * largest:.2g} {unit}, median {factor * median:.2g} {unit}; the limit is "
-            f"{factor * limit:.3g} {unit}."
+            f"Distance of {len(known)} moved nodes of {surface.name} from {what}, on both sides: largest {shown} "
+            f"{unit}, limit {allowed} {unit}; median {factor * median:.2g} {unit}."
         ),
     )
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.numbers import percent
 from sdm_deflect.cases.settings.job_settings import BY_NAME
 
 from . import options
@@ -77,7 +78,7 @@ def case_table(run: "Run", folder: Path) -> "Group":
 
     notes = [f"{run.case.title}, {run.case.scale}, {run.case.strategy}", run.guide, *rigid_lines(run.checks)]
     for state, quality in (("slides", run.deflection.quality[0]), ("is pinned", run.pinned)) if run.pinned else ():
-        share = f"{quality.below_0_4:.3%} below 0.4, {quality.inverted} inverted"
+        share = f"{percent(quality.below_0_4, 3)} below 0.4, {quality.inverted} inverted"
         notes.append(f"least quality inside if the Chimera face {state}: {quality.min:.3f}, {share}")
     summary = PoseSummary.of(run.deflection, run.checks)
     return result_table(Outcome(run.deflection.plan, (summary,), (folder,), (), (), tuple(notes)), whole=True)

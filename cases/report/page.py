@@ -13,6 +13,7 @@ from markupsafe import Markup
 from PIL import Image
 
 from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.numbers import apart
 from sdm_deflect.base.unpacking import damaged
 from sdm_deflect.cases.run.metrics import Json, face_rows, kernel_text
 from sdm_deflect.cases.run.output import surroundings, versions
@@ -126,7 +127,7 @@ def page(data: ReportData, gallery: Gallery) -> str:
     """Return the page of a run; InputError if a figure that it shows is missing."""
     data = data.near
     jinja = templates(HERE)
-    jinja.filters |= {"pixels": pixels, "meaning": meaning, "kernel": kernel_text}
+    jinja.filters |= {"apart": apart, "pixels": pixels, "meaning": meaning, "kernel": kernel_text}
     jinja.filters["verdict"], jinja.filters["remedies"] = verdict, remedies
     shown = {
         **picture(data, turnable(data)),

@@ -756,7 +756,7 @@
           ? `Checks were measured with one surface away, and ${away.map((other) => other.name).join(", ")} moved as well; the least quality is of this mesh.`
           : `${one.name} at ${signed(amounts[active], one.unit)}: ${place}, ${[
             inverted ? `${inverted} newly inverted cells` : "no newly inverted cell",
-            `error at the sites ${(100 * most("site_error") / one.tolerance).toFixed(0)}\u00a0% of the tolerance`].join(", ")}.`;
+            `error at the sites ${(100 * most("site_error") / one.tolerance).toFixed(0)}\u00a0% of the tolerance (must stay below 100)`].join(", ")}.`;
         judge(away.length ? null : failed);
         const wanted = turned.map((each, i) => `${each.name}=${Number(amounts[i].toPrecision(12))}`).join(",");
         control("command").textContent = data.turn.command.replace("AMOUNTS", turned.length > 1 ? wanted : wanted.slice(wanted.lastIndexOf("=") + 1));

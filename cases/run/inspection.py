@@ -10,6 +10,7 @@ import numpy as np
 
 from sdm_deflect.base.arrays import FloatArray
 from sdm_deflect.base.errors import InputError, printable
+from sdm_deflect.base.numbers import percent
 from sdm_deflect.cases.settings.jobs import selection
 from sdm_deflect.deform.surface.hinges import candidates, ends_text
 from sdm_deflect.meshing.formats.registry import read
@@ -72,7 +73,9 @@ def _zone_lines(zones: Json, blocks: Json) -> Iterator[str]:
 
 
 def _slot_line(slot: Json) -> str:
-    lengths = ", ".join(f"{name} {slot[name]:.6g} ({slot[name] / slot['chord']:.3%})" for name in ("gap", "overlap"))
+    lengths = ", ".join(
+        f"{name} {slot[name]:.6g} ({percent(slot[name] / slot['chord'], 3)})" for name in ("gap", "overlap")
+    )
     return f"slot: {lengths} of {slot['chord']:.6g}, the extent of both elements along x"
 
 
@@ -213,7 +216,7 @@ def _quality_line(quality: Json) -> str:
     return (
         f"{quality['cells']} {NAMES[quality['shape']]}, {quality['inverted']} inverted; {quality['measure']} "
         f"min {quality['min']:.3f}, 1 % {quality['p01']:.3f}, mean {quality['mean']:.3f}, "
-        f"{quality['below_0_2']:.3%} below 0.2, {quality['below_0_4']:.3%} below 0.4"
+        f"{percent(quality['below_0_2'], 3)} below 0.2, {percent(quality['below_0_4'], 3)} below 0.4"
     )
 
 

@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from sdm_deflect.base.arrays import FloatArray
+from sdm_deflect.base.numbers import percent
 from sdm_deflect.deform.checks import Check, verdict
 from sdm_deflect.deform.rbf.data_sites import DIRECTIONS
 from sdm_deflect.deform.rbf.fitting import KERNELS, ORDERS
@@ -199,7 +200,7 @@ def short_turns(plan: Plan) -> tuple[str, ...]:
         if reached and reached.mean < REACHED:
             turns, its = ("turn", "their") if "," in name else ("turns", "its")
             why = " (--strip)" * (width_setting(motion[name], plan.mesh.plane) == "strip")
-            sentences.append(f"{name} {turns} by {reached.mean:.0%} of {its} angle on average{why}")
+            sentences.append(f"{name} {turns} by {percent(reached.mean)} of {its} angle on average{why}")
     return tuple(sentences)
 
 

@@ -13,6 +13,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from sdm_deflect.base.errors import printable
+from sdm_deflect.base.numbers import percent
 from sdm_deflect.base.threads import Progress, Stage, silent, unseen
 
 if TYPE_CHECKING:
@@ -125,7 +126,7 @@ def of_notebook() -> Progress:
     shown: list[Any] = []
 
     def report(text: str, fraction: float) -> None:
-        line = {"text/plain": printable(text) + ("" if isnan(fraction) else f" {fraction:.0%}")}
+        line = {"text/plain": printable(text) + ("" if isnan(fraction) else f" {percent(fraction)}")}
         if shown:
             shown[0].update(line, raw=True)
         elif perf_counter() - start > PATIENCE:

@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 
 from sdm_deflect.base.arrays import FloatArray
 from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.numbers import percent
 from sdm_deflect.meshing.mesh.axis import Axis
 
 from .motions import Table
@@ -106,7 +107,8 @@ class Placement:
         if self.distance > QUARTER * self.width:
             yield f"hinge: {self.passes}: is it the right one?"
         if blended and self.covered < HALF:
-            yield f"hinge: its two points cover {self.covered:.0%} of the span of {self.surface}: is it the right one?"
+            share = percent(self.covered)
+            yield f"hinge: its two points cover {share} of the span of {self.surface}: is it the right one?"
         if blended and self.ahead > QUARTER * self.width:
             yield f"hinge: {self.surface}, {self.width:.4g} wide, reaches {self.ahead:.4g} ahead of it: is it right?"
         for name, end, apart in zip(("first", "second"), self.ends, self.apart, strict=False):
@@ -192,14 +194,14 @@ class TablePlacement:
         off = np.maximum(first[wide] - nodes, nodes - last[wide]).max(axis=1)
         if beyond := np.count_nonzero(off > spacing):
             yield (
-                f"table: {beyond / len(nodes):.0%} of the nodes of {self.surface} lie beyond its points, by up to "
+                f"table: {percent(beyond / len(nodes))} of the nodes of {self.surface} lie beyond its points, by up to "
                 f"{off.max():.4g}: {'what follows it there' if blended else 'their displacement'} is extrapolated"
             )
         near = QUARTER * float(np.sort(_principal_extents(self.nodes))[2 if self.plane else 1])
         if coarse := np.count_nonzero((distance > near) & (off <= spacing)):
             yield (
-                f"table: {coarse / len(nodes):.0%} of the nodes of {self.surface} are farther than {near:.4g} from its "
-                "points: is it too coarse?"
+                f"table: {percent(coarse / len(nodes))} of the nodes of {self.surface} are farther than {near:.4g} "
+                "from its points: is it too coarse?"
             )
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sdm_deflect.base.arrays import BoolArray, FloatArray
+from sdm_deflect.base.numbers import percent
 from sdm_deflect.meshing.mesh.axis import Axis
 
 from .blended import BlendedLaw
@@ -73,9 +74,10 @@ class ReachedShare:
     def text(self) -> str:
         """The figures as a sentence."""
         place = ", ".join(f"{x:.4g}" for x in self.place)
-        share = f"{self.full:.0%} of the span turns by the full angle; the mean over the span is {self.mean:.0%} of it"
+        mean = percent(self.mean)
+        share = f"{percent(self.full)} of the span turns by the full angle; the mean over the span is {mean} of it"
         if self.full in (0.0, 1.0):  # a plane mesh has no span
-            share = "turns by the full angle" if self.full else f"turns by {self.mean:.0%} of the angle on average"
+            share = "turns by the full angle" if self.full else f"turns by {mean} of the angle on average"
         off = f"nodes are up to {self.off:.2g} chords from a rigid turn, at ({place})"
         if self.near > self.off:
             off = f"beyond {self.but} {off}, and there up to {self.near:.2g}"

@@ -54,7 +54,7 @@ def test_exercise_1_is_answered(lesson, folder):
     code, told = lesson(commands(LESSON)[0])
     assert code == 0
     assert "towards -z" in told
-    assert "70% of the span turns by the full angle; the mean over the span is 86% of it" in told
+    assert "70 % of the span turns by the full angle; the mean over the span is 86 % of it" in told
     before, after = (sdm_deflect.read(folder / name).points for name in ("fighter.su2", "fighter-deflected.su2"))
     moved = int((before != after).any(axis=1).sum())
     assert f"{moved} moved and {len(before) - moved:,} did not" in LESSON

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sdm_deflect.base.arrays import FloatArray
+from sdm_deflect.base.numbers import percent
 from sdm_deflect.meshing.mesh.labelled import FREE_FORM, skin, tets_of
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.quality import Quality, mean_ratio, summarise
@@ -140,7 +141,7 @@ def _quality_failures(summary: Quality, parameters: MeshParameters) -> Iterator[
     if summary.mean < parameters.accept_mean:
         yield f"average mean ratio {summary.mean:.3f} is below {parameters.accept_mean:g}"
     if summary.below_0_4 >= parameters.accept_below:
-        yield f"{summary.below_0_4:.3%} of the cells are below mean ratio 0.4"
+        yield f"{percent(summary.below_0_4, 3)} of the cells are below mean ratio 0.4"
 
 
 def exactness(points: FloatArray, attachment: Attachment, model: "CadModel") -> Exactness:

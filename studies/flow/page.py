@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from sdm_deflect.base.numbers import percent
 from sdm_deflect.cases.report.pictures import write_png
 from sdm_deflect.cases.run.output import output_files
 from sdm_deflect.geometry.parameters import reference_values
@@ -107,7 +108,7 @@ def _sections(results: Results, spent: str) -> Iterator[str]:
     decided = [one for one in results.judged if not one.agrees]
     verdict = (
         f"All {len(results.judged)} increments that decide agree: the difference to the mean of the new meshes "
-        f"is within their scatter or within {ALLOWED:.0%} of the increment."
+        f"is within their scatter or within {percent(ALLOWED)} of the increment."
         if results.passed
         else f"{len(decided)} of {len(results.judged)} increments do not agree; the table says which."
     )
@@ -143,7 +144,8 @@ def several(results: Results) -> Iterator[str]:
         f"One deflected mesh may differ by chance. The {len(rows[0].others)} new undeflected meshes were "
         f"deflected to {rows[0].angle:+g} degrees, too. Increments of all that were deflected, each on its own cells, "
         "beside the new ones (mean, standard deviation), and the difference of the means with its confidence "
-        f"interval of {CONFIDENCE:.0%} (Welch), by the increment. Above 0 the deflected meshes have the larger effect:"
+        f"interval of {percent(CONFIDENCE)} (Welch), by the increment. Above 0 the deflected meshes have the larger "
+        "effect:"
     )
     lines = [
         "|  | increment, deflected meshes | increment, new meshes | difference | interval | holds 0 |",
@@ -187,9 +189,8 @@ def _cells(one: Increment) -> list[str]:
 
 def _convergence(results: Results) -> str:
     left = [one for one in results.increments if one.judged and not one.converged]
-    what = (
-        f"Over the last {LAST} iterations averages over {WINDOW} change by less than {CONVERGED:.1%} of the increment"
-    )
+    share = percent(CONVERGED, 1)
+    what = f"Over the last {LAST} iterations averages over {WINDOW} change by less than {share} of the increment"
     if not left:
         return what + " of each coefficient that decides."
     worst = max(left, key=lambda one: one.change)

@@ -74,7 +74,7 @@ def test_twelve_lines_say_what_counts_and_verbose_says_all(files, sdm, tmp_path,
     assert len(lines) <= 12
     for text in (" moves by up to ", "quality of the cells ", f"wrote {tmp_path}"):
         assert any(text in line for line in lines), text
-    turned = "flap_upper, flap_lower, flap_base turn by 75% of their angle on average (--strip)"
+    turned = "flap_upper, flap_lower, flap_base turn by 75 % of their angle on average (--strip)"
     assert lines[-1] == whole[-1] == f"all validations passed; {turned}"
     for text in ("outside_moved", "box along the hinge", "data sites:", "kernel:"):
         assert not any(text in line for line in lines), text
@@ -112,7 +112,7 @@ def test_a_warning_comes_first_and_is_counted_by_the_verdict(files, sdm, tmp_pat
     """The hinge is on the other half of the wing: every check holds, and the flap turns the other way."""
     monkeypatch.setenv("COLUMNS", "160")
     words = ["deflect", files["su2"], *FLAP, "--hinge", "0.7,-0.3,0", "0.7,-0.7,0", "--angle", "8", "--quiet"]
-    warning = "hinge: its two points cover 0% of the span of flap_"
+    warning = "hinge: its two points cover 0 % of the span of flap_"
     code, table, _ = sdm(*words, "--out", tmp_path / "w.su2", "--report")
     lines = [line for line in table.splitlines() if line]
     assert code == 0
@@ -124,8 +124,9 @@ def test_a_warning_comes_first_and_is_counted_by_the_verdict(files, sdm, tmp_pat
     assert figures["warnings"][0].startswith(warning)
     page = (tmp_path / "w-report" / "report.html").read_text()
     parts = (
-        ", 3 warnings; flap_upper, flap_lower, flap_base turn by ",
-        '<p class="warning">hinge',
+        "all validations passed, 3 warnings</b>",
+        "<b>4 warnings:</b> hinge: its two points cover 0 % of the span of flap_",
+        "flap_upper, flap_lower, flap_base turn by ",
         '<dl class="facts">',
     )
     assert sorted(parts, key=page.index) == list(parts)

@@ -82,7 +82,7 @@ def test_two_points_on_or_beside_the_surface_are_taken_silently(mesh, hinge):
     assert warned(mesh, hinge) == ()
 
 
-@pytest.mark.parametrize(("last", "share"), [(-0.4, "10%"), (-1.5, "0%")])
+@pytest.mark.parametrize(("last", "share"), [(-0.4, "10 %"), (-1.5, "0 %")])
 def test_two_points_that_cover_little_of_the_span_are_warned_of(mesh, last, share):
     """Of a blended surface; where all of it turns, only the line counts."""
     found = Placement.of(Surface.of(mesh, ["body"]), Rotation.about([3.0, -0.5, 0.0], [3.0, last, 0.0]).axis)
@@ -187,7 +187,7 @@ def test_a_table_on_a_line_or_of_a_larger_wing_is_silent(wing):
 
 def test_what_a_table_does_not_cover_is_told(wing):
     points = skin(wing)
-    with pytest.warns(UserWarning, match=r"table: \d+% of the nodes of body lie beyond its points, by up to 2: "):
+    with pytest.warns(UserWarning, match=r"table: \d+ % of the nodes of body lie beyond its points, by up to 2: "):
         deflected(wing, points[points[:, 1] <= 0.0])
     few = np.array([[x, y, z] for x in (1.5, 2.5) for y in (-2.0, 2.0) for z in (-0.25, 0.25)])
     with pytest.warns(UserWarning, match=r"nodes of body are farther than 0\.25 from its points: is it too coarse"):

@@ -81,7 +81,7 @@ def test_figures_of_a_job_have_it_for_each_surface(inboard_wing):
     assert found[name].keys() == {"full", "mean", "off", "place", "near"}
     ((named, text),) = motions(plan)
     assert named == name
-    assert text.startswith(f"{found[name]['full']:.0%} of the span turns by the full angle; the mean ")
+    assert text.startswith(f"{100 * found[name]['full']:.0f} % of the span turns by the full angle; the mean ")
 
 
 def test_displacements_of_a_table_have_no_angle(inboard_wing):
