@@ -201,9 +201,9 @@ def pair(run: Run, axes: Axes, title: str) -> str:
     """Draw the histograms of one run: of the whole mesh as in the paper, and of the cells that touch the hexahedron."""
     before, after = (mean_ratio(mesh.points, tets_of(mesh)) for mesh in (run.mesh, run.deflected))
     near = touching(run.mesh, run.deflection.boxes[0].plan.region.inside)
-    bars(axes, after, BINS, "deflected", color="#d55e00", alpha=0.5, fill=True)
+    bars(axes, after, BINS, "deflected", color="#d1350f", alpha=0.5, fill=True)
     bars(axes, before, BINS, "undeflected", color="black", lw=1.4)
-    bars(axes, after[near], BINS, "deflected, at the hexahedron", color="#0072b2", lw=1.8)
+    bars(axes, after[near], BINS, "deflected, at the hexahedron", color="#1a73c9", lw=1.8)
     bars(axes, before[near], BINS, "undeflected, at the hexahedron", color="black", lw=1.2, ls=":")
     axes.set(xlabel="mean ratio", yscale="symlog", xlim=(0.0, 1.0), ylim=(0.0, None))
     axes.set_title(f"{title}\nsmallest {before.min():.3f} before, {after.min():.3f} after", fontsize="medium")

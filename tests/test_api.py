@@ -229,7 +229,7 @@ def test_a_mesh_of_a_file_shows_judges_and_saves_itself(result, tmp_path):
 def test_a_report_is_written_and_holds_no_other_folder(result, tmp_path):
     page = result.report(tmp_path / "report")
     assert page == tmp_path / "report" / "report.html"
-    assert "body by +10 deg" in page.read_text()
+    assert "body by +10\N{DEGREE SIGN}" in page.read_text()
     (tmp_path / "settings.toml").write_text("mine")
     with pytest.raises(sd.InputError, match="holds other files already"):
         result.report(tmp_path)

@@ -57,6 +57,7 @@ def case_data(
     mesh = plan.mesh
     return ReportData(
         title=f"{case.title[:1].upper()}{case.title[1:]}, {case.angle:+g}\N{DEGREE SIGN} ({case.way})",
+        subject=case.name,
         facts=(
             ("case", case.name),
             ("scale, strategy", f"{case.scale}, {case.strategy.upper()}"),

@@ -200,6 +200,7 @@ class ReportData:
     Attributes
     ----------
     title : name of the surfaces and the mesh.
+    subject : name of the mesh or of the case.
     facts : names and values at the top of the page.
     mesh : undeflected mesh.
     points : (N, 3) deflected coordinates.
@@ -218,6 +219,7 @@ class ReportData:
     """
 
     title: str
+    subject: str
     facts: tuple[tuple[str, str], ...]
     mesh: Mesh
     points: FloatArray = field(repr=False)
@@ -281,9 +283,9 @@ class ReportData:
 
     @property
     def headline(self) -> str:
-        """The title in a few words: of several surfaces their number."""
-        surfaces = self.surfaces
-        return f"{self.mesh.name}: {len(surfaces)} surfaces deflected" if len(surfaces) > 1 else self.title
+        """The title in a few words: the only surface with its amount, or the number of surfaces."""
+        moved = [f"{surface.name} {surface.amount_text}" for surface in self.surfaces]
+        return f"{self.subject}: {moved[0] if len(moved) == 1 else f'{len(moved)} surfaces deflected'}"
 
     def with_verdict(self, checks: tuple[Check, ...], figures: Json) -> "ReportData":
         """Return the data with the verdict and the content of metrics.json."""

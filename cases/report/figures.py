@@ -13,8 +13,8 @@ from .data import Box, ReportData, qualities
 
 # Lines of the directions x, y, z; dashes and markers tell them apart without colour.
 STYLES = (
-    {"color": "#0072b2", "ls": "-", "marker": "o"},
-    {"color": "#d55e00", "ls": "--", "marker": "s"},
+    {"color": "#1a73c9", "ls": "-", "marker": "o"},
+    {"color": "#d1350f", "ls": "--", "marker": "s"},
     {"color": "#333333", "ls": ":", "marker": "^"},
 )
 # Inches to the left, to the right, below and above each panel.
@@ -76,10 +76,10 @@ def _histogram(data: ReportData, axes: Axes, box: Box, shape: str, values: Float
     """Draw the histograms of one type of cell, for states (2 or 3, M); return a description."""
     before, after = values[0], values[-1]
     bins = np.linspace(min(0.0, float(values.min())), 1.0, 51)
-    bars(axes, after, bins, "deflected", color="#e0a36a", fill=True)
+    bars(axes, after, bins, "deflected", color="#8bb8e6", fill=True)
     bars(axes, before, bins, "undeflected", color="black", lw=1.4)
     if len(values) > 2:
-        bars(axes, values[1], bins, "deflected, before the repair", color="#0072b2", lw=1.4, ls="--")
+        bars(axes, values[1], bins, "deflected, before the repair", color="#1a73c9", lw=1.4, ls="--")
     if data.quality_limit is not None and shape == "tetra":
         axes.axvline(data.quality_limit, color="0.35", lw=1, ls="--", label=f"limit {data.quality_limit:g}")
     label = f"{MEASURES[shape]} of a cell"

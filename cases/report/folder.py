@@ -191,6 +191,7 @@ def job_data(
     tables = {f"surface[{i}]": rows_of(row) for i, row in enumerate(nested.pop("surface", []))}
     return ReportData(
         title=f"{mesh.name}: {moves}",
+        subject=mesh.name,
         facts=(
             ("mesh", mesh.name),
             *((f"amount of {name}", text) for name, text in amounts(plan, pose)),

@@ -25,6 +25,7 @@ def page_of(mesh: Mesh) -> str:
     shown = tuple(near or size)
     data = ReportData(
         title=mesh.name,
+        subject=mesh.name,
         facts=(),
         mesh=mesh,
         points=mesh.points,

@@ -16,6 +16,7 @@ from sdm_deflect.deform.surface.motions import Fixed, Powers, Turn
 from sdm_deflect.deform.volume.controls import ControlRange
 from sdm_deflect.meshing.formats.polyhedra import faces_by_cell
 from sdm_deflect.meshing.mesh.cells import Cells, Patch, Polyhedra, Volume
+from sdm_deflect.meshing.mesh.crossing import IntersectingFaces
 from sdm_deflect.meshing.mesh.edges import area_vectors, edges_of, polygons_of, sharp_edges
 from sdm_deflect.meshing.mesh.faces import FACES
 from sdm_deflect.meshing.mesh.mesh import Mesh
@@ -135,6 +136,7 @@ def turnable(data: ReportData, most_cells: int = 0, most_triangles: int = MOST_T
         "patches": parts,
         "labels": list(labels(data, parts)),
         "boxes": [{"segments": single(_corners_shown(data, box)[BOX_EDGES])} for box in data.boxes],
+        "crossed": {"segments": single(_crossed(data))},
         "dots": list(dots(data)),
         "cells": cells(data, most_cells, turning),
         "turn": surfaces(data, turning) if turning.own else None,
@@ -153,6 +155,13 @@ def turnable(data: ReportData, most_cells: int = 0, most_triangles: int = MOST_T
         "factor": data.length.factor,
         "middle": data.length.factor * float(data.middle[1]),
     }
+
+
+def _crossed(data: ReportData) -> FloatArray:
+    """Return the edges (E, 2, 3) of faces that newly go through others; none where the check passed."""
+    if all(check.passed for check in data.checks if check.name == "surfaces_crossed"):
+        return np.empty((0, 2, 3))
+    return np.asarray(data.points[IntersectingFaces.of(data.mesh, data.points).edges])
 
 
 def labels(data: ReportData, parts: list[Json]) -> Iterator[Json]:

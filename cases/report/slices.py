@@ -155,7 +155,8 @@ def slices(data: ReportData, box: Box, surface: MovedSurface) -> tuple[Figure, s
             left = SIDE + column * (WIDE + SIDE)
             axes = figure.add_axes((left / wide, bottom / high, WIDE / wide, WIDE / RATIO / high))
             least.append(draw_slice(axes, data, points, surface, box, plane))
-            axes.set_title(f"{state}, {surface.amount_text}" if column else state, loc="left", fontsize=10, weight=600)
+            name = f"{state}, {surface.amount_text}" if column else state
+            axes.set_title(name, loc="left", fontsize=10, weight="bold")
             axes.set_title(place if column else "", loc="right", fontsize=8, color=colours.SOFT)
         texts.append(
             f"{place[0].upper()}{place[1:]}: smallest of its cells {least[0]:.3f} before, {least[1]:.3f} after."
@@ -244,8 +245,8 @@ def draw_slice(
         worst = seen[np.argmin(quality[seen])]
         x, y = factor * places[worst]
         axes.plot(x, y, "o", ms=17, mfc="none", mec=colours.WORSE, mew=1.6)
-        looks = {"fontsize": 9, "weight": 600, "color": colours.BAD, "xytext": (11, 9), "textcoords": "offset points"}
-        note = axes.annotate(f"{quality[worst]:.3f}", (x, y), annotation_clip=True, **looks)
+        looks = {"fontsize": 9, "weight": "bold", "color": colours.BAD, "textcoords": "offset points"}
+        note = axes.annotate(f"{quality[worst]:.3f}", (x, y), xytext=(11, 9), annotation_clip=True, **looks)
         note.set_bbox({"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0})
     return float(quality[seen].min(initial=1.0))
 

@@ -269,6 +269,9 @@
       if (data.plane) group.wire = segments(positions(single(group.moved)), edges(group));
     }
     const outlines = boxes.map((points) => segments(positions(dashed(Array.from(points), extent(points) / 160))));
+    const crossed = segments(positions(lengthsOf(data.crossed.segments))); // faces that go through others
+    crossed.material.depthTest = false;
+    crossed.renderOrder = 4;
     const shard = solid(); // the worst cell, seen through all else
     shard.material.depthTest = false;
     shard.renderOrder = 5;
@@ -316,7 +319,7 @@
       patches.forEach(surface);
       for (const one of outlines) one.material.color.set(hue("box", where));
       for (const group of data.plane ? groups : []) group.wire.material.color.set(hue("cells", where));
-      shard.material.color.set(hue("worse", where));
+      for (const one of [shard, crossed]) one.material.color.set(hue("worse", where));
     }
     scheme.addEventListener("change", () => { inked(document.documentElement); redraw(); });
 
@@ -518,6 +521,7 @@
     function draw() {
       patches.forEach(surface);
       const only = viewed().box;
+      crossed.visible = isOwn(amounts) && state === "deflected";
       outlines.forEach((one, i) => { one.visible = control("box").checked && (only === null || only === i); });
       clouds.forEach((one, i) => { one.visible = control(dots[i].group).checked; });
       if (lowest) lowest = worstCell();

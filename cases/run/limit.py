@@ -32,7 +32,7 @@ BEYOND = 3.0
 # Spacing of the curve's amounts, in units of the resolution.
 STEPS = 3
 # Colours of the curves without and with repair.
-COLOURS = ("#0072b2", "#d55e00")
+COLOURS = ("#1a73c9", "#d1350f")
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from sdm_deflect.deform.rbf.greedy import Adaptation, adapt
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.rbf.rules import GreedyOptions, Worst
 
-BLUE, RED = "#0072B2", "#D55E00"
+BLUE, RED = "#1a73c9", "#d1350f"
 COUNTS = (4, 8, 16)
 
 

@@ -10,7 +10,7 @@ from sdm_deflect.deform.rbf.greedy import Adaptation, adapt
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.rbf.rules import GreedyOptions, Rule, Separated, Worst
 
-RED = "#D55E00"
+RED = "#d1350f"
 TOLERANCE = 1e-4
 RULES: dict[str, tuple[Rule, int]] = {
     "Worst, 1 at a time": (Worst(), 1),

@@ -7,7 +7,7 @@ from sdm_deflect.base.arrays import FloatArray
 from sdm_deflect.meshing.mesh.quality import mean_ratio
 
 REGULAR = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
-BLUE, RED = "#0072B2", "#D55E00"
+BLUE, RED = "#1a73c9", "#d1350f"
 
 
 def quality(matrix: FloatArray) -> float:

@@ -12,7 +12,7 @@ from sdm_deflect.meshing.mesh.axis import Axis
 from sdm_deflect.meshing.mesh.cells import Cells, Patch
 from sdm_deflect.meshing.mesh.mesh import Mesh
 
-GREY, BLUE, RED = "0.55", "#0072B2", "#D55E00"
+GREY, BLUE, RED = "0.55", "#1a73c9", "#d1350f"
 OUT_OF_PLANE = np.array([0.0, 0.0, 1.0])
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pyvista as pv
 from matplotlib.image import imsave
 
-RED, GREY = "#CC6677", "#B8B8B8"
+BLUE, GREY, BOX = "#1a73c9", "#ccd1d7", "#6b7580"
 EDGES = [[i, i | bit] for bit in (1, 2, 4) for i in range(8) if not i & bit]
 MOVED = 1e-6
 
@@ -39,18 +39,18 @@ def hexahedra(file: Path) -> list[Any]:
 
 
 def draw(folder: Path, picture: Path, direction: tuple[float, float, float] = (1.0, -1.3, 0.8)) -> list[str]:
-    """Draw what moved in red and the hexahedra in magenta; return the names of the patches that moved."""
+    """Draw what moved in blue and the hexahedra as grey lines; return the names of the patches that moved."""
     triangles, names = surfaces(folder / "deflected.vtu")
     moved = moved_patches(triangles, names)
     patch = triangles.cell_data["patch"]
-    red, far = np.isin(patch, [names.index(name) for name in moved]), patch == names.index("far_field")
+    moves, far = np.isin(patch, [names.index(name) for name in moved]), patch == names.index("far_field")
     plotter = pv.Plotter(off_screen=True, window_size=[900, 620])
     plotter.background_color = "white"
-    plotter.add_mesh(triangles.extract_cells(~red & ~far), color=GREY, ambient=0.3)
-    plotter.add_mesh(triangles.extract_cells(red), color=RED, ambient=0.25, show_edges=True, edge_color="#444444")
+    plotter.add_mesh(triangles.extract_cells(~moves & ~far), color=GREY, ambient=0.3)
+    plotter.add_mesh(triangles.extract_cells(moves), color=BLUE, ambient=0.25, show_edges=True, edge_color="#444444")
     boxes = hexahedra(folder / "interpolant.npz")
     for lines in boxes:
-        plotter.add_mesh(lines, color="magenta", line_width=2)
+        plotter.add_mesh(lines, color=BOX, line_width=2)
     corners = np.vstack([lines.points for lines in boxes])
     plotter.camera_position = [corners.mean(axis=0) + np.array(direction), corners.mean(axis=0), (0.0, 0.0, 1.0)]
     plotter.enable_parallel_projection()

@@ -46,7 +46,7 @@ def draw() -> Figure:
         plate = 1e3 * HINGE.rotated(np.array([[0.0, 0.0, 0.0], [CHORD, 0.0, 0.0]]), angle)
         axes.plot(plate[:, 0], plate[:, 2], color="black", lw=3)
         corners = 1e3 * REGION.face("y-")[[0, 1, 2, 3, 0]]
-        axes.plot(corners[:, 0], corners[:, 2], color="magenta", lw=2)
+        axes.plot(corners[:, 0], corners[:, 2], color="#6b7580", lw=2)
     figure.axes[0].set_ylabel("z, mm")
     return figure
 

@@ -14,7 +14,7 @@ FUSELAGE = Cylinder(Axis(np.zeros(3), np.array([1.0, 0.0, 0.0])), 0.067)
 PIVOT = Axis(np.array([0.080, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
 APEX = np.array([0.090, 0.300, 0.0])
 ANGLE = 12.0
-BLUE, RED = "#0072B2", "#D55E00"
+BLUE, RED = "#1a73c9", "#d1350f"
 
 
 def root(n: int = 21) -> FloatArray:

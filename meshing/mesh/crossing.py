@@ -20,7 +20,7 @@ from sdm_deflect.base.threads import in_chunks
 
 from .cells import Polygons
 from .closest import DEPTH, LEAF, Triangles
-from .edges import polygons_of
+from .edges import edges_of, polygons_of
 from .mesh import Mesh
 
 # Faces that overlap by less than this share of the moved faces' extent only touch.
@@ -43,12 +43,14 @@ class IntersectingFaces:
     moved : number of faces with a moved node.
     near : number of all faces near them.
     where : patches and place of the first pair, as text; empty without an intersection.
+    edges : (E, 2) nodes of the edges of all faces that newly intersect.
     """
 
     faces: int
     moved: int
     near: int
     where: str = ""
+    edges: IntArray = field(default_factory=lambda: np.empty((0, 2), dtype=np.intp), repr=False)
 
     @classmethod
     def of(cls, mesh: Mesh, points: FloatArray) -> "IntersectingFaces":
@@ -72,7 +74,8 @@ class IntersectingFaces:
         names = [mesh.names[skin.patch[face]] for face in new[0]]
         place = ", ".join(f"{x:.4g}" for x in points[skin.nodes_of(int(new[0, 0]))].mean(axis=0))
         faces = distinct(new[skin.moved[new]])
-        return cls(len(faces), moved, near, f"the first is of {names[0]}, through {names[1]} at ({place})")
+        where = f"the first is of {names[0]}, through {names[1]} at ({place})"
+        return cls(len(faces), moved, near, where, edges_of(_some(skin.faces, distinct(new)))[0])
 
 
 class _TriangleTree(NamedTuple):

@@ -32,7 +32,7 @@ from sdm_deflect.meshing.mesh.cells import Cells, Patch
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.quality import quality_of
 from tests.cases.conftest import UNFOLD
-from tests.deform.blocks import block_with_body
+from tests.deform.blocks import block_with_body, two_bodies
 from tests.limits import limited
 from tests.meshing.formats.examples import hybrid, polyhedral
 from tests.meshing.formats.wing import wing
@@ -332,7 +332,8 @@ def test_an_angle_of_a_sweep_is_told_as_it_is(coarse_wing, tmp_path):
     data = write_run_folder(tmp_path, deflect(plan, (-1.0,)), (), None, {})
     assert [surface.amount_text for surface in data.surfaces] == ["\N{MINUS SIGN}1\N{DEGREE SIGN}"]
     assert "angle = -1.0" in (tmp_path / "settings.toml").read_text()
-    assert data.title == data.headline == "mesh: flap by \N{MINUS SIGN}1\N{DEGREE SIGN}"
+    assert data.title == "mesh: flap by \N{MINUS SIGN}1\N{DEGREE SIGN}"
+    assert data.headline == "mesh: flap \N{MINUS SIGN}1\N{DEGREE SIGN}"
 
 
 def test_turnable_cells_of_polyhedra_are_those_of_their_types_or_triangles_of_their_own():
@@ -358,3 +359,19 @@ def test_a_label_stands_at_the_tip_of_each_surface():
     moved = np.linalg.norm(one.points - one.plan.mesh.points, axis=1)
     assert moved[node] >= 0.35 * moved.max()
     assert [view["name"] for view in scene["views"]] == ["surfaces", "everything"]
+
+
+def test_faces_that_go_through_others_are_drawn():
+    one = deflect(
+        Plan.of(two_bodies(), [Job((Moving(("left",), Rotation.about([-1.25, -1, 0], [-1.25, 1, 0]), 5.0),))]), (5.0,)
+    )
+    data = folders.data_of(one).with_verdict(tuple(checks_of(one)), {})
+    assert turnable(data)["crossed"]["segments"] == ""
+    points = one.points.copy()
+    points[data.mesh.on("left")] += [2.0, 0.3, 0.2]
+    failed = tuple(replace(check, value=1.0) if check.name == "surfaces_crossed" else check for check in data.checks)
+    crossed = turnable(replace(data, points=points, checks=failed))["crossed"]["segments"]
+    places = np.frombuffer(b64decode(crossed), "<f4").reshape(-1, 3)
+    assert len(places) > 0
+    known = {tuple(place) for place in points.astype("<f4").tolist()}
+    assert {tuple(place) for place in places.tolist()} <= {tuple(np.float32(x) for x in place) for place in known}
