@@ -1,5 +1,6 @@
 """The page of a run, one self-contained file that needs no network."""
 
+import re
 from base64 import b64encode
 from collections.abc import Iterable, Iterator
 from gzip import decompress
@@ -127,7 +128,7 @@ def page(data: ReportData, gallery: Gallery) -> str:
     """Return the page of a run; InputError if a figure that it shows is missing."""
     data = data.near
     jinja = templates(HERE)
-    jinja.filters |= {"apart": apart, "pixels": pixels, "meaning": meaning, "kernel": kernel_text}
+    jinja.filters |= {"apart": apart, "degrees": degrees, "pixels": pixels, "meaning": meaning, "kernel": kernel_text}
     jinja.filters["verdict"], jinja.filters["remedies"] = verdict, remedies
     shown = {
         **picture(data, turnable(data)),
@@ -214,6 +215,12 @@ def remedies(data: ReportData) -> tuple[str, ...]:
         options = [text for word in REMEDIES.get(name, ()) for text in (widths if word == WIDER else [word])]
         advice += [f"Try {', '.join(options[:-1])}{' or ' if options[1:] else ''}{options[-1]}."] if options else []
     return tuple(dict.fromkeys(advice))
+
+
+def degrees(text: str) -> str:
+    """Return a text with amounts such as ``-12 deg`` as pages show them."""
+    shown = re.sub(r"(\d) deg\b", "\\1\N{DEGREE SIGN}", text)
+    return re.sub(r"-(?=\d[\d.]*\N{DEGREE SIGN})", "\N{MINUS SIGN}", shown)
 
 
 def meaning(check: str) -> str:
