@@ -39,6 +39,8 @@ Rows = list[tuple[str, str, str, str]]
 RUN = "whole folder of a run"
 # Margin around a box of what slices show, by its size.
 AROUND = 0.13
+# Share of the mesh's extent along an axis, from which on a patch is as wide as the mesh.
+WIDE = 0.9
 # Patches larger than this multiple of the moving and fixed ones together are hidden at first.
 LARGER = 3.0
 
@@ -311,9 +313,17 @@ def before_repair(points: FloatArray, moved: FloatArray | None) -> FloatArray | 
 
 
 def in_view(mesh: Mesh, parts: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the patches for pictures: `parts`, and others not much larger; a far field would hide them."""
-    reach = LARGER * diagonal(mesh.points[mesh.on(*parts)])
-    return tuple(p.name for p in mesh.patches if p.name in parts or diagonal(mesh.points[p.nodes]) <= reach)
+    """Return the patches for pictures: `parts`, and others not much larger; a far field would hide them.
+
+    So would a plane of symmetry: patches as wide as the mesh along two axes are left out.
+    """
+    reach, extent = LARGER * diagonal(mesh.points[mesh.on(*parts)]), np.ptp(mesh.points, axis=0)
+
+    def is_near(nodes: IntArray) -> bool:
+        across = np.ptp(mesh.points[nodes], axis=0) if len(nodes) else np.zeros(3)
+        return diagonal(mesh.points[nodes]) <= reach and int(((across >= WIDE * extent) & (extent > 0.0)).sum()) < 2
+
+    return tuple(p.name for p in mesh.patches if p.name in parts or is_near(p.nodes))
 
 
 def diagonal(points: FloatArray) -> float:

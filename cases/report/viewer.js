@@ -724,7 +724,7 @@
     const sliders = (() => {
       let active = 0, playing = 0, direction = 1;
       const text = (amount) => String(Number(amount.toPrecision(4)));
-      const unit = (one) => (one.unit === "deg" ? "\u00b0" : ` ${one.unit}`);
+      const percent = (share) => String(share < 1 ? Math.floor(100 * share) : Math.ceil(100 * share)); // 99.6 % is below 100
       const slider = (i) => control(`amount-${turned[i].name}`), typed = (i) => control(`typed-${turned[i].name}`);
 
       function to(wanted) {
@@ -760,7 +760,7 @@
           ? `Checks were measured with one surface away, and ${away.map((other) => other.name).join(", ")} moved as well; the least quality is of this mesh.`
           : `${one.name} at ${signed(amounts[active], one.unit)}: ${place}, ${[
             inverted ? `${inverted} newly inverted cells` : "no newly inverted cell",
-            `error at the sites ${(100 * most("site_error") / one.tolerance).toFixed(0)}\u00a0% of the tolerance (must stay below 100)`].join(", ")}.`;
+            `error at the sites ${percent(most("site_error") / one.tolerance)}\u00a0% of the tolerance (must stay below 100)`].join(", ")}.`;
         judge(away.length ? null : failed);
         const wanted = turned.map((each, i) => `${each.name}=${Number(amounts[i].toPrecision(12))}`).join(",");
         control("command").textContent = data.turn.command.replace("AMOUNTS", turned.length > 1 ? wanted : wanted.slice(wanted.lastIndexOf("=") + 1));

@@ -295,6 +295,13 @@ def test_far_field_is_not_drawn_at_first(coarse_wing):
     assert set(coarse_wing.mesh.names) - set(shown) == {"symmetry", "far_field"}
 
 
+def test_a_plane_of_symmetry_near_the_body_hides_nothing():
+    mesh = block_with_body()
+    assert in_view(mesh, ("body",)) == ("body",)  # each side of the block is as wide as the mesh along two axes
+    far = replace(mesh, points=np.vstack([mesh.points, [[99.0, 99.0, 99.0]]]))
+    assert len(in_view(far, ("body",))) >= 1
+
+
 @pytest.mark.parametrize(
     ("patches", "name"),
     [(("flap_upper", "flap_lower"), "flap"), (("flap",), "flap"), (("a1", "b1", "c1"), "a1 and 2 more")],
