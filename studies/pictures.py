@@ -11,6 +11,7 @@ from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.cases.aircraft.job import BLOCK, panel_of
 from sdm_deflect.cases.aircraft.metrics import Run
 from sdm_deflect.cases.report.figures import bars
+from sdm_deflect.deform.box.hexahedron import FACES, Hexahedron
 from sdm_deflect.geometry.confinement import block_corners, gap_faces
 from sdm_deflect.geometry.datum import ends, ribs
 from sdm_deflect.meshing.generate.attachment import cell_faces, edges_of
@@ -18,7 +19,7 @@ from sdm_deflect.meshing.mesh.labelled import tets_of, touching, triangles_of
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.quality import mean_ratio
 from studies import rendering
-from studies.colours import BOX, COMPONENTS, DARK, GREY, NAVY, ORANGE
+from studies.colours import BLUE, BOX, COMPONENTS, DARK, GREY, NAVY, ORANGE, Direction
 from studies.rendering import Layer, Picture, View, components_of, quality_rgb
 
 BINS = np.linspace(0.0, 1.0, 51)
@@ -26,6 +27,8 @@ BINS = np.linspace(0.0, 1.0, 51)
 WHOLE, GAP, TAIL = (900, 620), (900, 700), (900, 640)
 # Extent of the portion outboard of the aileron's end, and above and below it, by the distance to the block's face.
 OUTBOARD, ALONG = 4.0, 4.5
+# One in so many sites of zero displacement is drawn.
+THINNED = 3
 # Where the mesh is cut for figure 8: share of the span from root to tip.
 CUT = 0.35
 
@@ -131,16 +134,28 @@ def confinement(run: Run) -> Picture:
     shown = rendering.patches(mesh, (surface, panel_of(surface)), edge=(60, 60, 60), width=0.7)
     others = [name for name in walls(mesh) if name not in run.deflection.boxes[0].plan.patches]
     rest = rendering.patches(mesh, others, GREY, opacity=0.25)
-    zero = tuple(rendering.dots(part.points, NAVY, 5.0) for part in plan.sites.zero)
-    corners = plan.region.hexahedron.corners
-    view = rendering.framed((*rest, *shown, *zero, rendering.box(corners)), corners, (0.7, -1.0, 0.6), TAIL)
+    corners, direction = plan.region.hexahedron.corners, (0.7, -1.0, 0.6)
+    zero = rendering.dots(far_sites(plan.sites.zero[0].points, plan.region.hexahedron, direction)[::THINNED], NAVY, 3.0)
+    view = rendering.framed((*rest, *shown, zero, rendering.box(corners)), corners, direction, TAIL)
     return Picture(
         (view,),
         (f"{len(plan.sites.zero[0])} sites at zero, {len(plan.sites.moving)} on the surface",),
-        "Surface mesh of the left tail and of the fuselage panel on which it turns; the hexahedron in grey and the "
-        "data sites of zero displacement on its faces as dark dots.",
+        "Surface mesh of the left tail and of the fuselage panel on which it turns; the hexahedron in grey and data "
+        f"sites of zero displacement as dark dots: one in {THINNED} of those on the three far faces.",
         columns=1,
     )
+
+
+def far_sites(points: FloatArray, box: Hexahedron, direction: Direction) -> FloatArray:
+    """Return the sites (Z, 3) on the faces of a box that are turned away from a viewer in a direction."""
+    off, far = [], []
+    for name in FACES:
+        first, second, third, _ = box.face(name)
+        normal = np.cross(second - first, third - first)
+        normal *= np.sign(normal @ (first - box.corners.mean(axis=0))) / np.linalg.norm(normal)
+        off.append(np.abs((points - first) @ normal))
+        far.append(float(normal @ np.array(direction)) < 0.0)
+    return np.asarray(points[np.array(far)[np.argmin(off, axis=0)]])
 
 
 def around(run: Run) -> Picture:
@@ -150,7 +165,7 @@ def around(run: Run) -> Picture:
         (*(section(run, mesh) for mesh, _ in pair), *(panel(run, mesh) for mesh, _ in pair)),
         (*(f"cells around the tail, {text}" for _, text in pair), *(f"fuselage panel, {text}" for _, text in pair)),
         "Top: cells cut across the span of the tail, coloured by mean ratio, before and after the deflection, with the "
-        "tail in grey. Bottom: surface meshes of the fuselage panels; only the one beside the tail follows it.",
+        "tail in blue. Bottom: surface meshes of the fuselage panels; only the one beside the tail follows it.",
         quality=True,
     )
 
@@ -159,7 +174,7 @@ def section(run: Run, mesh: Mesh) -> View:
     """Look from the tip at the cells inboard of a cut across the tail."""
     span, region = ends(run.case.fighter, run.deflection.boxes[0].plan.surface), run.deflection.boxes[0].plan.region
     middle = (1.0 - CUT) * span[0].mean(axis=0) + CUT * span[1].mean(axis=0)
-    grey = rendering.patches(mesh, (run.deflection.boxes[0].plan.surface,), GREY)
+    grey = rendering.patches(mesh, (run.deflection.boxes[0].plan.surface,), BLUE)
     y = run.mesh.points[tets_of(run.mesh), 1].mean(axis=1)
     chosen = touching(run.mesh, region.inside) & (np.abs(y) < abs(middle[1]))
     cells = cells_by_quality(mesh, chosen, width=0.8)  # chosen by where they were before the deflection
@@ -172,7 +187,8 @@ def panel(run: Run, mesh: Mesh) -> View:
     meshed = [name for name in walls(mesh) if name.startswith("fuselage_")]
     shaded = [name for name in walls(mesh) if name not in meshed and not name.startswith("wing")]
     layers = (
-        *rendering.patches(mesh, shaded, GREY),
+        *rendering.patches(mesh, [name for name in shaded if name != surface], GREY),
+        *rendering.patches(mesh, [surface], BLUE),
         *rendering.patches(mesh, meshed, (225, 225, 225), edge=(60, 60, 60), width=0.8),
         rendering.plain(run.mesh.points, border(run.mesh, surface), ORANGE, width=5.0),
     )
@@ -201,7 +217,7 @@ def pair(run: Run, axes: Axes, title: str) -> str:
     """Draw the histograms of one run: of the whole mesh as in the paper, and of the cells that touch the hexahedron."""
     before, after = (mean_ratio(mesh.points, tets_of(mesh)) for mesh in (run.mesh, run.deflected))
     near = touching(run.mesh, run.deflection.boxes[0].plan.region.inside)
-    bars(axes, after, BINS, "deflected", color="#d1350f", alpha=0.5, fill=True)
+    bars(axes, after, BINS, "deflected", color="#bcd5f0", fill=True)
     bars(axes, before, BINS, "undeflected", color="black", lw=1.4)
     bars(axes, after[near], BINS, "deflected, at the hexahedron", color="#1a73c9", lw=1.8)
     bars(axes, before[near], BINS, "undeflected, at the hexahedron", color="black", lw=1.2, ls=":")
