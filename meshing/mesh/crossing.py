@@ -50,7 +50,7 @@ class IntersectingFaces:
     moved: int
     near: int
     where: str = ""
-    edges: IntArray = field(default_factory=lambda: np.empty((0, 2), dtype=np.intp), repr=False)
+    edges: IntArray = field(default_factory=lambda: np.empty((0, 2), dtype=np.intp), repr=False, compare=False)
 
     @classmethod
     def of(cls, mesh: Mesh, points: FloatArray) -> "IntersectingFaces":

@@ -44,7 +44,7 @@ def test_limits_bracket_the_threshold(aileron_mesh, tmp_path):
     assert len(rows) == sum(len(limit.trials) for limit in limits) - len(MODES)  # zero is in both signs
     assert {row["repair"] for row in rows} == set(MODES)
     image = pixels(tmp_path / "limit.png")
-    for colour in ((0x00, 0x72, 0xB2), (0xD5, 0x5E, 0x00)):
+    for colour in ((0x1A, 0x73, 0xC9), (0xD1, 0x35, 0x0F)):
         assert share(image, colour) > 1e-3  # the angles tried
     grey = np.abs(image - 102).max(axis=-1) <= 60
     assert grey.sum(axis=1).max() > 0.85 * image.shape[1]  # the threshold, from edge to edge
