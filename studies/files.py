@@ -17,8 +17,8 @@ SETTING = ("columns", "angle_deg", "initial_surface", "initial_hexahedron", "n_a
 RESULTS = ("iterations", "centers", "seconds", "max_error")
 FIELDS = ("source", *SETTING, "sites", *RESULTS, "converged", "repetitions")
 CURVE = ("columns", "angle_deg", "iteration", "centers", "max_residual", "seconds")
-COLOURS = {"x": "#1a73c9", "y": "#d1350f", "z": "#009e73", "xyz": "0.6"}
-LOOP_COLOURS = {"grown": "#1a73c9", "gmres": "#d1350f", "default": "#009e73"}
+COLOURS = {"x": "#0072b2", "y": "#d55e00", "z": "#009e73", "xyz": "0.6"}
+LOOP_COLOURS = {"grown": "#0072b2", "gmres": "#d55e00", "default": "#009e73"}
 PAPER = {"color": "black", "marker": "s", "ls": "--", "lw": 1.2, "ms": 4}
 
 
