@@ -183,17 +183,10 @@ class SurfaceMap:
 
         Raises InputError without shapes, for one that is 0 or that `at` would refuse at an end, or for ends without 0.
         """
-        if not isinstance(shapes, Mapping) or not shapes or not all(isinstance(name, str) and name for name in shapes):
-            raise InputError(f"shapes = {shortened(shapes)} must be displacements (K, 3) by name")
-        vectors = {name: self._checked(shape, name) for name, shape in shapes.items()}
-        for name, shape in vectors.items():
-            if not shape.any():
-                raise InputError(f"{name} moves no node")
         low, high = _ends(ends)
+        vectors = self._modes(shapes, (low, high))
         box, mesh = self.box, self.plan.mesh
         moving = tuple(Moving(box.patches, Table(self.start, shape), 0.0, (low, high)) for shape in vectors.values())
-        for shape, end in product(vectors.values(), filter(None, (low, high))):
-            self._admitted(self.start + end * shape)
         laws = tuple(map(TableLaw, vectors.values()))
         surfaces = tuple(replace(box.boundary.surfaces[0], number=1 + i) for i in range(len(laws)))
         boundary = replace(box.boundary, job=replace(box.job, surfaces=moving), surfaces=surfaces, laws=laws)
@@ -213,6 +206,18 @@ class SurfaceMap:
             rest, source=Path(mesh.source).name, plan=plan, snapshots=tuple(snapshots),
         )  # fmt: skip
         return motion if self.coordinates is mesh.points else motion.on(self.coordinates)
+
+    def _modes(self, shapes: Mapping[str, ArrayLike], ends: tuple[float, float]) -> dict[str, FloatArray]:
+        """Return the displacements (K, 3) by name; InputError as `modes`."""
+        if not isinstance(shapes, Mapping) or not shapes or not all(isinstance(name, str) and name for name in shapes):
+            raise InputError(f"shapes = {shortened(shapes)} must be displacements (K, 3) by name")
+        vectors = {name: self._checked(shape, name) for name, shape in shapes.items()}
+        for name, shape in vectors.items():
+            if not shape.any():
+                raise InputError(f"{name} moves no node")
+        for shape, end in product(vectors.values(), filter(None, ends)):
+            self._admitted(self.start + end * shape)
+        return vectors
 
     @cached_property
     def _free(self) -> IntArray:

@@ -58,7 +58,7 @@ class Reference:
     Attributes
     ----------
     undeflected : faces of the moving surfaces before they move, which are turned to make rigid CAD.
-    deflected : faces of the moving surfaces in CAD built anew: blended like the mesh, tails on the fuselage.
+    deflected : faces of the moving surfaces in the deflected CAD: blended like the mesh, tails on the fuselage.
     still : faces of the components beside hinged surfaces, which do not move.
     """
 

@@ -39,7 +39,7 @@ Rows = list[tuple[str, str, str, str]]
 RUN = "whole folder of a run"
 # Margin around a box of what slices show, by its size.
 AROUND = 0.13
-# Share of the mesh's extent along an axis, from which on a patch is as wide as the mesh.
+# Share of the mesh's extent along an axis, from which on a patch is as wide as the mesh: far fields are rounded.
 WIDE = 0.9
 # Patches larger than this multiple of the moving and fixed ones together are hidden at first.
 LARGER = 3.0

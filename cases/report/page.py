@@ -30,7 +30,7 @@ HERE = "sdm_deflect.cases.report"
 LIBRARY = "three.min.js.gz"
 # Bytes of a page. Of a larger one some pictures stay in the folder `figures`, and the page names them.
 LARGEST = 4_000_000
-# Largest bytes of a picture that stays a PNG in the page.
+# Largest bytes of a picture that stays a PNG in the page: text is sharper so, and a WebP would save little.
 SMALL = 40_000
 CHECKS = {
     "slid_on_surfaces": "nodes of fixed surfaces that the repair moved, from the undeflected surface",

@@ -38,9 +38,10 @@ MOST_DOTS = 3_000
 EDGE = 0.02
 # Drawn height of the hexahedron around a plane mesh, as a share of its own.
 FLAT = 1e-3
-# Share of the largest displacement that the tip of a surface has, at which its label stands.
+# Share of the largest displacement that the tip of a surface has at least, at which its label stands. The tip of a
+# swept tail moves less than the ends of its root.
 FAR = 0.35
-# Largest number of patches that have a label in the picture of a mesh in which nothing moves.
+# Largest number of patches that have a label in the picture of a mesh in which nothing moves: more cover one another.
 MOST_LABELS = 8
 # Number of amounts at which a page stores a track's functions; it interpolates between them.
 SAMPLES = 501

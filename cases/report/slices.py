@@ -33,11 +33,12 @@ BOX_EDGES = np.array(hexahedron.EDGES)
 AXES = "xyz"
 # Largest distance of a section's nodes from it, as a share of the span.
 BESIDE = 0.03
-# Half the width of a panel, in chords of what moves: of the whole surface, and of its hinge or trailing edge.
+# Half the width of a panel, in chords of what moves: the whole surface with as much again around it, and its hinge or
+# trailing edge, where single cells of a coarse mesh can be told apart.
 WHOLE, CLOSE = 0.95, 0.35
 # Width over height of a panel, and the inches of a panel's width, of the margins around it, and of the legend.
 RATIO, WIDE, SIDE, HEAD, FOOT = 1.5, 4.7, 0.6, 0.56, 0.5
-# A cell that lost more quality than `colours.LOST` is coloured; one that is now below this is outlined.
+# Quality below which a cell is outlined: three times what is poor in a check, so that cells on the way there show.
 POOR = 0.3
 # Number of surfaces from which on each has the section of the whole surface alone: pages stay small.
 MANY = 3
@@ -154,7 +155,7 @@ def slices(data: ReportData, box: Box, surface: MovedSurface) -> tuple[Figure, s
         for column, (state, points) in enumerate((("before", data.mesh.points), ("after", data.points))):
             left = SIDE + column * (WIDE + SIDE)
             axes = figure.add_axes((left / wide, bottom / high, WIDE / wide, WIDE / RATIO / high))
-            least.append(draw_slice(axes, data, points, surface, box, plane))
+            least.append(_draw(axes, data, points, surface, box, plane))
             name = f"{state}, {surface.amount_text}" if column else state
             axes.set_title(name, loc="left", fontsize=10, weight="bold")
             axes.set_title(place if column else "", loc="right", fontsize=8, color=colours.SOFT)
@@ -187,9 +188,7 @@ def _legend(figure: Figure, wide: float, high: float) -> None:
     figure.legend(handles=handles, ncols=6, fontsize=9, frameon=False, loc="center left", bbox_to_anchor=place)
 
 
-def draw_slice(
-    axes: Axes, data: ReportData, points: FloatArray, surface: MovedSurface, box: Box, plane: CutPlane
-) -> float:
+def _draw(axes: Axes, data: ReportData, points: FloatArray, surface: MovedSurface, box: Box, plane: CutPlane) -> float:
     """Draw one section of a mesh at points (N, 3); return the smallest quality of a cell in it."""
     factor, (right, up), mesh = data.length.factor, plane.across, data.mesh
     polygons, now, lost = list[FloatArray](), [np.empty(0)], [np.empty(0)]
@@ -199,23 +198,40 @@ def draw_slice(
         now.append(quality_of(points, block, rows, sign))
         lost.append(quality_of(mesh.points, block, rows, sign) - now[-1])
     quality, loss = np.concatenate(now), np.concatenate(lost)
+    _draw_cells(axes, factor, polygons, quality, loss)
+    _draw_lines(axes, data, points, surface, box, plane)
     axes.set_facecolor(colours.STAYS)  # a body has no cells, and is seen as grey
+    axes.set(xlim=factor * plane.window[:, right], ylim=factor * plane.window[:, up])
+    axes.tick_params(labelsize=8, colors=colours.SOFT)
+    axes.spines[:].set_color(colours.CELLS)
+    note = f"{AXES[right]} to the right, {AXES[up]} up"
+    axes.text(0.01, 0.02, note, transform=axes.transAxes, fontsize=7, color=colours.SOFT)
+    places = np.array([polygon.mean(axis=0) for polygon in polygons]).reshape(-1, 2)
+    low, top = plane.window[:, plane.across]
+    seen = np.flatnonzero(((places > low) & (places < top)).all(axis=1))
+    if len(seen):
+        worst = seen[np.argmin(quality[seen])]
+        _mark(axes, factor * places[worst], float(quality[worst]))
+    return float(quality[seen].min(initial=1.0))
+
+
+def _draw_cells(
+    axes: Axes, factor: float, polygons: Sequence[FloatArray], quality: FloatArray, loss: FloatArray
+) -> None:
+    """Draw cells; colour those that lost much quality, and outline poor ones."""
     lost_much, poor = np.flatnonzero(loss > colours.LOST), np.flatnonzero(quality < POOR)
     _fill(axes, factor, polygons, np.arange(len(polygons)), facecolors="white", edgecolors=colours.CELLS, lw=0.3)
-    _fill(
-        axes,
-        factor,
-        polygons,
-        lost_much,
-        loss,
-        cmap=colours.LOSS,
-        norm=colours.LOSSES,
-        edgecolors=colours.CELLS,
-        lw=0.3,
-    )
+    shades: dict[str, Any] = {"cmap": colours.LOSS, "norm": colours.LOSSES, "edgecolors": colours.CELLS}
+    _fill(axes, factor, polygons, lost_much, loss, lw=0.3, **shades)
     _fill(axes, factor, polygons, poor, facecolors="none", edgecolors=colours.WORSE, lw=0.8)
-    moved = points is not mesh.points
-    if moved:
+
+
+def _draw_lines(
+    axes: Axes, data: ReportData, points: FloatArray, surface: MovedSurface, box: Box, plane: CutPlane
+) -> None:
+    """Draw the walls, where the surface was before it moved, and the box."""
+    mesh, factor = data.mesh, data.length.factor
+    if points is not mesh.points:
         was = factor * cut_walls(mesh, mesh.points, plane, surface.patches)
         axes.add_collection(LineCollection(list(was), colors=colours.INK, linewidths=0.9, linestyles="--"))
     stays = [name for name in mesh.names if name not in surface.patches]
@@ -225,30 +241,15 @@ def draw_slice(
     normal = np.eye(3)[plane.axis]
     section = factor * box.hexahedron.section(plane.station * normal, normal)[:, plane.across]
     axes.plot(*np.vstack([section, section[:1]]).T, color=colours.BOX, lw=1.0, ls=":")
-    window = factor * plane.window
-    axes.set(xlim=window[:, right], ylim=window[:, up])
-    axes.tick_params(labelsize=8, colors=colours.SOFT)
-    for spine in axes.spines.values():
-        spine.set_color(colours.CELLS)
-    axes.text(
-        0.01,
-        0.02,
-        f"{AXES[right]} to the right, {AXES[up]} up",
-        transform=axes.transAxes,
-        fontsize=7,
-        color=colours.SOFT,
-    )
-    places = np.array([polygon.mean(axis=0) for polygon in polygons]).reshape(-1, 2)
-    low, top = plane.window[:, plane.across]
-    seen = np.flatnonzero(((places > low) & (places < top)).all(axis=1))
-    if len(seen):
-        worst = seen[np.argmin(quality[seen])]
-        x, y = factor * places[worst]
-        axes.plot(x, y, "o", ms=17, mfc="none", mec=colours.WORSE, mew=1.6)
-        looks = {"fontsize": 9, "weight": "bold", "color": colours.BAD, "textcoords": "offset points"}
-        note = axes.annotate(f"{quality[worst]:.3f}", (x, y), xytext=(11, 9), annotation_clip=True, **looks)
-        note.set_bbox({"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0})
-    return float(quality[seen].min(initial=1.0))
+
+
+def _mark(axes: Axes, place: FloatArray, quality: float) -> None:
+    """Mark the worst cell, and write its quality beside it."""
+    x, y = place
+    axes.plot(x, y, "o", ms=17, mfc="none", mec=colours.WORSE, mew=1.6)
+    looks = {"fontsize": 9, "weight": "bold", "color": colours.BAD, "textcoords": "offset points"}
+    note = axes.annotate(f"{quality:.3f}", (x, y), xytext=(11, 9), annotation_clip=True, **looks)
+    note.set_bbox({"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0})
 
 
 def _fill(

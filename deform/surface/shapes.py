@@ -10,6 +10,7 @@ from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.base.errors import InputError
 from sdm_deflect.meshing.mesh.cells import bounded
 from sdm_deflect.meshing.mesh.edges import edges_of, polygons_of
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 from .motions import Functions, MotionLaw, Smooth, TableLaw
 from .placement import UNITS
@@ -18,7 +19,8 @@ from .surface import Surface
 # Median ratio of the edges' lengths, after to before, of shapes: exchanged rows make edges as long as the surface, and
 # displacements in place of places shrink them to nothing.
 SHORT, LONG = 0.1, 3.0
-# Share of the surface's size by which nodes move at most in the right unit of length.
+# Share of the surface's size by which nodes move at most in the right unit of length: half a chord is what a flap moves
+# that turns by 30 degrees.
 NEAR = 0.5
 # Distance that is zero, as a share of the surface's size: files hold six digits or more.
 STAYS = 1e-6
@@ -75,7 +77,7 @@ class NodePlaces:
             raise InputError(f"{self.title}: it lacks z, and {surface.mesh.name} is a mesh in space")
         rows = self._rows(surface)
         out = np.zeros_like(surface.points)
-        columns = [0, 1, 2] if self.places.shape[1] == 3 else [c for c in range(3) if c != surface.mesh.across]
+        columns = self._columns(surface.mesh)
         out[:, columns] = self.places[rows] - surface.points[:, columns]
         return out
 
@@ -106,10 +108,9 @@ class NodePlaces:
                 "is meant, say --force (force = true)"
             )
 
-    def warnings(self, blended: bool) -> tuple[str, ...]:
-        """Return no signs of mistakes: `check` refuses them."""
-        del blended
-        return ()
+    def _columns(self, mesh: Mesh) -> list[int]:
+        """Return the coordinate axes of the columns of places."""
+        return [axis for axis in range(3) if self.places.shape[1] == 3 or axis != mesh.across]
 
     def _rows(self, surface: Surface) -> IntArray:
         """Return the row (K,) of each node of a surface."""
@@ -146,8 +147,7 @@ class NodePlaces:
                 f"{self.title}: {int((~known).sum())} listed nodes, such as {numbers[~known][0]}, are on no moving "
                 f"surface and not {where}: leave them out"
             )
-        columns = [0, 1, 2] if self.places.shape[1] == 3 else [c for c in range(3) if c != mesh.across]
-        off = np.abs(self.places[rows] - mesh.points[nodes][:, columns]).max(axis=1, initial=0.0)
+        off = np.abs(self.places[rows] - mesh.points[nodes][:, self._columns(mesh)]).max(axis=1, initial=0.0)
         moves = np.flatnonzero(off > STAYS * float(np.ptp(surface.points, axis=0).max()))
         if len(moves):
             raise InputError(

@@ -14,7 +14,7 @@ from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import TRACK_UNIT, MotionLaw, Table
 from sdm_deflect.deform.surface.placement import Placement, TablePlacement, check_aft
 from sdm_deflect.deform.surface.reached_share import ReachedShare
-from sdm_deflect.deform.surface.shapes import AnyShape, NodePlaces, Shapes, ShapesLaw
+from sdm_deflect.deform.surface.shapes import AnyShape, Shapes, ShapesLaw
 from sdm_deflect.deform.surface.surface import Surface
 from sdm_deflect.deform.surface.tail_root import Root
 from sdm_deflect.meshing.mesh.edges import median_edge
@@ -105,7 +105,7 @@ class PrescribedMotion:
         _check_parts(mesh, moves, fixed, slides)
         _check_shared(mesh, job, surfaces)
         _check_sections(mesh, job)
-        _check_hinges(job, surfaces)
+        _check_motions(job, surfaces)
         laws = tuple(moving.motion.law(surface) for moving, surface in zip(job.surfaces, surfaces, strict=True))
         nodes = union(*(surface.nodes for surface in surfaces))
         sliding = tuple(SlidingPatch.of(mesh, name, shape) for name, shape in slides.items())
@@ -480,18 +480,19 @@ def _walls(mesh: Mesh) -> tuple[Plane, ...]:
     return tuple(plane for plane in planes if plane)
 
 
-def _check_hinges(job: Job, surfaces: Sequence[Surface]) -> None:
+def _check_motions(job: Job, surfaces: Sequence[Surface]) -> None:
     for placement, surface, _ in _placements(job, surfaces):
         placement.check(surface, job.force)
     for moving, surface in zip(job.surfaces, surfaces, strict=True):
-        if moving.aft and moving.motion.axis:
-            check_aft(surface, moving.motion.axis)
+        motion = moving.motion
+        for shape in motion.shapes if isinstance(motion, Shapes) else ():
+            shape.check(surface, job.force)
+        if moving.aft and motion.axis:
+            check_aft(surface, motion.axis)
 
 
-def _placements(
-    job: Job, surfaces: Sequence[Surface]
-) -> Iterator[tuple[Placement | TablePlacement | NodePlaces, Surface, bool]]:
-    """Yield the placement of each hinge, table and shape, its surface, and whether the motion is blended.
+def _placements(job: Job, surfaces: Sequence[Surface]) -> Iterator[tuple[Placement | TablePlacement, Surface, bool]]:
+    """Yield the placement of each hinge and table, its surface, and whether the motion is blended.
 
     The hinge of a track may be anywhere.
     """
@@ -500,8 +501,6 @@ def _placements(
         table = motion.base if isinstance(motion, Blended) else motion
         if isinstance(table, Table):
             yield TablePlacement.of(surface, table), surface, blended
-        for shape in motion.shapes if isinstance(motion, Shapes) else ():
-            yield shape, surface, blended
         if motion.axis is not None and motion.unit != TRACK_UNIT:
             yield Placement.of(surface, motion.axis), surface, blended
 

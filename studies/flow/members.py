@@ -28,7 +28,7 @@ from studies.flow.setup import FreeStream, Setup
 # Iterations of first order, which let the waves of the start leave, at the beginning of the undeflected flow.
 SETTLING = 800
 UNDEFLECTED, DEFLECTED, REPAIRED, FRESH = "undeflected", "deflected", "repaired", "fresh"
-# Made anew around the undeflected CAD, and then deflected as a run does it.
+# A new mesh of the undeflected CAD, which is then deflected as a run does it.
 FRESH_DEFLECTED = "fresh-deflected"
 # Seeds from one new mesh to the next: more than attempts at one mesh take.
 SEEDS = 100

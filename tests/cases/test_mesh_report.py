@@ -296,10 +296,8 @@ def test_far_field_is_not_drawn_at_first(coarse_wing):
 
 
 def test_a_plane_of_symmetry_near_the_body_hides_nothing():
-    mesh = block_with_body()
-    assert in_view(mesh, ("body",)) == ("body",)  # each side of the block is as wide as the mesh along two axes
-    far = replace(mesh, points=np.vstack([mesh.points, [[99.0, 99.0, 99.0]]]))
-    assert len(in_view(far, ("body",))) >= 1
+    # With a side among the parts the other sides are not much larger, but as wide as the mesh along two axes.
+    assert in_view(block_with_body(), ("body", "x-")) == ("body", "x-")
 
 
 @pytest.mark.parametrize(

@@ -250,5 +250,6 @@ def test_settings_name_files_beside_them(case, sdm, tmp_path):
     words = ("deflect", folder / "wing.su2", "--config", tmp_path / "in" / "to.toml", "--json", "--quiet", "--dry-run")
     code, out, _ = sdm(*words)
     assert code == 0
-    decided = json.loads(out)
-    assert decided["farthest"]
+    (far,) = json.loads(out)["farthest"].values()
+    largest = (bent(mesh, nodes) - mesh.points[nodes])[:, 2].max()
+    assert far["move"] == pytest.approx([0.0, 0.0, largest], abs=1e-12)
