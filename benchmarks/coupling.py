@@ -4,6 +4,9 @@
     python -m benchmarks.coupling
     mpirun -n 4 python -m benchmarks.coupling
 
+`pip` compiles PETSc for petsc4py, which can fail. Debian's packages python3-mpi4py and python3-petsc4py are compiled,
+for NumPy 1. Without both `mpirun` starts copies that do not share the work, and each says `1 processes`.
+
 MPhys' `GeoDisp` adds displacements to the shape, `SurfaceWarp` makes the mesh, a pseudo flow reads loads from the nodes
 beside the wall, and a structure of two bending modes turns loads into displacements. The shape has one variable, the
 structure another. Total derivatives of the lift are compared with differences. Every process holds a share of the nodes
