@@ -11,7 +11,6 @@ from typing import NamedTuple, Self
 
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri
-from scipy.sparse.linalg import LinearOperator, onenormest
 
 from sdm_deflect.base.arrays import FloatArray, IndexArray
 
@@ -186,6 +185,8 @@ class CholeskyBasis:
         Method of Higham and Tisseur (2000) with one vector: always the same bits, seldom wrong by more than a factor of
         3.
         """
+        from scipy.sparse.linalg import LinearOperator, onenormest  # loading takes a while
+
         rows = self.chosen[self.beside]
         if not len(rows):
             return 1.0

@@ -11,7 +11,6 @@ from typing import ClassVar, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import RBFInterpolator
 from scipy.spatial import cKDTree
 
 from sdm_deflect.base.arrays import BoolArray, FloatArray, farthest, first_coincident
@@ -438,6 +437,8 @@ def _interpolated(points: FloatArray, vectors: FloatArray, places: FloatArray) -
     spline = fit(ThinPlateSpline(), points[rows], vectors[rows])
     out = spline(places)
     if len(rows) < len(points):
+        from scipy.interpolate import RBFInterpolator  # loading takes 0.1 s
+
         missed = vectors - spline(points)
         out += RBFInterpolator(points, missed, neighbors=NEIGHBOURS, kernel="linear")(places)
     return np.asarray(out)

@@ -11,7 +11,6 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import PchipInterpolator, make_interp_spline
 
 from sdm_deflect.base.arrays import BoolArray, FloatArray
 from sdm_deflect.base.errors import InputError, shortened
@@ -109,6 +108,8 @@ class Track(Hinged):
         low, high = self.rows[[0, -1], 0]
         if not low <= amount <= high:
             raise InputError(f"{amount:g} is beyond the track, which goes from {low:g} to {high:g}")
+        from scipy.interpolate import PchipInterpolator, make_interp_spline  # loading takes 0.1 s
+
         at, values = self.rows[:, 0], self.rows[:, 1:]
         join = PchipInterpolator(at, values) if self.smooth else make_interp_spline(at, values, 1)
         place, speed = join(amount), join(amount, 1)

@@ -152,7 +152,8 @@ def _find_inverted(
             for j in range(len(few)):
                 determinant = orientation * _determinant(_edge(p, o, a, j), _edge(p, o, b, j), _edge(p, o, c, j))
                 least[j] = np.minimum(least[j], determinant)
-        inverted[start : start + LANES] = least[: len(few)] <= 0.0
+        for j in range(len(few)):
+            inverted[start + j] = least[j] <= 0.0
 
 
 @compiled_exactly
@@ -184,8 +185,8 @@ def _judge_corners(
             for j in range(len(few)):
                 u, v, w = _vector(ways, 0, j), _vector(ways, 1, j), _vector(ways, 2, j)
                 share[j] = np.minimum(share[j], orientation * _determinant(u, v, w) / _lengths(u, v, w))
-        quality[start : start + LANES] = share[: len(few)]
-        inverted[start : start + LANES] = least[: len(few)] <= 0.0
+        for j in range(len(few)):
+            quality[start + j], inverted[start + j] = share[j], least[j] <= 0.0
 
 
 @compiled_exactly
@@ -213,8 +214,8 @@ def _judge_tetrahedra(
                 largest = np.maximum(np.maximum(oa * ob * oc, oa * ab * ac), np.maximum(ob * ab * bc, oc * ac * bc))
                 share[j] = np.minimum(share[j], 2.0 * determinant / np.sqrt(np.maximum(largest, TINY)))
                 least[j] = np.minimum(least[j], determinant)
-        quality[start : start + LANES] = share[: len(few)]
-        inverted[start : start + LANES] = least[: len(few)] <= 0.0
+        for j in range(len(few)):
+            quality[start + j], inverted[start + j] = share[j], least[j] <= 0.0
 
 
 @compiled_exactly

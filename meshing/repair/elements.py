@@ -12,7 +12,7 @@ from itertools import combinations
 
 import numpy as np
 
-from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, along_curve
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, along_curve, distinct
 from sdm_deflect.meshing.mesh.cells import Cells, Polyhedra, Volume
 from sdm_deflect.meshing.mesh.compiled_quality import CORNERS
 from sdm_deflect.meshing.mesh.polyhedra import corner_edges
@@ -31,6 +31,8 @@ FLAT = 1e-3
 HANGING = 0.1
 # Sine of the angle between two planes, above which their line is well determined.
 STEEP = 0.1
+# Blocks of cells, the rows of some of their cells, and their orientation (-1 for left-handed nodes).
+Parts = Iterable[tuple[Volume, IntArray, float]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,17 +104,20 @@ class Tetrahedra:
     regular: BoolArray = field(repr=False)
 
     @classmethod
-    def of(cls, points: FloatArray, parts: Iterable[tuple[Volume, IntArray, float]]) -> Tetrahedra:
+    def of(cls, points: FloatArray, parts: Parts, wanted: BoolArray | None = None) -> Tetrahedra:
         """Cut cells of blocks into the tetrahedra at their corners, without corners that have no shape.
 
         Parameters
         ----------
         points : (N, 3) undeflected mesh.
         parts : Blocks, their rows, and their orientation (-1 for left-handed nodes).
+        wanted : (C,) cells to cut; by default all.
         """
-        nodes, cells, regular, count = [], [], [], 0
+        nodes, cells, regular, count = [np.empty((0, 4), np.intp)], [np.empty(0, np.intp)], [np.empty(0, np.bool_)], 0
         for mixed, every, orientation in parts:
-            for shape, block, rows, at in parts_of(mixed, every):
+            some = slice(None) if wanted is None else np.flatnonzero(wanted[count : count + len(every)])
+            own_cells = count + np.arange(len(every))[some]
+            for shape, block, rows, at in parts_of(mixed, every[some]):
                 four, own = corners_of(points, block, rows)
                 if orientation < 0 and isinstance(block, Cells):
                     four = four[:, [0, 2, 1, 3]]
@@ -120,7 +125,7 @@ class Tetrahedra:
                     keep = _solidity(points, four) > (HANGING if isinstance(block, Polyhedra) else FLAT)
                     four, own = four[keep], own[keep]
                 nodes.append(four)
-                cells.append(count + np.arange(len(every))[at][own])
+                cells.append(own_cells[at][own])
                 regular.append(np.full(len(four), shape in SIMPLICES))
             count += len(every)
         return cls(np.concatenate(nodes), np.concatenate(cells), np.concatenate(regular))
@@ -144,6 +149,84 @@ class Tetrahedra:
             out[alike, : int(power)] /= np.where(size > 0.0, size, 1.0)[:, None, None]
         out[~regular] = np.linalg.inv(edges[~regular])
         return out.reshape(-1, 9)
+
+
+class CellCorners:
+    """The corner tetrahedra of the cells of a repair, cut when a region needs them.
+
+    Most repairs need a small part of the cells. If half of them are needed, all are cut, once.
+
+    Parameters
+    ----------
+    points : (N, 3) undeflected mesh.
+    parts : Blocks, their rows, and their orientation (-1 for left-handed nodes).
+    repaired : (C,) the cells that take part.
+    """
+
+    def __init__(self, points: FloatArray, parts: Parts, repaired: BoolArray) -> None:
+        from scipy.sparse import coo_array  # loading takes a while
+
+        self._points, self._parts, self._repaired = points, list(parts), repaired
+        cells, nodes, count = [np.empty(0, np.int32)], [np.empty(0, np.int32)], 0
+        for block, rows, _ in self._parts:
+            own, node = _incidences(block, rows)
+            cells.append((count + own).astype(np.int32))
+            nodes.append(node.astype(np.int32))
+            count += len(rows)
+        pairs = np.concatenate(cells), np.concatenate(nodes)
+        incidence = coo_array((np.ones(len(pairs[0]), np.int8), pairs), shape=(count, len(points)))
+        self._nodes_of, self._cells_at = incidence.tocsr(), incidence.T.tocsr()
+        self._cut, self._made = np.zeros(count, np.bool_), Tetrahedra.of(points, [])
+
+    def of_cells(self, cells: BoolArray) -> Tetrahedra:
+        """Return the tetrahedra of those cells in a mask (C,) that take part."""
+        if (cells & ~self._cut).any():
+            self._cut |= cells
+            if 2 * np.count_nonzero(self._cut) > len(self._cut):
+                self._cut[:] = True
+            self._made = Tetrahedra.of(self._points, self._parts, self._cut & self._repaired)
+        return self._made.of_cells(cells)
+
+    def at_nodes(self, nodes: IntArray) -> Tetrahedra:
+        """Return the tetrahedra of cells with one of some nodes (K,)."""
+        mask = np.zeros(len(self._cut), np.bool_)
+        mask[self._cells_at[nodes].indices] = True
+        return self.of_cells(mask)
+
+    def around(self, spoiled: BoolArray, movable: BoolArray, rings: int) -> IntArray:
+        """Return the sorted movable nodes (U,) within `rings` rings of tetrahedra around spoiled cells.
+
+        Parameters
+        ----------
+        spoiled, movable : (C,), (N,) masks of the spoiled cells and of the movable nodes.
+        """
+        if rings >= len(movable):
+            return np.flatnonzero(movable)
+        tetrahedra = self.of_cells(self._neighbours(spoiled, rings))
+        near = np.zeros(len(movable), dtype=np.bool_)
+        near[tetrahedra.nodes[spoiled[tetrahedra.cells]]] = True
+        for _ in range(rings - 1):
+            near[tetrahedra.nodes[near[tetrahedra.nodes].any(axis=1)]] = True
+        return np.flatnonzero(near & movable)
+
+    def _neighbours(self, cells: BoolArray, rings: int) -> BoolArray:
+        """Return the mask (C,) of cells within `rings` rings of some cells (C,); neighbours share a node."""
+        mask, outer = cells.copy(), np.flatnonzero(cells)
+        for _ in range(rings - 1):
+            nodes = distinct(self._nodes_of[outer].indices)
+            touched = self._cells_at[nodes].indices
+            outer = distinct(touched[~mask[touched]])
+            mask[outer] = True
+        return mask
+
+
+def _incidences(block: Volume, rows: IntArray) -> tuple[IntArray, IntArray]:
+    """Return the place among `rows` of a cell, and a node of it, for each pair of them (K,)."""
+    if isinstance(block, Polyhedra):
+        node, _, cell = corner_edges(block, rows)
+        return cell, node
+    nodes = block.nodes[rows]
+    return np.repeat(np.arange(len(rows)), nodes.shape[1]), nodes.ravel()
 
 
 def corners_of(points: FloatArray, block: Volume, rows: IntArray) -> tuple[IntArray, IntArray]:

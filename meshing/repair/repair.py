@@ -15,7 +15,7 @@ from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.base.threads import Progress, silent
 from sdm_deflect.meshing.mesh.affected import AffectedCells, CellScores
 
-from .elements import Tetrahedra
+from .elements import CellCorners
 from .freedom import FreeNodes
 from .region import QualityGoal, RepairRegion, RepairResult, improve
 
@@ -77,8 +77,8 @@ def _repair(
 ) -> RepairResult:
     goal, every = QualityGoal.of(affected, freedom), freedom
     parts = zip(affected.mesh.cells, affected.rows, affected.orientation, strict=True)
-    tetrahedra = Tetrahedra.of(affected.mesh.points, parts).of_cells(~affected.before.inverted)
-    freedom = _without_layers(points, tetrahedra, freedom, goal.misses(goal.scores(points), share))
+    corners = CellCorners(affected.mesh.points, parts, ~affected.before.inverted)
+    freedom = _without_layers(points, corners, freedom, goal.misses(goal.scores(points), share))
     goal = QualityGoal.of(affected, freedom)
     here, scores, steps, kept = points, goal.scores(points), 0, None
     start = scores
@@ -86,7 +86,7 @@ def _repair(
         if level > limit and kept is None:
             kept = np.minimum(goal.spread(start), goal.spread(scores))
         wanted = Target(level, sizes, far, kept, progress)
-        there, new_scores, count = _raise_quality(here, scores, tetrahedra, freedom, goal, wanted)
+        there, new_scores, count = _raise_quality(here, scores, corners, freedom, goal, wanted)
         steps += count
         reached = not goal.misses(new_scores, level).any()
         if reached or goal.least(new_scores) >= goal.least(scores):
@@ -95,7 +95,7 @@ def _repair(
             break
     if goal.least(scores) < POOR and len(freedom.nodes) < SMALL:
         whole = Target(share, (len(points),), FAR, kept, progress)
-        there, new_scores, count = _raise_quality(points, start, tetrahedra, freedom, goal, whole)
+        there, new_scores, count = _raise_quality(points, start, corners, freedom, goal, whole)
         steps += count
         if goal.rank(new_scores) > goal.rank(scores):
             here, scores = there, new_scores
@@ -105,18 +105,20 @@ def _repair(
     return replace(made, steps=steps)
 
 
-def _without_layers(points: FloatArray, tetrahedra: Tetrahedra, freedom: FreeNodes, spoiled: BoolArray) -> FreeNodes:
+def _without_layers(points: FloatArray, corners: CellCorners, freedom: FreeNodes, spoiled: BoolArray) -> FreeNodes:
     """Return free nodes without those of rigid layers, except around spoiled cells that have no other free node.
 
     `spoiled` (C,) are the spoiled cells.
     """
     rigid = freedom.columns.rigid
+    if not len(rigid):
+        return freedom
     movable = np.bincount(freedom.nodes, minlength=len(points)) > 0
     others = movable.copy()
     others[rigid] = False
-    helped = np.zeros(len(spoiled), dtype=np.bool_)
+    helped, tetrahedra = np.zeros(len(spoiled), dtype=np.bool_), corners.of_cells(spoiled)
     helped[tetrahedra.cells[others[tetrahedra.nodes].any(axis=1)]] = True
-    around = freedom.closure(_around(tetrahedra, spoiled & ~helped, movable, RINGS[0]), len(points))
+    around = freedom.closure(corners.around(spoiled & ~helped, movable, RINGS[0]), len(points))
     return freedom.without_nodes(np.setdiff1d(rigid, around, assume_unique=True))
 
 
@@ -151,12 +153,7 @@ def _levels(share: float, limit: float, points: int) -> Iterator[tuple[float, tu
 
 
 def _raise_quality(
-    points: FloatArray,
-    scores: CellScores,
-    tetrahedra: Tetrahedra,
-    freedom: FreeNodes,
-    goal: QualityGoal,
-    wanted: Target,
+    points: FloatArray, scores: CellScores, corners: CellCorners, freedom: FreeNodes, goal: QualityGoal, wanted: Target
 ) -> tuple[FloatArray, CellScores, int]:
     """Bring all cells to a level if possible; return all points (N, 3), the scores and the steps.
 
@@ -170,12 +167,14 @@ def _raise_quality(
     below = goal.misses(scores, level)
     while below.any() and vain < VAIN:
         count = int(below.sum())
-        size, unknown = _region_nodes(tetrahedra, below, freedom, len(points), sizes, (size, last))
+        size, unknown = _region_nodes(corners, below, freedom, len(points), sizes, (size, last))
         large = len(unknown) > SMALL
         if not len(unknown) or (large and len(unknown) > far * count):
             break
         progress(f"repair: {count} cells, {len(unknown)} nodes", nan)
-        region = RepairRegion.of(points, tetrahedra, unknown, freedom, goal.with_weights(scores, careful))
+        region = RepairRegion.of(
+            points, corners.at_nodes(unknown), unknown, freedom, goal.with_weights(scores, careful)
+        )
         new, taken = improve(region, level, REST * (size > 0))
         beyond = freedom.slides_left_by(points, new)
         if beyond:
@@ -197,7 +196,7 @@ def _raise_quality(
 
 
 def _region_nodes(
-    tetrahedra: Tetrahedra,
+    corners: CellCorners,
     spoiled: BoolArray,
     freedom: FreeNodes,
     points: int,
@@ -211,7 +210,7 @@ def _region_nodes(
     """
     movable = np.bincount(freedom.nodes, minlength=points) > 0
     for size in range(after[0], len(sizes)):
-        nodes = freedom.closure(_around(tetrahedra, spoiled, movable, sizes[size]), len(movable))
+        nodes = freedom.closure(corners.around(spoiled, movable, sizes[size]), len(movable))
         crowded = sizes[size] < len(movable) and spoiled.sum() > MANY * len(nodes)
         if len(nodes) > LARGER * after[1] and not crowded:
             return size, nodes
@@ -221,14 +220,3 @@ def _region_nodes(
 def _is_better(fewer: bool, gain: float, level: float) -> bool:
     """Return whether a region's result is better: fewer cells below the level, or enough gain of its worst cell."""
     return (fewer and gain >= -LOSS) or gain > GAIN if level else fewer
-
-
-def _around(tetrahedra: Tetrahedra, spoiled: BoolArray, movable: BoolArray, rings: int) -> IntArray:
-    """Return the sorted movable nodes (U,) within `rings` rings of cells around spoiled ones."""
-    if rings >= len(movable):
-        return np.flatnonzero(movable)
-    near = np.zeros(len(movable), dtype=np.bool_)
-    near[tetrahedra.nodes[spoiled[tetrahedra.cells]]] = True
-    for _ in range(rings - 1):
-        near[tetrahedra.nodes[near[tetrahedra.nodes].any(axis=1)]] = True
-    return np.flatnonzero(near & movable)
