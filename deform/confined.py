@@ -4,7 +4,7 @@ Section numbers are the paper's. `deform.around` holds what we add to the method
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -15,7 +15,7 @@ from sdm_deflect.base.threads import Progress, silent, single_threaded_blas
 from .box.hexahedron import Hexahedron
 from .rbf.data_sites import DIRECTIONS, DataSites, multivariate, univariate
 from .rbf.factor import CholeskyBasis
-from .rbf.fitting import RuleName, Strategy
+from .rbf.fitting import Processor, RuleName, Strategy
 from .rbf.greedy import Adaptation, adapt, fuse
 from .rbf.interpolant import Interpolant
 from .rbf.kernels import Kernel, kernel_sum
@@ -50,13 +50,17 @@ def zero_sites(on_faces: FloatArray, known: FloatArray, spacing: float) -> Float
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """How centres are chosen; `initial` counts those at the start: on the moving surface, and elsewhere."""
+    """How centres are chosen; `initial` counts those at the start: on the moving surface, and elsewhere.
+
+    `processor` evaluates the interpolant.
+    """
 
     kernel: Kernel
     strategy: Strategy
     rule: RuleName
     initial: tuple[int, int]
     options: GreedyOptions
+    processor: Processor = "cpu"
 
     def adapt(
         self, group: DataSites, surface: int, earlier: CholeskyBasis | None, progress: Progress = silent
@@ -97,14 +101,14 @@ class Confined:
         groups = GROUPINGS[how.strategy](sites)
         pairs = zip(groups, earlier.factors if earlier else (None,) * len(groups), strict=True)
         fits = tuple(how.adapt(group, surface, known, progress) for group, known in pairs)
-        return cls(fits, fuse(fits))
+        return cls(fits, replace(fuse(fits), processor=how.processor))
 
     def refit(self, sites: Sequence[DataSites], strategy: Strategy) -> "Confined":
         """Interpolate other values at the same sites with the same centres."""
         with single_threaded_blas():
             groups = zip(GROUPINGS[strategy](sites), self.factors, self.adaptations, strict=True)
             fits = tuple(Adaptation.on(factor.with_values(group.values), fit.stop) for group, factor, fit in groups)
-        return type(self)(fits, fuse(fits))
+        return type(self)(fits, replace(fuse(fits), processor=self.interpolant.processor))
 
     def __call__(self, points: FloatArray) -> FloatArray:
         """Return the displacement (M, 3) at points (M, 3)."""

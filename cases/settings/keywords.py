@@ -68,6 +68,7 @@ class Options(TypedDict, total=False):
     kernel: Literal["tps", "mq", "wendland", "cubic"]
     kernel_radius: float
     polynomial: Literal["linear", "constant", "none"]
+    processor: Literal["cpu", "gpu"]
     repair: Literal["auto", "off", "always"]
     repair_share: float
     min_quality: float

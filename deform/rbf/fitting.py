@@ -10,6 +10,7 @@ Strategy = Literal["squv", "mv"]
 RuleName = Literal["separated", "worst"]
 KernelName = Literal["tps", "mq", "wendland", "cubic"]
 Polynomial = Literal["linear", "constant", "none"]
+Processor = Literal["cpu", "gpu"]
 # Largest order of the kernels that each polynomial supports.
 ORDERS: dict[Polynomial, int] = {"linear": 2, "constant": 1, "none": 0}
 
@@ -77,6 +78,8 @@ class Fitting:
         "Accuracy", "Radius of mq or wendland, a length; 0: the surface's median edge, or the box's diagonal.")] = 0.0
     polynomial: Annotated[Polynomial, ONLY_SET, Doc(
         "Accuracy", "Polynomial beside the kernel: tps and cubic need linear, mq at least constant.")] = "linear"
+    processor: Annotated[Processor, ONLY_SET, Doc(
+        "Accuracy", "gpu: sum on a CUDA card, whose last digits differ; pays above some 1e6 nodes.")] = "cpu"
     # fmt: on
 
     def __post_init__(self) -> None:

@@ -10,7 +10,7 @@ from scipy.linalg.lapack import dsysv
 from sdm_deflect.base.arrays import FloatArray, first_coincident
 from sdm_deflect.base.threads import Progress, silent, single_threaded_blas
 
-from .fitting import Polynomial
+from .fitting import Polynomial, Processor
 from .kernels import Kernel, kernel_matrix, kernel_sum
 
 # An extent below this share of the largest one counts as zero.
@@ -93,12 +93,13 @@ class SolveError(RuntimeError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Interpolant:
-    """A fitted map from points (M, 3) in metres to values (M, k)."""
+    """A fitted map from points (M, 3) in metres to values (M, k); `processor` evaluates it."""
 
     kernel: Kernel
     centers: FloatArray  # (C, 3) m
     beta: FloatArray  # (C, k) kernel coefficients
     alpha: FloatArray  # (4, k) coefficients of 1, x, y, z
+    processor: Processor = "cpu"
 
     def __post_init__(self) -> None:
         count, columns = self.beta.shape
@@ -110,7 +111,12 @@ class Interpolant:
 
     def __call__(self, points: FloatArray, *, threads: int | None = None, progress: Progress = silent) -> FloatArray:
         """Evaluate at points (M, 3) without forming the matrix of eq. 7."""
-        return kernel_sum(self.kernel, points, self.centers, self.beta, self.alpha, threads=threads, progress=progress)
+        terms = self.kernel, points, self.centers, self.beta, self.alpha
+        if self.processor == "gpu":
+            from .gpu import sum_on_card
+
+            return sum_on_card(*terms, progress)
+        return kernel_sum(*terms, threads=threads, progress=progress)
 
 
 def direct(matrix: FloatArray, right: FloatArray) -> FloatArray:

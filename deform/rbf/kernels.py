@@ -9,6 +9,7 @@ loops over points and centres are written once. The logarithm is our own, becaus
 vectorise a call into the C library.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any, ClassVar, NamedTuple, cast
@@ -189,7 +190,7 @@ class Multiquadric(Kernel):
 
     @staticmethod
     def formula(code: Any, r2: Any) -> Any:  # pragma: no cover - machine code
-        return np.sqrt(1.0 + code.epsilon2 * r2)
+        return math.sqrt(1.0 + code.epsilon2 * r2)
 
     def code(self) -> MultiquadricCode:
         return MultiquadricCode(self.epsilon**2)
@@ -231,7 +232,7 @@ class WendlandC2(Kernel):
 
     @staticmethod
     def formula(code: Any, r2: Any) -> Any:  # pragma: no cover - machine code
-        rho = np.sqrt(r2 * code.inverse2)
+        rho = math.sqrt(r2 * code.inverse2)
         left = max(1.0 - rho, 0.0)
         return left * left * left * left * (4.0 * rho + 1.0)
 
@@ -258,7 +259,7 @@ class Cubic(Kernel):
 
     @staticmethod
     def formula(code: Any, r2: Any) -> Any:  # pragma: no cover - machine code
-        return r2 * np.sqrt(r2)
+        return r2 * math.sqrt(r2)
 
     def rescaled(self, length: float) -> Rescaling:
         return Rescaling(self, length**3, 0.0)

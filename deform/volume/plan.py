@@ -250,6 +250,10 @@ class BoxPlan:
     def start(self, points: FloatArray) -> Start:
         """Return the start of a step, with the interpolated mesh at `points` (N, 3)."""
         fitting, sites = self.job.fitting, self.sites
+        if fitting.processor == "gpu":
+            from sdm_deflect.deform.rbf.gpu import check_card  # before the fits, which take a while
+
+            check_card()
         free = np.setdiff1d(self.region.inside, sites.known, assume_unique=True)
         error = sites.tolerance / self.margin
         options = GreedyOptions(
@@ -257,7 +261,7 @@ class BoxPlan:
             polynomial=fitting.polynomial,
         )  # fmt: skip
         initial = fitting.initial_surface, fitting.initial_hexahedron
-        how = Choice(sites.kernel, fitting.strategy, fitting.rule, initial, options)
+        how = Choice(sites.kernel, fitting.strategy, fitting.rule, initial, options, fitting.processor)
         rows = np.concatenate([sites.distinct, len(sites.moving) + sites.sampled])
         modifiers = tuple(modifier.at(points, free) for modifier in self.modifiers)
         return Start(
