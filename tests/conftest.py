@@ -8,17 +8,17 @@ from filelock import FileLock
 from hypothesis import settings
 
 from sdm_deflect.base.compiled import CODE_VARIABLE, FOLDER_VARIABLE, code_folder
-from sdm_deflect.cases.aircraft.case import Case
-from sdm_deflect.cases.aircraft.pipeline import mesh_of_case
-from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.progress import Stopwatch
-from tests import calls, kept_meshes
+from tests import calls
 from tests.deform.blocks import annulus_with_fin, block_with_body
+from tests.extras import AIRCRAFT, OF_PARTS, loaded, without
 from tests.meshing.formats.wing import FLAP, wing
 
 # Environment variable: a folder in which meshes are kept from one test run to the next.
 KEPT_MESHES = "SDM_DEFLECT_TEST_MESHES"
 
+# Folders whose tests need the aircraft's libraries to be collected.
+OF_AIRCRAFT = ("cases", "geometry", "meshing/generate")
 # Folders whose tests need neither a run of a case nor a browser nor a solver.
 UNIT = {"deform", "frozen", "geometry", "meshing"}
 
@@ -35,12 +35,35 @@ def pytest_itemcollected(item: pytest.Item) -> None:
 
 
 @pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item):
+    """Skip a test of a part of the package that needs a library of an extra, where it is not installed."""
+    try:
+        return (yield)
+    except ModuleNotFoundError as error:
+        if error.name in OF_PARTS:
+            pytest.skip(without(error.name))
+        raise
+
+
+@pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]):
-    """Let a test that a developer may skip, for want of OpenFOAM or a browser, fail in a pipeline (CI)."""
+    """Let a test that is skipped, for want of a library or a program, fail in a pipeline (CI)."""
     report = yield
     if report.skipped and os.environ.get("CI"):
         report.outcome = "failed"
     return report
+
+
+def pytest_ignore_collect(collection_path: Path) -> bool | None:
+    """Leave out the tests of the aircraft where its libraries are not installed; in a pipeline (CI) they fail."""
+    left_out = without(AIRCRAFT) and not os.environ.get("CI")
+    return True if left_out and collection_path.relative_to(Path(__file__).parent).as_posix() in OF_AIRCRAFT else None
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say which tests were left out, and what they need."""
+    if without(AIRCRAFT) and not os.environ.get("CI"):
+        terminalreporter.write_line(f"left out: tests/{', tests/'.join(OF_AIRCRAFT)}; {without(AIRCRAFT)}")
 
 
 @pytest.fixture(scope="session")
@@ -59,7 +82,9 @@ def mesh_cache(shared_folder: Path):
     folder = Path(os.environ.get(KEPT_MESHES) or shared_folder / "meshes")
     with FileLock(shared_folder / "kept.lock"):
         if not folder.exists():
-            kept_meshes.put(folder)
+            folder.mkdir(parents=True)
+            if not without(AIRCRAFT):
+                loaded("tests.kept_meshes").put(folder)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(CODE_VARIABLE, str(code_folder()))
         patch.setenv(FOLDER_VARIABLE, str(folder))
@@ -70,9 +95,9 @@ def mesh_cache(shared_folder: Path):
 def make_mesh(shared_folder: Path, mesh_cache: Path):
     """Mesh a case, once among all workers."""
 
-    def make(case: Case):
+    def make(case):
         with FileLock(shared_folder / "meshing.lock"):
-            return mesh_of_case(case, Stopwatch())
+            return loaded("sdm_deflect.cases.aircraft.pipeline").mesh_of_case(case, Stopwatch())
 
     return make
 
@@ -80,7 +105,7 @@ def make_mesh(shared_folder: Path, mesh_cache: Path):
 @pytest.fixture(scope="session")
 def aileron_mesh(make_mesh):
     """The undeflected small mesh of the aileron case and how it was made."""
-    return make_mesh(case_named("aileron"))
+    return make_mesh(loaded("sdm_deflect.cases.aircraft.registry").case_named("aileron"))
 
 
 @pytest.fixture

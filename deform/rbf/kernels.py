@@ -15,13 +15,12 @@ from dataclasses import asdict, dataclass
 from typing import Any, ClassVar, NamedTuple, cast
 
 import numpy as np
-from numba.cpython.unsafe.tuple import tuple_setitem
 from numba.extending import overload
 from numpy.typing import NDArray
 from scipy.special import xlogy
 
 from sdm_deflect.base.arrays import FloatArray
-from sdm_deflect.base.compiled import compiled, for_code, prefer_wide_vectors
+from sdm_deflect.base.compiled import compiled, for_code, prefer_wide_vectors, tuple_setitem
 from sdm_deflect.base.threads import Progress, in_chunks, silent
 
 from .fitting import KernelName

@@ -17,6 +17,7 @@ from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.volume.deflection import deflect
 from tests.cases.sdm.deflected_cad import built
+from tests.extras import Library, missing_program
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 SWITCHES = [
@@ -30,10 +31,9 @@ UNFOLD = "document.querySelectorAll('details').forEach((one) => { one.open = tru
 @pytest.fixture(scope="session")
 def browser():
     """Chromium without a window, drawing by software; one for all files, since Playwright allows one at a time."""
-    api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
     if CHROMIUM is None:
-        pytest.skip("there is no Chromium: apt-get install chromium")
-    with api.sync_playwright() as playwright:
+        pytest.skip(missing_program("chromium"))
+    with Library("playwright.sync_api").sync_playwright() as playwright:
         started = playwright.chromium.launch(executable_path=CHROMIUM, args=SWITCHES)
         yield started
         started.close()

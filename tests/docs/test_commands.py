@@ -18,8 +18,10 @@ CI = ".ci/run"
 ELSEWHERE = (
     (r"apt-get (update|install)", CI, "apt-get install"),
     (r"python3 -m venv \.venv", CI, "python3 -m venv"),
-    (r"\.venv/bin/pip install -c constraints.txt -e '\.\[test\]'( pre-commit)?", CI, 'bash -euc "$install -q"'),
+    (r"\.venv/bin/pip install -c constraints.txt -e '\.\[dev\]'( pre-commit)?", CI, 'bash -euc "$install -q"'),
     (r"(\.venv/bin/)?pip install (-c \S+ )?('\.\[(all|report)\]'|\.)$", CI, "pip install -q --no-deps --target"),
+    (r"pip install -e '\.\[test\]'", ".ci/versions", "-e '.[test]'"),
+    (r"pytest tests/deform tests/meshing", ".ci/versions", "tests/deform tests/meshing"),
     (r"\. \.venv/bin/activate", CI, "python3 -m venv"),
     (r"\.venv/bin/pre-commit install", ".pre-commit-config.yaml", "repos:"),
     (r"\.venv/bin/python -m pytest -n 3 --dist loadfile", CI, ".venv/bin/python -m pytest"),
@@ -46,6 +48,8 @@ ELSEWHERE = (
         "tests/cases/test_apply.py",
         'sdm("apply", field, *AT_8, *parts',
     ),
+    (r"pip install '\.\[gpu\]'", "pyproject.toml", "gpu = ["),
+    (r"python -m benchmarks(?!\.large_block)", "benchmarks/README.md", "python -m benchmarks"),
     (r"pip install '\.\[cluster\]'", "pyproject.toml", "cluster = ["),
     (r"pip install '\.\[notebook\]'", "pyproject.toml", "notebook = ["),
     (r"jupyter lab", "docs/tests/test_tutorials.py", "NotebookClient"),
@@ -118,7 +122,7 @@ def test_the_pipeline_reads_packages_and_set_up_from_the_readme():
     done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True)
     packages, install, options = done.stdout.splitlines()
     assert {"python3-venv", "openfoam", "chromium"} <= set(packages.split())
-    assert install == "python3 -m venv .venv && .venv/bin/pip install -c constraints.txt -e '.[test]'"
+    assert install == "python3 -m venv .venv && .venv/bin/pip install -c constraints.txt -e '.[dev]'"
     whole = f"apt-get update && apt-get install -y --no-install-recommends {packages} && {install} && "
     assert f"{whole}.venv/bin/python -m pytest{options}" in lines_of(ROOT / "README.md")
 

@@ -1,16 +1,18 @@
 """Meshes of other libraries and plain arrays."""
 
-import meshio
 import numpy as np
 import pytest
-import pyvista as pv
 
 from sdm_deflect.base.errors import InputError
 from sdm_deflect.cases.api import deflect
 from sdm_deflect.meshing.formats.adapters import accept
 from sdm_deflect.meshing.mesh.labelled import Skin, tetrahedral
 from sdm_deflect.meshing.mesh.mesh import Mesh
+from tests.extras import Library
 from tests.meshing.formats.examples import KINDS
+
+meshio = Library("meshio")
+pv = Library("pyvista")
 
 HINGE = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
 
@@ -76,15 +78,16 @@ def test_a_tet_mesh():
 
 
 @pytest.mark.parametrize(
-    ("mesh", "words"),
+    ("made", "words"),
     [
-        (meshio.Mesh(np.eye(4, 3), [("tetra", [[0, 1, 2, 3]])]), "meshio mesh has no named patch"),
-        (meshio.Mesh(np.eye(10, 3), [("tetra10", [list(range(10))])]), "cells of type tetra10 are not supported"),
-        (pv.ImageData(dimensions=(2, 2, 2)), "cells of type 11 are not supported"),
-        ((np.zeros((3, 2)), {"a": [0]}), r"points \(3, 2\) must be \(N, 3\)"),
-        ((np.zeros((3, 3)), {"a": [0, 9]}), "patch a: nodes 0 to 9, but there are 3 points"),
+        (lambda: meshio.Mesh(np.eye(4, 3), [("tetra", [[0, 1, 2, 3]])]), "meshio mesh has no named patch"),
+        (lambda: meshio.Mesh(np.eye(10, 3), [("tetra10", [list(range(10))])]), "of type tetra10 are not supported"),
+        (lambda: pv.ImageData(dimensions=(2, 2, 2)), "cells of type 11 are not supported"),
+        (lambda: (np.zeros((3, 2)), {"a": [0]}), r"points \(3, 2\) must be \(N, 3\)"),
+        (lambda: (np.zeros((3, 3)), {"a": [0, 9]}), "patch a: nodes 0 to 9, but there are 3 points"),
     ],
 )
-def test_what_cannot_be_taken_is_said(mesh, words):
+def test_what_cannot_be_taken_is_said(made, words):
+    mesh = made()
     with pytest.raises(InputError, match=words):
         accept(mesh)

@@ -2,12 +2,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import pyvista as pv
 
 from sdm_deflect.meshing.formats.vtu import write_vtu
 from sdm_deflect.meshing.mesh.labelled import skin, tets_of
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.quality import mean_ratio
+from tests.extras import Library
+
+pv = Library("pyvista")
 
 
 def test_arrays_and_layout_are_those_of_the_contract(cube: Mesh, tmp_path: Path) -> None:

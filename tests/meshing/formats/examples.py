@@ -1,13 +1,14 @@
 """Small meshes of several cell types, made by hand."""
 
-import gmsh
 import numpy as np
-import pyvista as pv
-from vtkmodules.vtkCommonDataModel import VTK_HEXAHEDRON, VTK_PYRAMID, VTK_TETRA, VTK_WEDGE
 
 from sdm_deflect.meshing.mesh.cells import Cells, Patch, Polygons, Polyhedra, Zone
 from sdm_deflect.meshing.mesh.faces import FACES
 from sdm_deflect.meshing.mesh.mesh import Mesh
+from tests.extras import Library
+
+gmsh = Library("gmsh")
+pv = Library("pyvista")
 
 # A hexahedron (0 to 7), a box beside it of a pyramid and four tetrahedra (8 to 11), a roof of a wedge (12, 13).
 POINTS = np.array(
@@ -31,7 +32,8 @@ PATCHES = {
     "right wall": {"quad": [[3, 7, 6, 2]], "triangle": [[2, 6, 11], [2, 11, 9]]},
     "roof": {"quad": [[4, 5, 13, 12], [7, 12, 13, 6]], "triangle": [[5, 6, 13], [5, 10, 11], [5, 11, 6]]},
 }
-KINDS = {"hexahedron": VTK_HEXAHEDRON, "pyramid": VTK_PYRAMID, "tetra": VTK_TETRA, "wedge": VTK_WEDGE}
+# Numbers of the cell types of VTK.
+KINDS = {"hexahedron": 12, "pyramid": 14, "tetra": 10, "wedge": 13}
 
 
 def hybrid(zones: int = 1) -> Mesh:
@@ -58,7 +60,7 @@ def _cells(blocks: dict[str, list[list[int]]], first: int) -> tuple[Cells, ...]:
     return tuple(Cells(shape, np.array(nodes, dtype=np.intp) + first) for shape, nodes in blocks.items())
 
 
-def grid(mesh: Mesh) -> pv.UnstructuredGrid:
+def grid(mesh: Mesh):
     """The same mesh for VTK."""
     return pv.UnstructuredGrid({KINDS[block.shape]: block.nodes for block in mesh.cells}, mesh.points)
 

@@ -2,10 +2,12 @@
 
 from math import cos, radians, sin
 
-import gmsh
 import numpy as np
 
+from tests.extras import Library
 from tests.meshing.formats.blocks import Block
+
+gmsh = Library("gmsh")
 
 VARIANTS = [(version, binary) for version in (2.2, 4.1) for binary in (0, 1)]
 DEGREES = 30.0

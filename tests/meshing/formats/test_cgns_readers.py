@@ -1,20 +1,21 @@
 """Other programs open the CGNS files that we write, and we open theirs."""
 
-import shutil
 import subprocess
 
-import gmsh
 import numpy as np
 import pytest
-import pyvista as pv
-from vtkmodules.vtkIOCGNSReader import vtkCGNSReader
 
 from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.su2 import Su2
+from tests.extras import Library, needs_program
 from tests.meshing.formats.alike import content
 from tests.meshing.formats.examples import hybrid, polyhedral, with_gmsh
 
-needs_tools = pytest.mark.skipif(shutil.which("cgnscheck") is None, reason="Debian's package cgns-convert is not here")
+gmsh = Library("gmsh")
+pv = Library("pyvista")
+cgns = Library("vtkmodules.vtkIOCGNSReader")
+
+needs_tools = needs_program("cgnscheck")
 
 
 def complaints(path) -> list[str]:
@@ -44,7 +45,7 @@ def test_cgnscheck_has_no_error_in_polyhedra(tmp_path):
 def test_vtk_has_the_same_points_cells_and_patches(zones, tmp_path):
     mesh = hybrid(zones)
     Cgns().write(mesh, tmp_path / "mesh.cgns")
-    reader = vtkCGNSReader()
+    reader = cgns.vtkCGNSReader()
     reader.SetFileName(str(tmp_path / "mesh.cgns"))
     reader.UpdateInformation()
     reader.EnableAllBases()

@@ -5,7 +5,6 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
-import pyvista as pv
 
 import sdm_deflect as sdm
 from sdm_deflect.meshing.formats.fluent import Fluent
@@ -15,9 +14,12 @@ from sdm_deflect.meshing.formats.shapes import turn_faces
 from sdm_deflect.meshing.mesh.cells import Patch
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.quality import inverted_of
+from tests.extras import Library, loaded
 from tests.meshing.formats.alike import rows, tree
 from tests.meshing.formats.examples import grid, hybrid, polyhedral
 from tests.meshing.formats.fluent_files import LAYOUTS, PACKED, ZONES, plane_mesh, written
+
+pv = Library("pyvista")
 
 
 def sets(mesh: Mesh) -> dict[str, set]:
@@ -61,9 +63,9 @@ def test_patches_face_outwards_whichever_cell_normals_point_to(tmp_path):
     assert not inverted_of(other.points, other.cells[0]).any()
 
 
-def cells_of(path) -> pv.UnstructuredGrid:
+def cells_of(path):
     """What VTK's reader of Fluent's files sees."""
-    library = pytest.importorskip("vtkmodules.vtkIOFLUENTCFF")
+    library = loaded("vtkmodules.vtkIOFLUENTCFF")
     from vtkmodules.vtkCommonCore import vtkObject
 
     vtkObject.GlobalWarningDisplayOff()  # there is no file with results beside it

@@ -1,7 +1,5 @@
 """Gmsh files of both versions in text and binary: Gmsh itself writes them, and reads what we write."""
 
-import gmsh
-import meshio
 import numpy as np
 import pytest
 
@@ -9,9 +7,13 @@ from sdm_deflect.base.errors import MeshFileError
 from sdm_deflect.meshing.formats.gmsh import Gmsh
 from sdm_deflect.meshing.mesh.cells import Cells, Patch, Polygons
 from sdm_deflect.meshing.mesh.mesh import Mesh
+from tests.extras import Library
 from tests.meshing.formats.alike import content
 from tests.meshing.formats.examples import hybrid
 from tests.meshing.formats.gmsh_files import VARIANTS, by_gmsh
+
+gmsh = Library("gmsh")
+meshio = Library("meshio")
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import gmsh
 import numpy as np
 import pytest
 
@@ -14,7 +13,10 @@ from sdm_deflect.meshing.formats.registry import FORMATS, format_of, read
 from sdm_deflect.meshing.mesh.cells import Cells
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.deform.plates import plate
+from tests.extras import Library
 from tests.meshing.formats.alike import content
+
+gmsh = Library("gmsh")
 
 SUFFIXES = (".su2", ".msh", ".vtu")
 BOX = [[-0.9, -0.9], [0.9, 0.9]]

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import pyvista as pv
 
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.plot3d import Plot3d
@@ -10,9 +9,12 @@ from sdm_deflect.meshing.formats.registry import read
 from sdm_deflect.meshing.mesh.faces import FACES as CORNERS
 from sdm_deflect.meshing.mesh.quality import inverted_of
 from tests.cases import foam
+from tests.extras import Library
 from tests.meshing.formats.alike import rows
 from tests.meshing.formats.examples import grid
 from tests.meshing.formats.plot3d_files import BINARY, SIDES, VARIANTS, box, cut, ring, stored, written
+
+pv = Library("pyvista")
 
 
 def precision(variant: str) -> str:

@@ -1,6 +1,5 @@
 """SU2 files: a round trip loses nothing, a rewritten file differs in coordinates alone, others read what we write."""
 
-import meshio
 import numpy as np
 import pytest
 
@@ -8,8 +7,11 @@ from sdm_deflect.base.errors import MeshFileError
 from sdm_deflect.meshing.formats.su2 import Su2
 from sdm_deflect.meshing.mesh.cells import Cells, Patch, Polygons
 from sdm_deflect.meshing.mesh.mesh import Mesh
+from tests.extras import Library
 from tests.meshing.formats.alike import content
 from tests.meshing.formats.examples import hybrid, with_gmsh
+
+meshio = Library("meshio")
 
 KEPT = b"""% made by hand = not by a mesher
 NMARK=   2

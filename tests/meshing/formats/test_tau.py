@@ -6,8 +6,6 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
-from vtkmodules.util.numpy_support import vtk_to_numpy
-from vtkmodules.vtkIONetCDF import vtkNetCDFReader
 
 from sdm_deflect.base.errors import MeshFileError
 from sdm_deflect.cases.run.inspection import file_figures, inspect
@@ -19,10 +17,14 @@ from sdm_deflect.meshing.formats.registry import FORMATS, format_of, read
 from sdm_deflect.meshing.formats.tau import Tau, mapped_names
 from sdm_deflect.meshing.mesh.cells import Patch
 from sdm_deflect.meshing.mesh.mesh import Mesh
+from tests.extras import Library
 from tests.meshing.formats.alike import content
 from tests.meshing.formats.examples import hybrid, polyhedral
 from tests.meshing.formats.netcdf_files import KINDS, classic, parts, written
 from tests.meshing.formats.test_hostile import complaint
+
+numpy_support = Library("vtkmodules.util.numpy_support")
+netcdf = Library("vtkmodules.vtkIONetCDF")
 
 MAPPING = """
  -----------------------------------------------------
@@ -86,12 +88,12 @@ def test_the_netcdf_library_reads_what_is_written_and_rewritten(tmp_path):
     for kind in KINDS:
         Tau().rewrite(written(mesh, tmp_path / "mesh.grid", kind), mesh.points * 3.0, out)
         for path, factor in ((tmp_path / "mesh.grid", 1.0), (out, 3.0)):
-            reader = vtkNetCDFReader()
+            reader = netcdf.vtkNetCDFReader()
             reader.SetFileName(str(path))
             reader.UpdateMetaData()
             reader.SetDimensions("(no_of_points)")
             reader.Update()
-            found = vtk_to_numpy(reader.GetOutput().GetPointData().GetArray("points_yc"))
+            found = numpy_support.vtk_to_numpy(reader.GetOutput().GetPointData().GetArray("points_yc"))
             np.testing.assert_allclose(found, factor * mesh.points[:, 1], rtol=2e-7 if kind == "single" else 0)
 
 

@@ -4,7 +4,6 @@ import re
 import struct
 from dataclasses import replace
 
-import meshio
 import numpy as np
 import pytest
 
@@ -17,8 +16,11 @@ from sdm_deflect.meshing.formats.ugrid import Ugrid
 from sdm_deflect.meshing.formats.ugrid_file import ENCODINGS, UgridFile, encode
 from sdm_deflect.meshing.mesh.cells import Cells, Patch
 from tests.deform.blocks import block_with_body
+from tests.extras import Library
 from tests.meshing.formats.examples import grid, hybrid
 from tests.meshing.formats.test_hostile import complaint
+
+meshio = Library("meshio")
 
 SUFFIXES = [".ugrid", *(f".{encoding}.ugrid" for encoding in ENCODINGS)]
 BINARY = SUFFIXES[1:]

@@ -5,18 +5,20 @@ import re
 import zlib
 from dataclasses import replace
 
-import meshio
 import numpy as np
 import pytest
-import pyvista as pv
 
 import sdm_deflect
 from sdm_deflect.base.errors import InputError, MeshFileError
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.vtu import Vtu, write_vtu
 from sdm_deflect.meshing.mesh.cells import Polyhedra
+from tests.extras import Library
 from tests.meshing.formats.examples import hybrid
 from tests.meshing.formats.wing import wing
+
+meshio = Library("meshio")
+pv = Library("pyvista")
 
 
 def test_vtk_reads_the_same_cells(tmp_path):

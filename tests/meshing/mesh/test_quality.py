@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import pyvista as pv
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -23,7 +22,10 @@ from sdm_deflect.meshing.mesh.quality import (
 )
 from sdm_deflect.meshing.mesh.standard import POLYHEDRON, type_of
 from tests.deform.blocks import block_with_body
+from tests.extras import Library
 from tests.meshing.formats.examples import KINDS
+
+pv = Library("pyvista")
 
 REGULAR, ONE = np.array([[1.0, 1, 1], [-1, 1, -1], [1, -1, -1], [-1, -1, 1]]), np.array([[0, 1, 2, 3]])
 SQUARE = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
