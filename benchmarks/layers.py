@@ -1,8 +1,8 @@
-"""What becomes of layers: ``python -m benchmarks.layers FOLDER --keep KEPT``.
+"""What becomes of layers: ``python -m benchmarks.layers --keep KEPT``.
 
-FOLDER holds two public meshes, ``30p30n_L1_coarse.su2.gz`` and ``717_wl_L2.cgns``; all others are made. Each mesh is
-deflected with and without repair. The points are kept in KEPT, and the page is KEPT/layers.md. A deflection whose
-points are kept is not made again. ``--beside OLD`` adds rows of the points that another version kept.
+The meshes are made. ``--public FOLDER`` holds two more, ``30p30n_L1_coarse.su2.gz`` and ``717_wl_L2.cgns``: the coarse
+mesh of SU2's case "30P30N", and that of CGNS's case "717". Each mesh is deflected with and without repair. The points
+are kept in KEPT, and the page is KEPT/layers.md. A deflection whose points are kept is not made again.
 
 It needs ``cgnsconvert`` and snappyHexMesh (``apt-get install --no-install-recommends cgns-convert openfoam``).
 """
@@ -37,15 +37,16 @@ from tests.cases import snappy
 from tests.meshing.formats.blunt_wing import blunt_wing
 from tests.meshing.formats.wing import wing
 
+BLENDED: dict[str, Any] = {"surfaces": "flap", "motion": "blended", "fixed": "wing"}
 # Layers in the table, from the wall.
 LAYERS = (1, 2, 5, 8, 10)
 ROOT = Path(__file__).parents[1]
 HEAD = (
-    "| angle | repair | version | least | 1 % | inverted | " + " | ".join(f"layer {k}" for k in LAYERS)
+    "| angle | repair | least | 1 % | inverted | " + " | ".join(f"layer {k}" for k in LAYERS)
     + " | columns changed | `layer_height` | s |",
-    "| ---: | --- | --- | ---: | ---: | ---: |" + " --- |" * len(LAYERS) + " ---: | --- | ---: |",
+    "| ---: | --- | ---: | ---: | ---: |" + " --- |" * len(LAYERS) + " ---: | --- | ---: |",
 )  # fmt: skip
-ABOUT = """Made by `python -m benchmarks.layers FOLDER --keep KEPT`. {machine}.
+ABOUT = """Made by `python -m benchmarks.layers --keep KEPT --public FOLDER`. {machine}.
 
 A flap is turned by an angle, with and without the repair. Least and 1 % are of all cells in the box: scaled Jacobian,
 or mean ratio of tetrahedra. For layers 1, 2, 5, 8 and 10 over the moved walls stand the largest tilt of a cell against
@@ -66,8 +67,8 @@ class Example:
     angles: tuple[float, ...]
 
 
-def examples(folder: Path, kept: Path) -> Iterator[Example]:
-    """Yield all meshes; those that take long to make are kept as files."""
+def public(folder: Path, kept: Path) -> Iterator[Example]:
+    """Yield the public meshes of a folder."""
     plain = kept / "30p30n.su2"
     if not plain.exists():
         plain.write_bytes(gzip.decompress((folder / "30p30n_L1_coarse.su2.gz").read_bytes()))
@@ -75,37 +76,40 @@ def examples(folder: Path, kept: Path) -> Iterator[Example]:
         settings: dict[str, Any] = {"surfaces": "flap", "hinge": [hinge], "fixed": "wall", "select": {"flap": "wall#3"}}
         angles = (-30.0, -25.0, -20.0, 10.0, 20.0, 30.0)
         yield Example(key, f"30P30N, flap about {hinge}", partial(read, plain), settings, angles)
-    blended: dict[str, Any] = {"surfaces": "flap", "motion": "blended", "fixed": "wing"}
-    tip = partial(blunt_wing, flap=(0.7, 1.0), hinge=0.75, first=6e-7, layers=50, growth=1.28, around=60, along=24)
-    settings = {**blended, "hinge": [[0.75, 0.7, 0.0], [0.75, 1.0, 0.0]]}
-    yield Example(
-        "tip", "Wing tip of hexahedra, first layer 6e-7, flap up to the tip", tip, settings, (-20.0, 12.0, 25.0)
-    )
     file = kept / "717.cgns"
     if not file.exists():
         subprocess.run(["cgnsconvert", "-h", folder / "717_wl_L2.cgns", file], check=True)
     rear = "wall side:5.5,0,4.3,4.1,0,-1.1 box:-inf,-inf,4.3,inf,inf,8.4"
-    settings = {**blended, "select": {"flap": rear}, "fixed": "wall", "strip": 0.05}
+    settings = {**BLENDED, "select": {"flap": rear}, "fixed": "wall", "strip": 0.05}
     settings["hinge"] = [[5.5, -0.15, 4.3], [6.6, -0.15, 8.4]]
     yield Example("717", "717 wing, the rear of its inner half", partial(read, file), settings, (-30.0, 20.0, 30.0))
+
+
+def examples(kept: Path) -> Iterator[Example]:
+    """Yield the meshes that are made; those that take long are kept as files."""
+    tip = partial(blunt_wing, flap=(0.7, 1.0), hinge=0.75, first=6e-7, layers=50, growth=1.28, around=60, along=24)
+    settings = {**BLENDED, "hinge": [[0.75, 0.7, 0.0], [0.75, 1.0, 0.0]]}
+    yield Example(
+        "tip", "Wing tip of hexahedra, first layer 6e-7, flap up to the tip", tip, settings, (-20.0, 12.0, 25.0)
+    )
     for chord, flap, first, strip in (
         (0.7, (0.3, 0.7), 1e-5, 0.1), (0.7, (0.3, 0.7), 1e-6, 0.1), (0.95, (0.4, 0.6), 6e-8, 0.04),
     ):  # fmt: skip
         ends = [[chord, y, 0.0] for y in flap]
-        settings = {**blended, "hinge": ends, "slide": {"symmetry": "plane", "end": "plane"}, "strip": strip}
+        settings = {**BLENDED, "hinge": ends, "slide": {"symmetry": "plane", "end": "plane"}, "strip": strip}
         pieces = (np.linspace(a, b, 14)[:-1] for a, b in ((0.0, flap[0]), flap, (flap[1], 1.0)))
         span = np.append(np.concatenate(list(pieces)), 1.0)
         title = f"C-grid, first layer {first:g}, flap behind {chord:g} of the chord"
         yield Example(f"c-grid-{first:g}", title, partial(c_grid, chord, flap, first, span), settings, (-20.0, 20.0))
-    guide = {**blended, "hinge": [[0.7, 0.6, 0.0], [0.7, 1.4, 0.0]], "slide": {"symmetry": "plane"}}
+    guide = {**BLENDED, "hinge": [[0.7, 0.6, 0.0], [0.7, 1.4, 0.0]], "slide": {"symmetry": "plane"}}
     yield Example("half", "The guide's half wing", partial(_half_wing, kept), guide, (15.0, 30.0))
     title = "The guide's half wing with 20 layers from 1e-6"
     yield Example("layered", title, partial(layered, kept), guide, (-20.0, 20.0, 30.0))
     coarse = wing(first_height=1e-6, layers=20)
-    settings = {**blended, "surfaces": "flap_*", "fixed": "wing_*", "hinge": coarse.hinge, "strip": 0.1}
+    settings = {**BLENDED, "surfaces": "flap_*", "fixed": "wing_*", "hinge": coarse.hinge, "strip": 0.1}
     title = "Coarse half wing of hexahedra, prisms and tetrahedra, blended strip two cells wide"
     yield Example("coarse", title, lambda: coarse.mesh, settings, (-20.0, 10.0, 30.0))
-    settings = {**blended, "hinge": [[0.7, 0.3, 0.0], [0.7, 0.7, 0.0]], "slide": {"symmetry": "plane"}}
+    settings = {**BLENDED, "hinge": [[0.7, 0.3, 0.0], [0.7, 0.7, 0.0]], "slide": {"symmetry": "plane"}}
     four = (-20.0, -5.0, 5.0, 20.0)
     yield Example("blunt", "Wing with a blunt trailing edge, first layer 2e-4", blunt_wing, settings, four)
     fine = partial(blunt_wing, first=1e-6, layers=40, growth=1.35, around=36, along=30)
@@ -161,7 +165,7 @@ def layered(folder: Path, first: float = 1e-6, count: int = 20, growth: float = 
     return Mesh(points, (tets, Cells("wedge", wedges)), tuple(patches))
 
 
-def rows(example: Example, kept: Path, beside: Path | None) -> Iterator[str]:
+def rows(example: Example, kept: Path) -> Iterator[str]:
     """Yield the rows of a mesh; deflect it where no points are kept."""
     mesh = example.mesh()
     yield "\n".join([f"## {example.title}\n", f"{mesh.point_count:,} nodes.\n", *HEAD])
@@ -175,11 +179,9 @@ def rows(example: Example, kept: Path, beside: Path | None) -> Iterator[str]:
                 begin = processor_seconds()
                 points = np.asarray(deflect(mesh, **settings, repair=mode).points)
                 np.savez_compressed(kept / name, points=points, seconds=processor_seconds() - begin)
-            for version, folder in (("before", beside), ("now", kept)):
-                if folder and (folder / name).exists():
-                    with np.load(folder / name) as found:
-                        measured = row(plans, found["points"], float(found["seconds"]))
-                    yield f"| {angle:+g} | {mode} | {version} | {measured} |"
+            with np.load(kept / name) as found:
+                measured = row(plans, found["points"], float(found["seconds"]))
+            yield f"| {angle:+g} | {mode} | {measured} |"
     yield ""
 
 
@@ -212,17 +214,16 @@ def row(plans: tuple[BoxPlan, ...], points: FloatArray, seconds: float) -> str:
 def main() -> None:
     """Deflect what is not kept, and write the page."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.layers", description=__doc__)
-    parser.add_argument("folder", type=Path)
     parser.add_argument("--keep", type=Path, required=True, metavar="KEPT")
-    parser.add_argument("--beside", type=Path, metavar="OLD")
+    parser.add_argument("--public", type=Path, metavar="FOLDER")
     parser.add_argument("--only", nargs="*", metavar="KEY")
     given = parser.parse_args()
     given.keep.mkdir(parents=True, exist_ok=True)
     about = ABOUT.format(machine=machine(), change=LAYER_CHANGE, few=FEW, most=FEW_CHANGE)
     lines = ["# Meshes with layers\n", about]
-    for example in examples(given.folder, given.keep):
+    for example in (*(public(given.public, given.keep) if given.public else ()), *examples(given.keep)):
         if not given.only or example.key in given.only:
-            for line in rows(example, given.keep, given.beside):
+            for line in rows(example, given.keep):
                 print(line, flush=True)
                 lines.append(line)
     (given.keep / "layers.md").write_text("\n".join(lines) + "\n", encoding="utf-8")

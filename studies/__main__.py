@@ -113,6 +113,20 @@ def limits(scale: str, cache: bool, **given: Any) -> int:
 
 
 @study.command()
+@out_option
+@options.json_option
+@options.progress_options
+def flap(**given: Any) -> int:
+    """Compare the forces on a blended flap with those on a rigid one: docs/flap.md and its table."""
+    from studies.flap import write_flap
+
+    def write(folder: Path, watch: Stopwatch) -> tuple[str, bool]:
+        return write_flap(folder), True
+
+    return _written("flap", "", write=write, **given)
+
+
+@study.command()
 @click.option("--case", type=options.CaseName(), default="aileron", help="The case.")
 @angles_option
 @click.option("--mach", type=float, help="Mach number of the free stream (0.6).")

@@ -105,7 +105,7 @@ def numbers(text: bytes, kind: type[np.float64 | np.int64]) -> NumberLines:
     line = np.searchsorted(np.flatnonzero(letters == ord("\n")), begin)
     first = np.append(np.flatnonzero(np.diff(line, prepend=-1)), len(begin))
     values: Any = np.empty(0, kind)
-    with suppress(ValueError):
+    with suppress(ValueError, DeprecationWarning):  # NumPy before 2.3 warns, and reads in part
         values = np.fromstring(text, dtype=kind, sep=" ")[: len(begin)]  # blank text reads as one 0
     if len(values) != len(begin):
         raise MeshFileError(f"{_not_number(text, kind)!r} is not a number")
