@@ -15,6 +15,7 @@ import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 from statistics import median
 from time import perf_counter, sleep
@@ -60,6 +61,8 @@ COMMANDS = {
     "wing-cold": Command(f"deflect {WING} --out OUT.su2", cold=True),
     "wing": Command(f"deflect {WING} --out OUT.su2"),
     "wing-no-report": Command(f"deflect {WING} --no-report --out OUT.su2"),
+    "case-cold": Command("run aileron --scale small --out OUT.run", cold=True),
+    "case": Command("run aileron --scale small --out OUT.run"),
     "fighter": Command("deflect fighter.su2 --config fighter.toml --no-report --out OUT.su2"),
     "tetrahedra": Command(f"deflect {TETS} --angle 10 --no-report --repair off --out OUT.su2"),
     "block": Command(f"deflect block.cgns {FLAP} --table block.npz --margin 0.45 --no-report --out OUT.cgns"),
@@ -106,13 +109,14 @@ class Version:
                     last = " ".join(said.read().strip().splitlines()[-1:])
                     raise RuntimeError(f"{command.words} in {self.folder} ended with {process.returncode}: {last}")
             written = [path for path in Path(scratch).glob("out.*") if path.is_file()]
-            digest = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(written))).hexdigest()
+            content = b"".join(path.read_bytes() for path in sorted(written))
+            digest = hashlib.sha256(content).hexdigest() if written else ""
             return Run(seconds, usage.ru_utime + usage.ru_stime, peak, digest)
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Wall-clock and processor seconds of one run, its largest memory in bytes, and a digest of what it wrote."""
+    """Wall-clock and processor seconds of one run, its largest memory in bytes, and a digest of its mesh, if any."""
 
     seconds: float
     processor: float
@@ -161,18 +165,22 @@ def make_meshes(folder: Path, words: str) -> None:
         write_block(folder / "block.cgns", EDGE)
 
 
-def large_blocks(folder: Path, sizes: Sequence[float], margin: float) -> Iterator[tuple[str, Command]]:
-    """Write a block of hexahedra for each number of nodes, as CGNS and as OpenFOAM; yield commands that deflect it."""
+def large_blocks(
+    folder: Path, sizes: Sequence[float], margin: float, formats: Sequence[str]
+) -> Iterator[tuple[str, Command]]:
+    """Write a block of hexahedra for each number of nodes and each format; yield the commands that deflect them."""
     for size in sizes:
         edge = round(size ** (1.0 / 3.0))
-        name = f"block{edge}"
-        if not (folder / f"{name}.cgns").exists():
-            write_block(folder / f"{name}.cgns", edge)
-        if not (folder / name).exists():
-            write_case(folder / name, edge)
-        for mesh, out in ((f"{name}.cgns", "OUT.cgns"), (name, "OUT")):
-            words = f"deflect {mesh} {FLAP} --table {name}.npz --margin {margin:g} --no-report --repair off --out {out}"
-            yield f"{edge**3:.2g} nodes, {'CGNS' if mesh.endswith('cgns') else 'OpenFOAM'}", Command(words)
+        for form in formats:
+            mesh = f"block{edge}" + (".cgns" if form == "cgns" else "")
+            if not (folder / mesh).exists():
+                (write_block if form == "cgns" else write_case)(folder / mesh, edge)
+            out = "OUT.cgns" if form == "cgns" else "OUT"
+            table = f"--table block{edge}.npz --margin {margin:g}"
+            yield (
+                f"{edge**3:.2g} nodes, {form}",
+                Command(f"deflect {mesh} {FLAP} {table} --no-report --repair off --out {out}"),
+            )
 
 
 def measured(
@@ -190,7 +198,8 @@ def measured(
         for which, some in kept.items():
             wall, processor = (median(getattr(run, part) for run in some) for part in ("seconds", "processor"))
             same = "" if some is first else f", the first takes {_ratio(first, some):.2f} times as long"
-            equal = "" if command.program else ", equal bytes" if _equal(first, some) else ", OTHER BYTES"
+            equal = ", equal bytes" if _equal(first, some) else ", OTHER BYTES"
+            equal = equal if some[0].digest else ""
             peak = max(run.peak for run in some) / 1e6
             note = f"processor {processor:.2f} s, {peak:.0f} MB{same}{equal}"
             yield Result(f"{name}, {which}" if len(versions) > 1 else name, wall, "s", rounds, note)
@@ -205,13 +214,19 @@ def _equal(one: Sequence[Run], other: Sequence[Run]) -> bool:
     return len({run.digest for run in (*one, *other)}) == 1
 
 
+def _possible(name: str) -> bool:
+    """Return whether a command's libraries are installed: the cases need the aircraft's CAD."""
+    return not name.startswith("case") or find_spec("cadquery") is not None
+
+
 def main() -> None:
     """Measure commands and print one table."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.commands", description=__doc__)
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"{', '.join(COMMANDS)}; by default all")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"{', '.join(COMMANDS)}; by default all that can run")
     parser.add_argument("--beside", type=Path, metavar="FOLDER", help="another checkout")
     parser.add_argument("--threads", type=int, nargs="+", default=[], help="numbers of threads; by default all")
     parser.add_argument("--size", type=float, nargs="+", default=[], help="nodes of blocks, such as 1e7, and no others")
+    parser.add_argument("--formats", nargs="+", choices=("cgns", "openfoam"), default=["cgns", "openfoam"])
     parser.add_argument("--margin", type=float, default=0.17, help="of their boxes")
     parser.add_argument(
         "--command", nargs=2, action="append", default=[], metavar=("NAME", "WORDS"), help="another one"
@@ -227,8 +242,8 @@ def main() -> None:
         folder.mkdir(parents=True, exist_ok=True)
         own = {name: Command(words) for name, words in given.command}
         if given.size:
-            own |= dict(large_blocks(folder, given.size, given.margin))
-        names = given.names or ([] if own else list(COMMANDS))
+            own |= dict(large_blocks(folder, given.size, given.margin, given.formats))
+        names = given.names or ([] if own else [name for name in COMMANDS if _possible(name)])
         commands = {name: COMMANDS[name] for name in names} | own
         make_meshes(folder, " ".join(command.words for command in commands.values()))
         checkouts = {"beside": given.beside.resolve(), "here": ROOT} if given.beside else {"": ROOT}

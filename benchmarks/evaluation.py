@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 
 import numpy as np
+from scipy.interpolate import RBFInterpolator
 
 from benchmarks.measure import exponent, side_by_side, warm
 from benchmarks.memory import peak_above_arrays
@@ -12,14 +13,14 @@ from benchmarks.results import Result
 from benchmarks.roofline import PER_PAIR, multiply_adds
 from benchmarks.workloads import points_around, tail
 from sdm_deflect.base.threads import available_threads
-from sdm_deflect.deform.rbf.interpolant import Interpolant
+from sdm_deflect.deform.rbf.interpolant import Interpolant, fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 
 CENTERS, INSIDE, WHOLE = 2_200, 80_261, 623_387
 SITES = 25_896
 # Number of centres of a small interpolant.
 FEW = 256
-OURS = "this package"
+OURS, ALONE = "this package", "this package, one thread"
 # Seconds of each sum before it is timed: threads of another's OpenBLAS or OpenMP spin for 0.1 s after their work.
 SETTLING = 0.2
 
@@ -27,6 +28,7 @@ SETTLING = 0.2
 def results(rounds: int, peers: Iterable[str]) -> Iterator[Result]:
     """Yield all figures about evaluation."""
     yield from _beside_peers(rounds, peers)
+    yield from dense_fit(rounds)
     yield from _beside_roofline(rounds)
     yield from _confined(rounds)
     yield from _growth(rounds)
@@ -53,19 +55,34 @@ def _beside_peers(rounds: int, peers: Iterable[str]) -> Iterator[Result]:
     sum_ = task(INSIDE, CENTERS)
     ours = interpolant(sum_)
     actions, missing = available(sum_, peers)
-    everyone = {OURS: lambda: ours(sum_.points), **actions}
+    everyone = {OURS: lambda: ours(sum_.points), ALONE: lambda: ours(sum_.points, threads=1), **actions}
     warm(everyone)
     times = side_by_side(everyone, rounds, SETTLING)
     names = {"C, one direction": "evaluation_vs_c", "SciPy RBFInterpolator": "evaluation_vs_scipy"}
     for peer in actions:
         slug = names.get(peer, "evaluation_vs_" + peer.split()[0].strip(",").lower().replace("-", "_"))
-        yield Result(slug, times.ratio(peer, OURS), "their time / ours", rounds, f"{peer}: {times.median(peer):.3f} s")
+        alone = f"; {times.ratio(peer, ALONE):.1f} with ours on one thread"
+        note = f"{peer}: {times.median(peer):.3f} s{alone}"
+        yield Result(slug, times.ratio(peer, OURS), "their time / ours", rounds, note)
     for peer, reason in missing.items():
         if peer in names:
             yield Result(names[peer], float("nan"), "their time / ours", 0, reason)
     seconds = times.median(OURS)
     note = f"three directions: {seconds:.3f} s"
     yield Result("pairs_per_second", INSIDE * CENTERS / seconds, "1/s", rounds, note)
+
+
+def dense_fit(rounds: int) -> Iterator[Result]:
+    """Yield the time of SciPy's dense fit over that of ours, of the same system without a choice of centres."""
+    sum_ = task(8, CENTERS)
+    actions = {
+        OURS: lambda: fit(ThinPlateSpline(), sum_.centers, sum_.beta),
+        "SciPy": lambda: RBFInterpolator(sum_.centers, sum_.beta, kernel="thin_plate_spline", degree=1),
+    }
+    warm(actions)
+    times = side_by_side(actions, rounds, SETTLING)
+    note = f"SciPy: {times.median('SciPy'):.3f} s, ours {times.median(OURS):.3f} s, {CENTERS:,} centres"
+    yield Result("dense_fit_vs_scipy", times.ratio("SciPy", OURS), "their time / ours", rounds, note)
 
 
 def _beside_roofline(rounds: int) -> Iterator[Result]:

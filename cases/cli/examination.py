@@ -184,8 +184,8 @@ def _names(handle: int) -> dict[str, bool]:
 
 
 def _remove(place: Path, handle: int) -> None:
-    """Remove the content of an open folder, and then the folder at the path if it is empty."""
-    for name, is_folder in _names(handle).items():
+    """Remove the content of an open folder, its lock last, and then the folder at the path if it is empty."""
+    for name, is_folder in sorted(_names(handle).items(), key=lambda entry: entry[0] == LOCK):
         (shutil.rmtree if is_folder else os.unlink)(name, dir_fd=handle)
     place.rmdir()
 

@@ -23,7 +23,7 @@ nodes changes; a jump would invert the flat cells of a wake.
 
 Layer sites stand only where the motion shears the surface, as in a blended strip: there the columns of a
 layer turn by different angles. Where the surface turns rigidly, the interpolant bends the mesh in a narrow slot less
-without them. `benchmarks/layers.md` has the figures, also for the constants.
+without them. `benchmarks/layers.md` has the figures.
 """
 
 from collections.abc import Sequence

@@ -73,8 +73,19 @@ def hidden_folder(beside: Path | None = None) -> Iterator[Path]:
     finally:
         with without_signals():
             if place in _hidden:
-                shutil.rmtree(place, ignore_errors=True)
+                _remove(place)
                 _hidden.discard(place)
+
+
+def _remove(place: Path) -> None:
+    """Remove a hidden folder, its lock last: by the lock others know what a killed process left."""
+    with suppress(OSError):
+        for inner in place.iterdir():
+            if inner.is_dir() and not inner.is_symlink():
+                shutil.rmtree(inner, ignore_errors=True)
+            elif inner.name != LOCK:
+                inner.unlink()
+    shutil.rmtree(place, ignore_errors=True)
 
 
 @contextmanager
