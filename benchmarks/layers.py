@@ -124,7 +124,7 @@ def examples(kept: Path) -> Iterator[Example]:
     if not (kept / "fighter.su2").exists():
         subprocess.run([sys.executable, "-m", "sdm_deflect", "example", "--fighter", kept], check=True)
     given = tomllib.loads((kept / "fighter.toml").read_text(encoding="utf-8"))
-    settings = {"surfaces": given["surface"], "fixed": given["fixed"]}
+    settings = {"surfaces": given["surface"], "fixed": given["fixed"], "box_each": given["box_each"]}
     yield Example(
         "fighter", "The fighter of tetrahedra, all surfaces", partial(read, kept / "fighter.su2"), settings, (0.0,)
     )
