@@ -1,0 +1,156 @@
+"""Numbers of the method on the fighter, measured once for all texts: `python -m docs.fly.facts`.
+
+They are kept in `docs/fly/facts.json`, and written into every text between the marks `<!-- facts NAME -->` and
+`<!-- end -->`. `--check` measures nothing, and ends with 1 if a text has other numbers than the file.
+"""
+
+import argparse
+import json
+import re
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+import sdm_deflect
+from docs.fly.tail import Tail, fighter
+from sdm_deflect.deform.volume.deflection import BoxDeflection
+
+DOCS = Path(__file__).parents[1]
+KEPT = Path(__file__).with_name("facts.json")
+TEXTS = (DOCS / "ten-minutes.md",)
+# Numbers of centres of the greedy steps.
+CENTRES = (8, 12, 16, 20, 24, 28, 32, 50)
+# Runs of which the median time is taken.
+RUNS = 5
+Facts = dict[str, Any]
+
+
+def measured() -> Facts:
+    """Measure everything."""
+    mesh, settings = fighter()
+    surfaces = {surface["patches"]: surface for surface in settings["surface"]}
+    return {
+        "cells": len(mesh.cells[0]),
+        "nodes": len(mesh.points),
+        "tail": of_tail(),
+        "strategies": {name: dict(strategies(name)) for name in surfaces},
+    }
+
+
+def of_tail() -> Facts:
+    """Measure the steps of the method on the left tail."""
+    tail = Tail.at()
+    zero = tail.sites.points[tail.in_mesh :]
+    free, whole = tail.without_box(), tail.with_all()
+    return {
+        "angle": tail.angle,
+        "motion": float(np.linalg.norm(tail.sites.values, axis=1).max()),
+        "sites": len(tail.sites.points),
+        "zero_sites": len(zero),
+        "jump": float(np.linalg.norm(free(zero), axis=1).max()),
+        "without_box": tail.judged(tail.moved(free))._asdict(),
+        "with_box": tail.judged(tail.moved(whole))._asdict(),
+        "product": tail.judged(tail.mesh.points + tail.displacement)._asdict(),
+        "centres": {
+            str(count): {**tail.judged(tail.moved(found))._asdict(), "error": float(tail.error(found).max())}
+            for count, found in ((count, tail.greedy(count).interpolant) for count in CENTRES)
+        },
+    }
+
+
+def turned(name: str, strategy: str) -> BoxDeflection:
+    """Turn a surface to the end of its range with the settings of `fighter.toml`, in one step and without repair."""
+    mesh, settings = fighter()
+    surface = next(one for one in settings["surface"] if one["patches"] == name)
+    own = {key: surface[key] for key in ("motion", "on", "box") if key in surface}
+    own |= {"fixed": settings["fixed"], "strategy": strategy, "repair": "off", "max_steps": 1}
+    result = sdm_deflect.deflect(mesh, name, surface["hinge"], surface["range"][1], **own)
+    return result.deflection.boxes[0]
+
+
+def centres(box: BoxDeflection) -> list[int]:
+    """Return the numbers of centres of each fit."""
+    return [len(one.chosen) for one in box.steps[0].fits.adaptations]
+
+
+def strategies(name: str) -> Iterator[tuple[str, Facts]]:
+    """Yield the centres, the weights of kernels and the seconds of both ways to choose centres."""
+    for strategy, columns in (("squv", 1), ("mv", 3)):
+        boxes = [turned(name, strategy) for _ in range(RUNS + 1)]
+        seconds = median(box.seconds for box in boxes[1:])
+        found = centres(boxes[0])
+        yield strategy, {"centres": found, "weights": columns * sum(found), "seconds": round(seconds, 3)}
+
+
+def steps(facts: Facts) -> str:
+    """Return the table of the greedy steps."""
+    rows = [
+        f"| {count} | {1e3 * one['error']:.1f} | {one['inverted']} | {one['least']:.3f} |"
+        for count, one in facts["tail"]["centres"].items()
+    ]
+    return "\n".join(["| centres | largest error, mm | cells inside out | least quality |", "| ---: " * 4 + "|", *rows])
+
+
+def choices(facts: Facts) -> str:
+    """Return the table of SQUV and MV."""
+    rows = []
+    for name, both in facts["strategies"].items():
+        squv, mv = both["squv"], both["mv"]
+        numbers = " + ".join(map(str, squv["centres"]))
+        rows.append(
+            f"| `{name}` | {numbers} | {squv['weights']} | {squv['seconds']:.3f} | {mv['centres'][0]} | "
+            f"{mv['weights']} | {mv['seconds']:.3f} |"
+        )
+    head = "| surface | SQUV: centres of x, y, z | weights | s | MV: centres | weights | s |"
+    return "\n".join([head, "| --- | --- |" + " ---: |" * 5, *rows])
+
+
+def box(facts: Facts) -> str:
+    """Return the sentence about the sites on the box."""
+    tail = facts["tail"]
+    jump, motion, inverted = 1e3 * tail["jump"], 1e3 * tail["motion"], tail["without_box"]["inverted"]
+    angle = f"{tail['angle']:g} degrees"
+    return (
+        f"Turn the fighter's left tail by {angle} without sites on its box, and the field jumps there\n"
+        f"by {jump:.0f} mm, while the tail itself moves by at most {motion:.0f} mm: {inverted} cells are inside out. "
+        f"With\n{tail['zero_sites']} sites on the box none is."
+    )
+
+
+# What is written between the marks, by name.
+BLOCKS: dict[str, Callable[[Facts], str]] = {"steps": steps, "choices": choices, "box": box}
+
+
+def with_facts(text: str, facts: Facts) -> str:
+    """Return a text with its marked blocks written anew."""
+
+    def block(found: re.Match[str]) -> str:
+        return f"<!-- facts {found[1]} -->\n\n{BLOCKS[found[1]](facts)}\n\n<!-- end -->"
+
+    return re.sub(r"<!-- facts (\w+) -->.*?<!-- end -->", block, text, flags=re.DOTALL)
+
+
+def main() -> None:
+    """Measure, unless texts are only checked, and write the blocks of all texts."""
+    parser = argparse.ArgumentParser(prog="python -m docs.fly.facts", description=__doc__)
+    parser.add_argument("--check", action="store_true", help="measure and write nothing; end with 1 if a text is stale")
+    check = parser.parse_args().check
+    if not check:
+        KEPT.write_text(json.dumps(measured(), indent=1) + "\n", encoding="utf-8")
+    facts = json.loads(KEPT.read_text(encoding="utf-8"))
+    stale = []
+    for path in TEXTS:
+        text = path.read_text(encoding="utf-8")
+        if with_facts(text, facts) != text:
+            stale.append(path.name)
+            if not check:
+                path.write_text(with_facts(text, facts), encoding="utf-8")
+    sys.exit(f"stale: {', '.join(stale)}" if check and stale else 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,94 @@
+"""The figure of the method and the numbers that texts quote are measured, and agree."""
+
+import json
+import re
+import subprocess
+import sys
+
+import pytest
+
+from docs.fly import facts
+from docs.fly.figure import FEW, MORE, compact
+from docs.fly.tail import SECTION, Tail, cut, outline
+from tests.docs.commands import ROOT
+
+FIGURE = ROOT / "docs" / "figures" / "method.svg"
+
+
+@pytest.fixture(scope="module")
+def kept():
+    return json.loads(facts.KEPT.read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def tail():
+    return Tail.at()
+
+
+def test_every_text_has_the_numbers_of_the_file(kept):
+    for path in facts.TEXTS:
+        text = path.read_text(encoding="utf-8")
+        assert text.count("<!-- facts ") == text.count("<!-- end -->") > 0
+        assert facts.with_facts(text, kept) == text
+
+
+def test_a_stale_number_is_found(kept):
+    path = facts.TEXTS[0]
+    text = path.read_text(encoding="utf-8").replace("cells are inside out", "cells are broken")
+    assert facts.with_facts(text, kept) != text
+
+
+def test_the_steps_of_the_tail_are_those_of_this_version(kept, tail):
+    """All but seconds and the choice of centres of the other surfaces, which is nightly."""
+    own = facts.of_tail()
+    assert own["sites"] == kept["tail"]["sites"]
+    assert own["motion"] == pytest.approx(kept["tail"]["motion"], rel=1e-9)
+    assert own["jump"] == pytest.approx(kept["tail"]["jump"], rel=1e-6)
+    assert own["without_box"] == pytest.approx(kept["tail"]["without_box"], rel=1e-6)
+    for count, one in own["centres"].items():
+        assert one == pytest.approx(kept["tail"]["centres"][count], rel=1e-6), count
+    assert own["without_box"]["inverted"] > 0 == own["with_box"]["inverted"]
+
+
+@pytest.mark.nightly
+def test_centres_of_all_surfaces_are_those_of_this_version(kept):
+    for name, both in kept["strategies"].items():
+        for strategy, one in facts.strategies(name):
+            assert one["centres"] == both[strategy]["centres"], (name, strategy)
+
+
+def test_the_figure_says_what_is_measured(kept, tail):
+    text = FIGURE.read_text(encoding="utf-8")
+    assert len(text.encode()) < 150_000
+    assert "http" not in re.sub(r"xmlns[:\w]*=\"[^\"]*\"|<!DOCTYPE[^>]*>", "", text)
+    said = " ".join(re.findall(r">([^<>]+)</text>", text))
+    assert f"a jump of {1e3 * kept['tail']['jump']:.0f} mm" in said
+    assert f"all {kept['tail']['sites']:,} sites, none inside out" in said
+    for count in (FEW, MORE):
+        found = tail.greedy(count).interpolant
+        inverted = tail.judged(tail.moved(found)).inverted
+        text = f"{count} centres: {1e3 * tail.error(found).max():.1f} mm off, {inverted or 'none'} inside out"
+        assert text in said
+
+
+def test_a_section_cuts_cells_and_skin_in_its_plane(tail):
+    section = cut(tail, tail.mesh.points, tail.cells)
+    assert len(section.rows) == len(section.polygons) > 100
+    assert {len(polygon) for polygon in section.polygons} == {3, 4}
+    heights = tail.mesh.points[tail.tets[section.rows]][:, :, 1] - SECTION
+    assert (heights.min(axis=1) < 0.0).all()
+    assert (heights.max(axis=1) >= 0.0).all()
+    assert len(outline(tail, tail.mesh.points)) > 10
+
+
+def test_a_path_is_the_same_with_relative_coordinates():
+    text = '<path d="M 1.04 2\nL 3.26 2\nL 3 5\nz\nM 7 7\nL 8 6.51\n" style="fill: none"/>'
+    assert compact(text) == '<path d="m1 2l2.3 0l-0.3 3zm6 5l1-0.5" style="fill: none"/>'
+
+
+def test_the_check_ends_with_1_for_a_stale_text(tmp_path):
+    path = tmp_path / "a.md"
+    path.write_text("<!-- facts box -->nothing<!-- end -->", encoding="utf-8")
+    program = f"import pathlib\nfrom docs.fly import facts\nfacts.TEXTS = (pathlib.Path({str(path)!r}),)\nfacts.main()"
+    done = subprocess.run([sys.executable, "-c", program, "--check"], cwd=ROOT, capture_output=True, text=True)
+    assert (done.returncode, done.stderr.strip()) == (1, "stale: a.md")
