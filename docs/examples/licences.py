@@ -15,8 +15,8 @@ from packaging.requirements import Requirement
 PROJECT = Path(__file__).parents[2] / "pyproject.toml"
 # A longer text in `License` is the licence itself, and no name of one.
 LONGEST = 60
-# Extras that the list leaves out: what only developers and teachers install.
-OURS = ("notebook", "test")
+# Extras that the list leaves out: what only developers and teachers install, and what a machine with a CUDA card needs.
+OURS = ("dev", "gpu", "notebook", "test")
 BEGIN, END = "<!-- made by docs/examples/licences.py -->", "<!-- end -->"
 
 

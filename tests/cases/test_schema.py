@@ -132,6 +132,7 @@ def test_files_of_earlier_versions_say_the_same():
     kept = ROOT / "tests" / "kept" / "settings"
     written, case = loads((kept / "case.toml").read_text()), loads(to_toml(resolve("", config=kept / "case.toml")))
     assert [case[name].pop("seed") for name in ("mesh", "background")] == [1, 1]  # there was none
+    assert case["adaptation"].pop("processor") == "cpu"  # there was no other
     assert {name: case[name] for name in written} == written
     assert {name: case[name] for name in case.keys() - written.keys()} == {"notch": 0.0}
     told = loads((kept / "settings.toml").read_text())
