@@ -260,13 +260,18 @@ def _rgb(colour: str) -> FloatArray:
 def write(folder: Path) -> None:
     """Write the figure as PNG and as a small SVG."""
     figure = drawn()
-    pixels = BytesIO()
-    figure.savefig(pixels, dpi=SHARP, facecolor="white")
-    Image.open(pixels).convert("RGB").quantize(COLOURS).save(folder / "method.png", optimize=True)
+    write_png(figure, folder / "method.png", SHARP)
     path = folder / "method.svg"
     with rc_context({"svg.fonttype": "none", "svg.hashsalt": "method"}):
         figure.savefig(path, dpi=INSIDE, facecolor="white", metadata={"Date": None})
     path.write_text(compact(path.read_text(encoding="utf-8")), encoding="utf-8")
+
+
+def write_png(figure: Figure, path: Path, dpi: int) -> None:
+    """Write a figure as a PNG of few colours."""
+    pixels = BytesIO()
+    figure.savefig(pixels, dpi=dpi, facecolor="white")
+    Image.open(pixels).convert("RGB").quantize(COLOURS).save(path, optimize=True)
 
 
 def compact(text: str) -> str:

@@ -5,9 +5,10 @@ import re
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
-from docs.fly import facts
+from docs.fly import facts, pictures
 from docs.fly.figure import FEW, MORE, compact
 from docs.fly.tail import SECTION, Tail, cut, outline
 from tests.docs.commands import ROOT
@@ -92,3 +93,23 @@ def test_the_check_ends_with_1_for_a_stale_text(tmp_path):
     program = f"import pathlib\nfrom docs.fly import facts\nfacts.TEXTS = (pathlib.Path({str(path)!r}),)\nfacts.main()"
     done = subprocess.run([sys.executable, "-c", program, "--check"], cwd=ROOT, capture_output=True, text=True)
     assert (done.returncode, done.stderr.strip()) == (1, "stale: a.md")
+
+
+def test_pictures_of_the_slides_say_what_is_measured(kept):
+    axes = pictures.draw_directions().axes[0]
+    heights = [round(bar.get_height()) for bar in axes.patches]
+    rows = ([*both["squv"]["centres"], *both["mv"]["centres"]] for both in kept["strategies"].values())
+    assert heights == [count for row in rows for count in row]
+    left, right = pictures.draw_sum().axes
+    assert right.get_legend() is not None
+    (_, _, _, _, total, known) = right.get_lines()
+    for x, y in zip(*known.get_data(), strict=True):
+        assert np.interp(x, *total.get_data()) == pytest.approx(y, abs=1e-4)
+    assert left.get_lines()[0].get_ydata().max() == 0.0
+
+
+def test_the_slide_on_cad_has_the_distance_of_the_lesson():
+    said = [text.get_text() for text in pictures.draw_rigid().axes[0].texts]
+    lesson = (ROOT / "docs" / "teaching.md").read_text(encoding="utf-8")
+    (distance,) = re.findall(r"^([\d.]+ mm), at the inboard end", lesson, re.MULTILINE)
+    assert said == [f"{distance}: the closed rib stays"]
