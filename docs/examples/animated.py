@@ -18,33 +18,44 @@ import pyvista as pv
 from PIL import Image
 
 import sdm_deflect as sdm
+from sdm_deflect.base.arrays import FloatArray
 from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.pipeline import mesh_of_case
 from sdm_deflect.cases.aircraft.registry import case_named
+from sdm_deflect.cases.report.colours import CELLS, EDGE, LOSS, LOST, MOVES, STAYS
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.meshing.formats.adapters import to_pyvista
 
 # Largest angles, degrees.
 AIRCRAFT, AIRFOIL = 15.0, 25.0
-RED, GREY, PERIOD, COLOURS, MILLISECONDS = "#CC6677", "#B8B8B8", 28, 64, 80
-EYE, FOCUS, SCALE = (1.76, -1.35, 0.80), (0.80, -0.11, 0.01), 0.255
+PERIOD, COLOURS, MILLISECONDS = 28, 96, 80
+# Where the aircraft is seen from and at, and half the height (m) of what is seen: from the nose to the tails.
+EYE, FOCUS, SCALE = (1.76, -1.35, 0.80), (0.545, -0.01, 0.01), 0.345
+# Loss of quality at which a cell has the darkest colour.
+DARK = 0.4
+# Degrees between faces, above which an edge is sharp.
+SHARP = 30.0
 BAR = {
-    "title": "quality of the cells", "n_labels": 2, "fmt": "%.1f", "color": "black", "position_x": 0.55,
-    "position_y": 0.02, "width": 0.42, "height": 0.12, "title_font_size": 17, "label_font_size": 15,
+    "title": "quality lost by a cell", "n_labels": 2, "fmt": "%.2f", "color": "black", "position_x": 0.05,
+    "position_y": 0.03, "width": 0.40, "height": 0.10, "title_font_size": 15, "label_font_size": 14,
 }  # fmt: skip
 
-PLACES = (12, 24), (12, 188)
+PLACES = (12, 24), (12, 350)
 LABEL: dict[str, Any] = {"font_size": 11, "color": "black"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """What one frame shows: its share of the largest angles, the aircraft's cells and faces, the airfoil's."""
+    """What one frame shows: its share of the largest angles, the aircraft's cells and faces, the airfoil's.
+
+    `lost` (M,) is the quality that each cell of the airfoil has lost.
+    """
 
     share: float
     aircraft: Any = field(repr=False)
     airfoil: Any = field(repr=False)
+    lost: FloatArray = field(repr=False)
 
 
 def shares(period: int = PERIOD) -> list[float]:
@@ -79,28 +90,36 @@ def faces_of(grid: Any, far: str = "far_field") -> tuple[Any, Any]:
     return grid.extract_cells(still), grid.extract_cells(turns)
 
 
+def smooth(faces: Any) -> Any:
+    """Return faces with normals for smooth shading, except across sharp edges."""
+    surface = faces.extract_surface(algorithm="dataset_surface")
+    return surface.compute_normals(split_vertices=True, feature_angle=SHARP, cell_normals=False)
+
+
 def drawn(frame: Frame) -> Image.Image:
     """Draw one frame: on the left the aircraft, on the right the cells around the flap by their quality."""
     plotter = pv.Plotter(off_screen=True, shape=(1, 2), border=False, window_size=[960, 400])
     plotter.background_color = "white"
     still, turned = faces_of(frame.aircraft)
-    plotter.add_mesh(still, color=GREY, ambient=0.35)
-    plotter.add_mesh(turned, color=RED, ambient=0.25, show_edges=True, edge_color="#444444")
+    plotter.add_mesh(smooth(still), color=STAYS, ambient=0.35, smooth_shading=True)
+    plotter.add_mesh(smooth(turned), color=MOVES, ambient=0.30, smooth_shading=True)
+    edges = turned.extract_surface(algorithm="dataset_surface").extract_feature_edges(SHARP)
+    plotter.add_mesh(edges, color=EDGE, line_width=1.0)
     plotter.camera_position = [EYE, FOCUS, (0.0, 0.0, 1.0)]
     plotter.enable_parallel_projection()
     plotter.camera.parallel_scale = SCALE
     plotter.add_text(f"{AIRCRAFT * frame.share:+5.1f}°", position=PLACES[0], **LABEL)
     plotter.subplot(0, 1)
     cells = frame.airfoil.extract_cells(frame.airfoil.cell_data["patch"] == 0)
+    worse = np.where(frame.lost > LOST, frame.lost, np.nan)
     actor = plotter.add_mesh(
-        cells, scalars="quality", cmap="cividis", clim=(0.4, 1.0), show_edges=True, edge_color="#303030",
+        cells, scalars=worse, cmap=LOSS, clim=(LOST, DARK), nan_color="white", show_edges=True, edge_color=CELLS,
         line_width=0.5, lighting=False, show_scalar_bar=False,
     )  # fmt: skip
     plotter.camera_position = [(0.865, 0.0, 1.0), (0.865, 0.0, 0.0), (0.0, 1.0, 0.0)]
     plotter.enable_parallel_projection()
     plotter.camera.parallel_scale = 0.16
     plotter.add_text(f"{AIRFOIL * frame.share:+5.1f}°", position=PLACES[1], **LABEL)
-    plotter.subplot(0, 0)
     plotter.add_scalar_bar(mapper=actor.mapper, **BAR)
     image = Image.fromarray(plotter.screenshot(None, return_img=True))
     plotter.close()
@@ -109,8 +128,14 @@ def drawn(frame: Frame) -> Image.Image:
 
 def frames(mesh: Path, parts: Sequence[float]) -> Iterator[Image.Image]:
     """Yield a picture for each share of the largest angles."""
+    before = quality_of_cells(airfoil(mesh, [0.0])[0])
     for part, grid, plane in zip(parts, aircraft(parts), airfoil(mesh, parts), strict=True):
-        yield drawn(Frame(part, grid, plane))
+        yield drawn(Frame(part, grid, plane, before - quality_of_cells(plane)))
+
+
+def quality_of_cells(grid: Any) -> FloatArray:
+    """Return the quality (M,) of the cells of a plane mesh, without its lines."""
+    return np.asarray(grid.cell_data["quality"][grid.cell_data["patch"] == 0])
 
 
 def main(folder: Path, picture: Path, period: int = PERIOD) -> None:
