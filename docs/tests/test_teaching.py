@@ -50,6 +50,14 @@ def test_the_hand_out_has_the_commands_of_the_lesson():
         assert words in own or "roll.toml" in words, words
 
 
+def test_every_row_of_the_hand_out_has_an_answer_in_the_lesson():
+    rows = re.findall(r"^\| (\d*) \| \| \| (\d*) ?\| \| \|$", HANDOUT, re.MULTILINE)
+    asked = [(name, row[k]) for k, name in enumerate(("aileron", "tail")) for row in rows if row[k]]
+    answered = re.findall(r"^\| (aileron|tail) \| (\d+) \| [^|]+ \| [^|]+ \|$", LESSON, re.MULTILINE)
+    assert asked == answered
+    assert len(asked) == 9
+
+
 def test_exercise_1_is_answered(lesson, folder):
     code, told = lesson(commands(LESSON)[0])
     assert code == 0
