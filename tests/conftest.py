@@ -35,19 +35,40 @@ def pytest_itemcollected(item: pytest.Item) -> None:
 
 
 @pytest.hookimpl(wrapper=True)
+def pytest_runtest_setup(item: pytest.Item):
+    """Skip a test whose fixtures need a library of an extra that is not installed."""
+    return (yield from skipping())
+
+
+@pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item):
-    """Skip a test of a part of the package that needs a library of an extra, where it is not installed."""
+    """Skip a test of a part of the package that needs a library of an extra that is not installed."""
+    return (yield from skipping())
+
+
+def skipping():
+    """Turn the want of a library of `OF_PARTS` into a skip."""
     try:
         return (yield)
     except ModuleNotFoundError as error:
-        if error.name in OF_PARTS:
-            pytest.skip(without(error.name))
+        name = (error.name or "").partition(".")[0]
+        if name in OF_PARTS:
+            pytest.skip(without(name) or str(error))
         raise
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]):
     """Let a test that is skipped, for want of a library or a program, fail in a pipeline (CI)."""
+    report = yield
+    if report.skipped and os.environ.get("CI"):
+        report.outcome = "failed"
+    return report
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(collector: pytest.Collector):
+    """Let a file that is skipped for want of a library fail in a pipeline (CI), too."""
     report = yield
     if report.skipped and os.environ.get("CI"):
         report.outcome = "failed"

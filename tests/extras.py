@@ -15,8 +15,8 @@ PACKAGES = {"cgnscheck": "cgns-convert", "chromium": "chromium", "g++": "g++", "
 
 # The library of the aircraft's CAD.
 AIRCRAFT = "cadquery"
-# Libraries of extras that parts of the core use: the writer of Gmsh's files, and the key of a generated mesh.
-OF_PARTS = ("meshio", "cadquery-ocp")
+# Libraries of extras that parts of the core use, for files of Gmsh, meshes of other libraries and generated ones.
+OF_PARTS = ("meshio", "pyvista", "vtkmodules", "gmsh", "cadquery-ocp")
 
 
 class Library:
@@ -26,6 +26,8 @@ class Library:
         self._name = name
 
     def __getattr__(self, name: str) -> Any:
+        if name.startswith(("_", "pytest")):  # pytest asks each name of a file whether it is a test
+            raise AttributeError(name)
         return getattr(loaded(self._name), name)
 
 
