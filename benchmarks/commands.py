@@ -33,16 +33,17 @@ from studies.machine import machine
 ROOT = Path(__file__).parents[1]
 # Corners of the flap in the unit cube of tetrahedra; it is one box thick.
 LOWER, UPPER = (0.4, 0.3, 0.5), (0.6, 0.7, 0.5)
-# Boxes of six tetrahedra along an edge of the cube: 1.0 million tetrahedra.
+# Boxes along an edge of the cube, of six tetrahedra each: 1.0 million tetrahedra.
 BOXES = 55
 # Nodes along an edge of the block of hexahedra: 2.1 million nodes.
 EDGE = 128
+# Words of the commands: README's half wing, the flap of a block, the flap of the cube.
 WING = "naca.su2 --surface flap --fixed wing --hinge 0.7,0.6,0 0.7,1.4,0 --angle 15 --motion blended"
 FLAP = "--surface flap --fixed wall"
 TETS = (
     f"tets.su2 --surface flap --fixed side* --hinge {LOWER[0]},{LOWER[1]},{LOWER[2]} {LOWER[0]},{UPPER[1]},{LOWER[2]}"
 )
-# Seconds between two looks at a process.
+# Seconds between two looks at a process: short beside the .02 s of the shortest command.
 INTERVAL = 0.01
 IMPORT = "import sdm_deflect.cases.run.deflect_file"
 
@@ -93,17 +94,10 @@ class Version:
                 "PYTHONDONTWRITEBYTECODE": "",  # as on a user's machine
             }
             with (Path(scratch) / "said").open("w+", encoding="utf-8") as said:
-                start = perf_counter()
                 process = subprocess.Popen(
                     [sys.executable, *first, *words], cwd=meshes, env=os.environ | own, stdout=said, stderr=said
                 )
-                peak, done = 0.0, 0
-                while not done:
-                    peak = max(peak, _peak(process.pid))
-                    sleep(INTERVAL)
-                    done, status, usage = os.wait4(process.pid, os.WNOHANG)
-                seconds = perf_counter() - start
-                process.returncode = os.waitstatus_to_exitcode(status)
+                spent = _watched(process)
                 said.seek(0)
                 if process.returncode:
                     last = " ".join(said.read().strip().splitlines()[-1:])
@@ -111,7 +105,7 @@ class Version:
             written = [path for path in Path(scratch).glob("out.*") if path.is_file()]
             content = b"".join(path.read_bytes() for path in sorted(written))
             digest = hashlib.sha256(content).hexdigest() if written else ""
-            return Run(seconds, usage.ru_utime + usage.ru_stime, peak, digest)
+            return Run(*spent, digest)
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,6 +116,17 @@ class Run:
     processor: float
     peak: float
     digest: str = field(repr=False)
+
+
+def _watched(process: subprocess.Popen[bytes]) -> tuple[float, float, float]:
+    """Wait for a process; return its wall-clock and processor seconds and its largest memory in bytes."""
+    start, peak, done = perf_counter(), 0.0, 0
+    while not done:
+        peak = max(peak, _peak(process.pid))
+        sleep(INTERVAL)
+        done, status, usage = os.wait4(process.pid, os.WNOHANG)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    return perf_counter() - start, usage.ru_utime + usage.ru_stime, peak
 
 
 def _peak(process: int) -> float:

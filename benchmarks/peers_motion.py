@@ -64,11 +64,12 @@ class Work:
     settings: dict[str, Any] = field(default_factory=dict)
 
     def deflected(self, mesh: Mesh, repair: Any) -> FloatArray:
-        """Return the points (N, 3) after the motion by this package."""
+        """Return the points (N, 3) to which this package moves the mesh."""
         result = sdm_deflect.deflect(mesh, self.surface, self.hinge, self.angle, repair=repair, **self.settings)
         return result.points
 
 
+# One motion that is hard for the cells, at the closed ends of a flap, and one that is easy.
 WORKS = (
     Work(
         "half wing, flap 25 degrees", "naca.su2", "flap", ((0.7, 0.6, 0.0), (0.7, 1.4, 0.0)), 25.0,
@@ -90,7 +91,7 @@ class Boundary:
     displacement: FloatArray
 
     def by_dense_system(self) -> FloatArray:
-        """Return the points (N, 3) by one system with every boundary node as a centre."""
+        """Return the points (N, 3) that one dense system gives, with every boundary node as a centre."""
         points = self.mesh.points
         found = RBFInterpolator(points[self.nodes], self.displacement, kernel="thin_plate_spline", degree=1)
         out: FloatArray = points + found(points)
@@ -180,7 +181,7 @@ def compared(work: Work, folder: Path) -> Table:
 
 
 def _movers(work: Work, boundary: Boundary, folder: Path) -> dict[str, Callable[[], FloatArray]]:
-    """Return what moves a mesh, by name."""
+    """Return the methods that move the mesh, by name."""
     mesh = boundary.mesh
     movers: dict[str, Callable[[], FloatArray]] = {"nobody": lambda: mesh.points}
     movers["this package, without repair"] = lambda: work.deflected(mesh, "off")

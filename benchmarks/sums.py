@@ -22,6 +22,7 @@ from sdm_deflect.deform.rbf.gpu import check_card, sum_on_card
 from sdm_deflect.deform.rbf.kernels import Cubic, Kernel, Multiquadric, ThinPlateSpline, WendlandC2, kernel_sum
 from studies.machine import machine
 
+# Centres of the paper's tail (section 5.3).
 CENTERS = 2_200
 # Points of which sums are compared.
 COMPARED = 100_000
@@ -31,6 +32,7 @@ KERNELS: dict[str, Kernel] = {
     "Wendland": WendlandC2(0.5),
     "cubic": Cubic(),
 }
+# Timed runs, of which the median is shown; one more is not timed.
 ROUNDS = 5
 
 

@@ -126,7 +126,7 @@ BLOCKS: dict[str, Callable[[Facts], str]] = {"steps": steps, "choices": choices,
 
 
 def with_facts(text: str, facts: Facts) -> str:
-    """Return a text with its marked blocks written anew."""
+    """Replace the marked blocks of a text by the facts."""
 
     def block(found: re.Match[str]) -> str:
         return f"<!-- facts {found[1]} -->\n\n{BLOCKS[found[1]](facts)}\n\n<!-- end -->"

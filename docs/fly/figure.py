@@ -22,7 +22,7 @@ from matplotlib.path import Path as Line
 from PIL import Image
 
 from docs.fly.tail import SECTION, SURFACE, Tail, cut, outline
-from sdm_deflect.base.arrays import BoolArray, FloatArray
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.cases.report.colours import BOX, CELLS, DARKEST, INK, LOSS, LOST, MOVES, STAYS, WORSE
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 
@@ -41,8 +41,10 @@ FEW, MORE = 10, 50
 Place = tuple[float, float]
 # Angles (degrees) from which the tail is seen: around z, and above the horizon.
 AROUND, ABOVE = -58.0, 26.0
-# Patches behind this x (m) are drawn in the last panel.
-AFT = 0.70
+# The last panel shows faces behind this x (m), and with less than this y: the left half and the fin.
+AFT, BESIDE_AXIS = 0.70, 0.04
+# Colour of the panel that follows the tail: a light MOVES.
+SLIDES = "#8bb8e6"
 # Pixels an inch of the pictures in the SVG, and of the PNG.
 INSIDE, SHARP = 80, 150
 # Colours of the PNG.
@@ -216,25 +218,28 @@ def draw_centres(axes: Axes, tail: Tail, count: int, name: str) -> None:
     frame(axes, tail, f"{name}  {text}, {cells}", held=False)
 
 
+def skin(tail: Tail) -> tuple[IntArray, FloatArray]:
+    """Return the triangles (F, 3) that the last panel shows, and their colours (F, 3): blue where nodes moved."""
+    faces, colours = [], []
+    for patch in tail.mesh.patches:
+        nodes = np.concatenate([block.nodes for block in patch.faces])
+        places = tail.mesh.points[nodes]
+        seen = (places[:, :, 0].min(axis=1) > AFT) & (places[:, :, 1].max(axis=1) < BESIDE_AXIS)
+        nodes = nodes[seen & (patch.name != "far_field")]
+        slid = tail.displacement[nodes].any(axis=(1, 2))[:, None]
+        colours.append(np.where(slid, _rgb(MOVES if patch.name == SURFACE else SLIDES), _rgb(STAYS)))
+        faces.append(nodes)
+    return np.concatenate(faces), np.concatenate(colours)
+
+
 def draw_tail(axes: Axes, tail: Tail) -> None:
     """Draw the deflected tail, and the panel of the fuselage on which its root slides, as a picture."""
     around_z, above = np.radians(AROUND), np.radians(ABOVE)
     eye = np.array([np.cos(above) * np.cos(around_z), np.cos(above) * np.sin(around_z), np.sin(above)])
     right = np.array([-np.sin(around_z), np.cos(around_z), 0.0])
     screen = np.stack([right, np.cross(eye, right)], axis=1)
-    points = tail.mesh.points + tail.displacement
-    faces, colours = [], []
-    for patch in tail.mesh.patches:
-        nodes = np.concatenate([block.nodes for block in patch.faces])
-        nodes = nodes[tail.mesh.points[nodes][:, :, 0].min(axis=1) > AFT]
-        side = tail.mesh.points[nodes][:, :, 1].max(axis=1) < 0.04
-        nodes = nodes[side] if patch.name != "far_field" else nodes[:0]
-        slid = np.linalg.norm(tail.displacement[nodes], axis=2).max(axis=1) > 0.0 if len(nodes) else np.empty(0, bool)
-        own = np.where(slid[:, None], _rgb("#8bb8e6"), _rgb(STAYS))
-        faces.append(nodes)
-        colours.append(np.tile(_rgb(MOVES), (len(nodes), 1)) if patch.name == SURFACE else own)
-    nodes, colour = np.concatenate(faces), np.concatenate(colours)
-    corners = points[nodes]
+    nodes, colour = skin(tail)
+    corners = (tail.mesh.points + tail.displacement)[nodes]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     facing = normal @ eye / np.linalg.norm(normal, axis=1)
     order = np.argsort(corners.mean(axis=1) @ eye)

@@ -6,11 +6,11 @@ The steps are those of `deform/confined.py` alone: `sdm deflect` also follows wa
 import lzma
 import tomllib
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from importlib.resources import files
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -150,8 +150,9 @@ class Tail:
         return Judged(int(inverted.sum()), least, int((before - now > WORSE).sum()))
 
 
-def fighter() -> tuple[Mesh, dict[str, list[dict[str, str]]]]:
-    """Return the fighter's mesh, and its settings."""
+@cache
+def fighter() -> tuple[Mesh, dict[str, Any]]:
+    """Return the fighter's mesh, and its settings; both are read once, and must not be changed."""
     folder = files("sdm_deflect.cases")
     settings = tomllib.loads(folder.joinpath("fighter.toml").read_text(encoding="utf-8"))
     with TemporaryDirectory() as scratch:

@@ -188,7 +188,7 @@ class CellCorners:
         return self._made.of_cells(cells)
 
     def at_nodes(self, nodes: IntArray) -> Tetrahedra:
-        """Return the tetrahedra of cells with one of some nodes (K,)."""
+        """Return the tetrahedra of the cells that touch any of the nodes (K,)."""
         mask = np.zeros(len(self._cut), np.bool_)
         mask[self._cells_at[nodes].indices] = True
         return self.of_cells(mask)

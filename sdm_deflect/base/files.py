@@ -78,7 +78,7 @@ def hidden_folder(beside: Path | None = None) -> Iterator[Path]:
 
 
 def _remove(place: Path) -> None:
-    """Remove a hidden folder, its lock last: by the lock others know what a killed process left."""
+    """Remove a hidden folder. Its lock goes last, for the lock shows whose folder it is if this process is killed."""
     with suppress(OSError):
         for inner in place.iterdir():
             if inner.is_dir() and not inner.is_symlink():
