@@ -26,7 +26,7 @@ extensions = [
     "signatures",
     "accessible",
     "fighter",
-    "slides",
+    "pages",
     "sphinx_copybutton",
 ]
 exclude_patterns = ["_build", "examples", "tutorials/*.ipynb"]
@@ -63,7 +63,6 @@ html_theme = "furo"
 html_title = "sdm-deflect"
 html_math_renderer = "mathml"
 html_static_path = ["_static"]
-html_extra_path = ["playground.html"]
 html_css_files = ["guide.css"]
 html_copy_source = False
 html_show_sphinx = False

@@ -7,10 +7,12 @@ They are kept in `docs/fly/facts.json`, and written into every text between the 
 import argparse
 import json
 import re
+import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from statistics import median
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -38,7 +40,18 @@ def measured() -> Facts:
         "nodes": len(mesh.points),
         "tail": of_tail(),
         "strategies": {name: dict(strategies(name)) for name in surfaces},
+        "rigid": rigid(),
     }
+
+
+def rigid() -> float:
+    """Run the free aileron; return the largest distance (m) of its surface from CAD that was turned rigidly."""
+    with TemporaryDirectory() as scratch:
+        out = Path(scratch, "out")
+        command = [sys.executable, "-m", "sdm_deflect", "run", "aileron-free", "--scale", "small", "--out", str(out)]
+        subprocess.run([*command, "--no-report", "--quiet"], check=True)
+        checks = json.loads((out / "metrics.json").read_text(encoding="utf-8"))["validation"]["checks"]
+    return float(next(check["value"] for check in checks if check["name"] == "surface_to_rigid_cad"))
 
 
 def of_tail() -> Facts:

@@ -1,9 +1,11 @@
 """The slides: by the keyboard alone, with notes, on screen and on paper."""
 
 import pytest
-from slides import PICTURE, SOURCE, whole
+from pages import DOCS, PICTURE, whole
 
 from tests.cases.accessible import grave
+
+SOURCE = DOCS / "slides.html"
 
 
 @pytest.fixture
