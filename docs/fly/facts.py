@@ -1,34 +1,31 @@
 """Numbers of the method on the fighter, measured once for all texts: `python -m docs.fly.facts`.
 
-They are kept in `docs/fly/facts.json`, and written into every text between the marks `<!-- facts NAME -->` and
-`<!-- end -->`. `--check` measures nothing, and ends with 1 if a text has other numbers than the file.
+They are kept in `docs/fly/facts.json`, and written into texts by `texts.py`. `--check` measures nothing, and ends with
+1 if a text has other numbers than the file.
 """
 
 import argparse
 import json
-import re
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 
 import sdm_deflect
+from docs.fly import texts
+from docs.fly.lesson import Facts, lesson
 from docs.fly.tail import Tail, fighter
 from sdm_deflect.deform.volume.deflection import BoxDeflection
 
-DOCS = Path(__file__).parents[1]
 KEPT = Path(__file__).with_name("facts.json")
-TEXTS = (DOCS / "ten-minutes.md",)
 # Numbers of centres of the greedy steps.
 CENTRES = (8, 12, 16, 20, 24, 28, 32, 50)
 # Runs of which the median time is taken.
 RUNS = 5
-Facts = dict[str, Any]
 
 
 def measured() -> Facts:
@@ -40,6 +37,7 @@ def measured() -> Facts:
         "nodes": len(mesh.points),
         "tail": of_tail(),
         "strategies": {name: dict(strategies(name)) for name in surfaces},
+        "lesson": lesson(),
         "rigid": rigid(),
     }
 
@@ -99,54 +97,6 @@ def strategies(name: str) -> Iterator[tuple[str, Facts]]:
         yield strategy, {"centres": found, "weights": columns * sum(found), "seconds": round(seconds, 3)}
 
 
-def steps(facts: Facts) -> str:
-    """Return the table of the greedy steps."""
-    rows = [
-        f"| {count} | {1e3 * one['error']:.1f} | {one['inverted']} | {one['least']:.3f} |"
-        for count, one in facts["tail"]["centres"].items()
-    ]
-    return "\n".join(["| centres | largest error, mm | cells inside out | least quality |", "| ---: " * 4 + "|", *rows])
-
-
-def choices(facts: Facts) -> str:
-    """Return the table of SQUV and MV."""
-    rows = []
-    for name, both in facts["strategies"].items():
-        squv, mv = both["squv"], both["mv"]
-        numbers = " + ".join(map(str, squv["centres"]))
-        rows.append(
-            f"| `{name}` | {numbers} | {squv['weights']} | {squv['seconds']:.3f} | {mv['centres'][0]} | "
-            f"{mv['weights']} | {mv['seconds']:.3f} |"
-        )
-    head = "| surface | SQUV: centres of x, y, z | weights | s | MV: centres | weights | s |"
-    return "\n".join([head, "| --- | --- |" + " ---: |" * 5, *rows])
-
-
-def box(facts: Facts) -> str:
-    """Return the sentence about the sites on the box."""
-    tail = facts["tail"]
-    jump, motion, inverted = 1e3 * tail["jump"], 1e3 * tail["motion"], tail["without_box"]["inverted"]
-    angle = f"{tail['angle']:g} degrees"
-    return (
-        f"Turn the fighter's left tail by {angle} without sites on its box, and the field jumps there\n"
-        f"by {jump:.0f} mm, while the tail itself moves by at most {motion:.0f} mm: {inverted} cells are inside out. "
-        f"With\n{tail['zero_sites']} sites on the box none is."
-    )
-
-
-# What is written between the marks, by name.
-BLOCKS: dict[str, Callable[[Facts], str]] = {"steps": steps, "choices": choices, "box": box}
-
-
-def with_facts(text: str, facts: Facts) -> str:
-    """Replace the marked blocks of a text by the facts."""
-
-    def block(found: re.Match[str]) -> str:
-        return f"<!-- facts {found[1]} -->\n\n{BLOCKS[found[1]](facts)}\n\n<!-- end -->"
-
-    return re.sub(r"<!-- facts (\w+) -->.*?<!-- end -->", block, text, flags=re.DOTALL)
-
-
 def main() -> None:
     """Measure, unless texts are only checked, and write the blocks of all texts."""
     parser = argparse.ArgumentParser(prog="python -m docs.fly.facts", description=__doc__)
@@ -155,14 +105,11 @@ def main() -> None:
     if not check:
         KEPT.write_text(json.dumps(measured(), indent=1) + "\n", encoding="utf-8")
     facts = json.loads(KEPT.read_text(encoding="utf-8"))
-    stale = []
-    for path in TEXTS:
-        text = path.read_text(encoding="utf-8")
-        if with_facts(text, facts) != text:
-            stale.append(path.name)
-            if not check:
-                path.write_text(with_facts(text, facts), encoding="utf-8")
-    sys.exit(f"stale: {', '.join(stale)}" if check and stale else 0)
+    stale = texts.stale(facts)
+    if not check:
+        for path in stale:
+            path.write_text(texts.with_facts(path.read_text(encoding="utf-8"), facts), encoding="utf-8")
+    sys.exit(f"stale: {', '.join(path.name for path in stale)}" if check and stale else 0)
 
 
 if __name__ == "__main__":

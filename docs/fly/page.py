@@ -12,9 +12,10 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from docs.fly.facts import DOCS, KEPT
+from docs.fly.facts import KEPT
 from docs.fly.flight import flight
 from docs.fly.tail import START, WORSE
+from docs.fly.texts import DOCS
 
 HERE = Path(__file__).parent
 PAGE = DOCS / "fly.html"

@@ -1,24 +1,29 @@
-"""Pictures of single steps for the slides: `python -m docs.fly.pictures FOLDER` writes four PNGs.
+"""Pictures for the slides: `python -m docs.fly.pictures FOLDER` writes six PNGs.
 
 method_sum.png: one radial function and a sum of three; method_box.png: a field without and with sites on the box;
-method_directions.png: centres of SQUV and MV; method_rigid.png: how far a blended aileron is from a rigid one.
+method_directions.png: centres of SQUV and MV; method_rigid.png: how far a blended aileron is from a rigid one;
+method_hinge.png: the aileron by two orders of the hinge's points; fly.png: "Fly the mesh", which needs Chromium.
 """
 
 import argparse
 import json
+import shutil
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from PIL import Image
 
 import sdm_deflect
 from docs.fly.facts import KEPT
 from docs.fly.figure import draw_field, write_png
-from docs.fly.tail import Tail, fighter
-from sdm_deflect.base.arrays import FloatArray
-from sdm_deflect.cases.report.colours import DISPLACEMENT, INK, MOVES, SOFT, STAYS
+from docs.fly.page import PAGE
+from docs.fly.tail import Tail, between, fighter
+from sdm_deflect.base.arrays import FloatArray, IntArray
+from sdm_deflect.cases.report.colours import DISPLACEMENT, INK, MOVES, SOFT, STAYS, WORSE
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 
@@ -28,6 +33,8 @@ import rigid
 # Centres on a line, and their displacements.
 PLACES, VALUES = (0.15, 0.5, 0.8), (0.0, 0.1, 0.03)
 SIZE = (9.0, 3.6)
+# Plane of the section through wing and aileron: y in metres, in the middle of the aileron.
+ACROSS = -0.21
 
 
 def draw_sum() -> Figure:
@@ -114,8 +121,66 @@ def nearest(point: FloatArray, skin: FloatArray) -> float:
     return min(rigid.distance(point, skin[row]) for row in order[: rigid.NEAR])
 
 
+def draw_hinge() -> Figure:
+    """Draw a section of wing and aileron, before and after 12 degrees by both orders of the hinge's points."""
+    mesh, _ = fighter()
+    figure = Figure(figsize=SIZE, layout="constrained")
+    axes = figure.subplots()
+    hinge = [rigid.FIRST, rigid.SECOND]
+    for ends in skin_section(mesh.patch("wing_left").faces[0].nodes, mesh.points, mesh.points):
+        axes.plot(*np.array(ends).T, color=INK, lw=2.0)
+    aileron = mesh.patch("aileron_left").faces[0].nodes
+    poses = {"before": (mesh.points, INK), "outer point first": (turned_by(hinge), MOVES)}
+    poses["inner point first"] = turned_by(hinge[::-1]), WORSE
+    for text, (points, colour) in poses.items():
+        for k, ends in enumerate(skin_section(aileron, mesh.points, points)):
+            axes.plot(*np.array(ends).T, color=colour, lw=2.0, label=None if k else text)
+    axes.set(
+        aspect="equal",
+        xlim=(0.672, 0.706),
+        ylim=(-0.0055, 0.0055),
+        title="12 degrees, by two orders of the hinge's points",
+    )
+    axes.legend(frameon=False, loc="center left")
+    axes.axis("off")
+    return figure
+
+
+def turned_by(hinge: list[FloatArray]) -> FloatArray:
+    """Return the points (N, 3) of the fighter with its left aileron at 12 degrees about a hinge."""
+    result = sdm_deflect.deflect(fighter()[0], "aileron_left", hinge, 12.0, motion="blended", fixed="wing_left")
+    return result.points
+
+
+def skin_section(faces: IntArray, before: FloatArray, points: FloatArray) -> Iterator[list[FloatArray]]:
+    """Yield the ends (x, z) of the segments in which the plane y = `ACROSS` cuts triangles, moved with points."""
+    height = before[:, 1] - ACROSS
+    for face in faces:
+        pairs = [(face[i], face[(i + 1) % 3]) for i in range(3)]
+        ends = [between(points, height, a, b) for a, b in pairs if (height[a] >= 0.0) != (height[b] >= 0.0)]
+        if len(ends) == 2:
+            yield ends
+
+
+def write_fly(path: Path) -> None:
+    """Write a picture of the page's fighter with all surfaces deflected."""
+    from playwright.sync_api import sync_playwright
+    from screens import SWITCHES
+
+    with sync_playwright() as playwright:
+        program = shutil.which("chromium") or shutil.which("chromium-browser")
+        browser = playwright.chromium.launch(executable_path=program, args=SWITCHES)
+        tab = browser.new_page(viewport={"width": 1280, "height": 800}, reduced_motion="reduce")
+        tab.goto(f"{PAGE.as_uri()}#step=1&roll=-0.6&yaw=0.6&pitch=0.8&surface=tail_left")
+        tab.wait_for_selector("body[data-ready]")
+        pixels = BytesIO(tab.locator("#view canvas:not(#section)").screenshot())
+        browser.close()
+    Image.open(pixels).convert("RGB").quantize(256).save(path, optimize=True)
+
+
 PICTURES: dict[str, Callable[[], Figure]] = {
     "method_sum": draw_sum, "method_box": draw_box, "method_directions": draw_directions, "method_rigid": draw_rigid,
+    "method_hinge": draw_hinge,
 }  # fmt: skip
 
 
@@ -125,3 +190,4 @@ if __name__ == "__main__":
     folder = parser.parse_args().folder
     for name, draw in PICTURES.items():
         write_png(draw(), folder / f"{name}.png", dpi=130)
+    write_fly(folder / "fly.png")

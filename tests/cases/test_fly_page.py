@@ -45,8 +45,18 @@ STRANGE = {
 
 
 @pytest.fixture(scope="module")
-def kept():
-    return json.loads(facts.KEPT.read_text(encoding="utf-8"))["tail"]
+def said():
+    return json.loads(facts.KEPT.read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def kept(said):
+    return said["tail"]
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return planned()
 
 
 @pytest.fixture(scope="module")
@@ -104,8 +114,7 @@ def test_its_numbers_are_data():
     assert re.findall(r"\d", re.sub(without, "", written, flags=re.DOTALL)) == []
 
 
-def test_positions_are_those_of_the_plan(tab):
-    plan = planned()
+def test_positions_are_those_of_the_plan(tab, plan):
     for roll, pitch, yaw in POSES:
         at(tab, f"step=1&roll={roll}&pitch={pitch}&yaw={yaw}")
         amounts = dict(zip([one.name for one in plan.controls], tab.evaluate("fly.amounts"), strict=True))
@@ -125,15 +134,13 @@ def test_positions_are_those_of_the_plan(tab):
         assert np.abs(own - start).max() == pytest.approx(np.abs(there - places).max(), abs=ROUNDED)
 
 
-def test_all_cells_that_can_change_are_counted(tab, tail):
-    plan = planned()
+def test_all_cells_that_can_change_are_counted(tab, tail, plan, said):
     judged = at(tab, "step=1&pitch=1")
-    tets = tail.tets[np.isin(tail.tets, np.concatenate(plan.rows)).any(axis=1)]
-    assert judged["count"] == len(tets)
-    there = plan.at({"tail_left": 20, "tail_right": 20})
     rows = np.flatnonzero(np.isin(tail.tets, np.concatenate(plan.rows)).any(axis=1))
-    quality, inverted = tail.quality(there, rows)
-    assert judged["inverted"] == inverted.sum() == 0
+    quality, inverted = tail.quality(plan.at({"tail_left": 20, "tail_right": 20}), rows)
+    assert judged["count"] == len(rows) == said["lesson"]["page"]["cells"]
+    assert judged["inverted"] == inverted.sum() == said["lesson"]["page"]["inverted"] == 0
+    assert judged["worse"] == pytest.approx(said["lesson"]["page"]["worse"], abs=1)
     assert judged["least"] == pytest.approx(quality.min(), abs=1e-3)
     assert number(tab, "least") == pytest.approx(quality.min(), abs=1e-3)
 
