@@ -160,7 +160,7 @@ class SectionPicture {
 
   // How far the first `count` parts of the sum would move each place: the functions one by one, then the linear part.
   drawParts(field, count, angle, scale, at, ratio) {
-    const { pen, tail, low, high, flight: { live, meta } } = this, nx = 132, nz = Math.round(nx * (high[1] - low[1]) / (high[0] - low[0]));
+    const { pen, tail, low, high, flight: { live, meta } } = this, nx = 96, nz = Math.round(nx * (high[1] - low[1]) / (high[0] - low[0]));
     const most = Math.min(count, field.centres.length);
     if (!field.parts || field.parts.count !== count) {
       const places = new Float64Array(3 * nx * nz);
