@@ -2,6 +2,7 @@
 
 import csv
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +48,9 @@ def blocks(tables: Path, numbers: Numbers) -> Iterator[str]:
     yield _table3(tables)
     yield _table4(tables)
     for section in SECTIONS:
-        yield _markdown(("the paper says", "here", "measured"), "---", [t.line for t in trends if t.table in section])
+        own = [trend for trend in trends if trend.table in section]
+        lines = (trend.line(before) for before, trend in pairwise([None, *own]) if trend)
+        yield _markdown(("the paper says", "here", "measured"), "---", lines)
     yield from (_repaired(one) for one in numbers["counted"] if one["repair"] == "auto" and one["strategy"] == "squv")
     yield from (_checks(number, numbers) for number in (5, 8))
     yield _counts(numbers)

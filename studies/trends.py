@@ -37,10 +37,14 @@ class Verdict:
     paper: str
     here: str
 
-    @property
-    def line(self) -> str:
-        """A row of a Markdown table; numbers of iterations and centres stand in the table above it."""
+    def line(self, before: "Verdict | None" = None) -> str:
+        """Return a row of a Markdown table, given the row before.
+
+        Numbers of iterations and centres stand in the table above it, and those of the row before are not repeated.
+        """
         measured = "see above" if self.here.startswith(("iterations:", "centres:")) else self.here
+        if before and before.here == self.here and measured == self.here:
+            measured = "the same numbers"
         return f"| {self.sentence} | {'holds' if self.holds else '**does not hold**'} | {measured} |"
 
 
