@@ -160,7 +160,8 @@ function opened() {
   const step = Number(wanted.step);
   enter(step >= 1 && step <= 6 ? Math.floor(step) : 1);
   for (const name of ["roll", "pitch", "yaw"]) if (wanted[name]) state[name] = within(Number(wanted[name]) || 0);
-  if (wanted.surface in order) state.surface = order[wanted.surface];
+  const moved = state.yaw ? "rudder" : Math.abs(state.roll) > Math.abs(state.pitch) ? "aileron_left" : "tail_left";
+  state.surface = order[alone() ? "tail_left" : wanted.surface in order ? wanted.surface : moved];
   if (state.step === 2 || state.step === 4) begin();
   if (state.step === 3 && wanted.sites === "0") sites();
   if (state.step === 2 && wanted.parts) state.parts = Math.max(1, Math.min(9, Math.floor(Number(wanted.parts)) || 1));

@@ -9,7 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from docs.fly.tail import WORSE
+from docs.fly.tail import START, WORSE
 
 Facts = dict[str, Any]
 DOCS = Path(__file__).parents[1]
@@ -87,10 +87,12 @@ def answers(facts: Facts) -> str:
     first = next(count for count, inverted in counts.items() if not inverted)
     falling = ", ".join(str(inverted) for count, inverted in counts.items() if count <= first)
     (low, fewer), (high, more) = rise(counts)
+    off, motion = 1e3 * tail["centres"][str(sum(START))]["error"], 1e3 * tail["motion"]
     lines = [
         f"Those between the tails and their boxes. {page['worse']:,} of {page['cells']:,} cells lose more than "
         f"{WORSE:g}, and {page['inverted'] or 'none'} is inside out.",
-        "Only with the last part, the linear one: a radial function grows with the distance from its centre.",
+        f"At its {sum(START)} centres alone. Elsewhere it is off by up to {off:.1f} mm; "
+        f"the tail moves by {motion:.1f} mm.",
         f"At the box: there the field is {1e3 * tail['jump']:.0f} mm, and beyond the box nothing moves. "
         f"{tail['without_box']['inverted']} cells are inside out.",
         f"{first}. With 8, 12, and so on {falling} cells are inside out: "
