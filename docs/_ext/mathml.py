@@ -1,4 +1,7 @@
-"""Formulas as MathML: browsers draw it themselves, with the font in `_static` and without a script."""
+r"""Formulas as MathML: browsers draw it themselves, with the font in `_static` and without a script.
+
+A formula of its own is broken on a narrow screen where it has `\qquad` or `\allowbreak` outside of brackets.
+"""
 
 import re
 from html import escape, unescape
@@ -10,6 +13,9 @@ from latex2mathml.converter import convert
 from sphinx.application import Sphinx
 
 STYLED = re.compile(r'<(m[in]) mathvariant="(bold|script|double-struck)">(&#x\w+;|\w)</')
+BREAK = re.compile(r"\\(qquad|allowbreak)(?![a-z])")
+# What stands between two parts on one line: a wide space, or none.
+BETWEEN = {"qquad": " &#8195;&#8195;", "allowbreak": " "}
 SPECIAL = {"DOUBLE-STRUCK R": "\u211d"}
 
 
@@ -26,6 +32,18 @@ def rendered(formula: str, display: str) -> str:
     return STYLED.sub(letter, convert(formula, display=display))
 
 
+def block(formula: str) -> str:
+    """Return the MathML of a formula of its own: an element for each part that may stand on a line by itself."""
+    first, *others = BREAK.split(formula)
+    parts = [first, *others[1::2]]
+    if any(part.count("{") != part.count("}") or part.count(r"\begin") != part.count(r"\end") for part in parts):
+        parts, others = [formula], []
+    maths = [
+        rendered(part, "block").replace('display="block"', 'display="inline" displaystyle="true"') for part in parts
+    ]
+    return "".join([maths[0], *(BETWEEN[mark] + math for mark, math in zip(others[::2], maths[1:], strict=True))])
+
+
 def inline(translator: Any, node: nodes.math) -> None:
     """Write a formula within a line."""
     translator.body.append(rendered(node.astext(), "inline"))
@@ -35,7 +53,7 @@ def inline(translator: Any, node: nodes.math) -> None:
 def display(translator: Any, node: nodes.math_block) -> None:
     """Write a formula of its own, with its number at the right if it has one."""
     translator.body.append(translator.starttag(node, "div", CLASS="math"))
-    translator.body.append(f'<div class="formula" tabindex="0">{rendered(node.astext(), "block")}</div>')
+    translator.body.append(f'<div class="formula" tabindex="0">{block(node.astext())}</div>')
     if node["number"]:
         translator.body.append(f'<span class="eqno">({escape(str(node["number"]))})</span>')
     translator.body.append("</div>\n")

@@ -66,6 +66,16 @@ def test_numbers_stand_beside_formulas_on_a_phone(guide, tab):
     assert tab.evaluate("document.fonts.check('16px Guide Math')")
 
 
+@pytest.mark.nightly
+@pytest.mark.parametrize("page", ["theory", "ten-minutes", "tutorials/appendix-a", "tutorials/rbf-from-scratch"])
+def test_no_formula_is_cut_off_on_a_phone(guide, tab, page):
+    tab.set_viewport_size({"width": 390, "height": 844})
+    tab.goto((guide / f"{page}.html").as_uri())
+    wide = "[...document.querySelectorAll('div.math .formula')].filter((one) => one.scrollWidth > one.clientWidth)"
+    assert tab.evaluate(f"{wide}.map((one) => one.textContent)") == []
+    assert tab.locator("div.math").count() > 0
+
+
 @pytest.mark.mesher
 def test_a_report(aileron_run, tab):
     tab.goto((aileron_run[1] / "report.html").as_uri())
