@@ -7,13 +7,20 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 from docs.fly.tail import START, WORSE
+from studies.limits import pieces
 
 Facts = dict[str, Any]
 DOCS = Path(__file__).parents[1]
-TEXTS = tuple(DOCS / name for name in ("ten-minutes.md", "teaching.md", "handout.md", "slides.html"))
+TEXTS = (
+    *(DOCS / name for name in ("ten-minutes.md", "teaching.md", "handout.md", "slides.html", "cases.md")),
+    DOCS.parent / "README.md",
+)
+# Largest number of letters of a line.
+WIDTH = 140
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[object]], words: int = 1) -> str:
@@ -164,9 +171,16 @@ def blanks(facts: Facts) -> str:
     return table(("aileron, degrees", "no repair", "repair", "tail, degrees", "no repair", "repair"), rows, words=0)
 
 
+def limits(_: Facts) -> str:
+    """Return the sentence on how far each surface turns, from the table of `python -m studies limits`."""
+    sentence, _table = pieces(DOCS / "tables" / "limits.csv")
+    return fill(sentence, WIDTH)
+
+
 # What is written between the marks, by name.
 BLOCKS: dict[str, Callable[[Facts], str]] = {
-    one.__name__: one for one in (steps, choices, box, files, answers, roll, margins, tolerances, both, angles, blanks)
+    one.__name__: one
+    for one in (steps, choices, box, files, answers, roll, margins, tolerances, both, angles, blanks, limits)
 }
 
 
