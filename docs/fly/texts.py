@@ -11,7 +11,6 @@ from textwrap import fill
 from typing import Any
 
 from docs.fly.tail import START, WORSE
-from studies.limits import pieces
 
 Facts = dict[str, Any]
 DOCS = Path(__file__).parents[1]
@@ -173,6 +172,8 @@ def blanks(facts: Facts) -> str:
 
 def limits(_: Facts) -> str:
     """Return the sentence on how far each surface turns, from the table of `python -m studies limits`."""
+    from studies.limits import pieces  # which needs CAD
+
     sentence, _table = pieces(DOCS / "tables" / "limits.csv")
     return fill(sentence, WIDTH)
 
