@@ -1,6 +1,10 @@
 // Steps, stick and pedals, readouts, and the address by which each state can be opened.
 const byId = (id) => document.getElementById(id);
 const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
+if (typeof DecompressionStream === "undefined") {
+  byId("caption").textContent = "This browser is older than 2023 and cannot unpack the mesh. How it works has the same steps in pictures.";
+  throw new Error("no DecompressionStream");
+}
 const flight = await unpacked("flight");
 const tail = new Tail(flight), order = Object.fromEntries(flight.surfaces.map((one, k) => [one.name, k]));
 const before = new Float64Array(flight.cells.length / 4), now = new Float64Array(before.length), points = flight.start.slice();

@@ -267,6 +267,15 @@ def test_without_webgl_the_figure_stands_there(browser):
     context.close()
 
 
+def test_a_browser_that_is_too_old_is_told_so(browser):
+    context = browser.new_context()
+    page = context.new_page()
+    page.add_init_script("delete window.DecompressionStream;")
+    page.goto(PAGE.as_uri())
+    assert page.inner_text("#caption").startswith("This browser is older than 2023")
+    context.close()
+
+
 def test_on_paper_it_is_the_figure_and_the_text_of_all_steps(tab):
     tab.emulate_media(media="print")
     assert tab.is_visible("#figure-picture")
