@@ -1,183 +1,197 @@
 // The section through the left tail, drawn on a canvas: x to the right, z up.
-// Sites and centres at most this far (m) from the plane are drawn in full.
-const NEAR = 0.012;
+// Sites and centres at most this far (m) from the plane are drawn in full; the view ends this far (m) beyond the box.
+const NEAR = 0.012, VIEW_BESIDE = 0.014;
 // Least error (m) with a spot, and the radius of a spot in metres for each metre of error.
 const LEAST = 5e-4, SPOT = 0.3;
+// Points on each side of the box at which a jump is drawn; columns and shades of the picture of a sum.
+const RIM = 40, COLUMNS = 96, BANDS = 10;
+
+// A canvas on which places are metres and widths are pixels.
+class Plot {
+  constructor(canvas, low, high) {
+    Object.assign(this, { canvas, low, high, pen: canvas.getContext("2d") });
+  }
+
+  // Fit the view to the canvas, and wipe it.
+  begin() {
+    const { canvas, low, high, pen } = this;
+    this.ratio = Math.min(2, window.devicePixelRatio || 1);
+    const [width, height] = [canvas.clientWidth, canvas.clientHeight].map((size) => Math.round(size * this.ratio));
+    if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+    this.scale = Math.min(width / (high[0] - low[0] + 2 * VIEW_BESIDE), height / (high[1] - low[1] + 2 * VIEW_BESIDE));
+    pen.fillStyle = hue("ground");
+    pen.fillRect(0, 0, width, height);
+  }
+
+  at(x, z) {
+    const { canvas, low, high, scale } = this;
+    return [canvas.width / 2 + scale * (x - (low[0] + high[0]) / 2), canvas.height / 2 - scale * (z - (low[1] + high[1]) / 2)];
+  }
+
+  // Draw lines, each a list of places, as one path.
+  lines(lines, colour, wide, { dash = [], alpha = 1 } = {}) {
+    const { pen, ratio } = this;
+    pen.beginPath();
+    for (const places of lines) places.forEach((place, i) => pen[i ? "lineTo" : "moveTo"](...this.at(...place)));
+    Object.assign(pen, { strokeStyle: colour, lineWidth: wide * ratio, globalAlpha: alpha });
+    pen.setLineDash(dash.map((length) => length * ratio));
+    pen.stroke();
+    pen.globalAlpha = 1;
+  }
+
+  fill(polygons, colour) {
+    const { pen } = this;
+    pen.beginPath();
+    for (const places of polygons) places.forEach((place, i) => pen[i ? "lineTo" : "moveTo"](...this.at(...place)));
+    pen.fillStyle = colour;
+    pen.fill();
+  }
+
+  // Draw a disc with a radius in pixels of the page, and a rim if asked for.
+  disc(place, radius, colour, { alpha = 1, rim = false } = {}) {
+    const { pen, ratio } = this;
+    pen.beginPath();
+    pen.arc(...this.at(...place), radius * ratio, 0, 2 * Math.PI);
+    Object.assign(pen, { fillStyle: colour, strokeStyle: colour, lineWidth: ratio, globalAlpha: alpha });
+    pen.fill();
+    pen.globalAlpha = 1;
+    pen.setLineDash([]);
+    if (rim) pen.stroke();
+  }
+
+  word(text, place, colour) {
+    const { pen, ratio } = this, [x, y] = this.at(...place);
+    Object.assign(pen, { font: `600 ${13 * ratio}px system-ui, sans-serif`, lineJoin: "round", lineWidth: 4 * ratio, strokeStyle: hue("ground"), fillStyle: colour });
+    pen.setLineDash([]);
+    pen.strokeText(text, x + 8 * ratio, y + 18 * ratio);
+    pen.fillText(text, x + 8 * ratio, y + 18 * ratio);
+  }
+}
 
 class SectionPicture {
   constructor(canvas, flight, tail) {
-    const { live, cells, beside, faces, start } = flight;
-    Object.assign(this, { canvas, flight, tail, pen: canvas.getContext("2d") });
+    const { live, cells, beside, faces, start, meta } = flight, xs = live.box.map((corner) => corner[0]), zs = live.box.map((corner) => corner[2]);
+    Object.assign(this, { flight, tail, low: [Math.min(...xs), Math.min(...zs)], high: [Math.max(...xs), Math.max(...zs)] });
+    this.plot = new Plot(canvas, this.low, this.high);
     this.own = new Section(flight, live, cells, live.cells);
     this.beside = new Section(flight, live, beside, [...Array(beside.length / 4).keys()]);
-    const xs = live.box.map((corner) => corner[0]), zs = live.box.map((corner) => corner[2]);
-    Object.assign(this, { low: [Math.min(...xs), Math.min(...zs)], high: [Math.max(...xs), Math.max(...zs)] });
     this.walls = [];
-    const height = (node) => start[3 * node + 1] - flight.meta.section;
+    const height = (node) => start[3 * node + 1] - meta.section;
     for (let t = 0; t < faces.length; t += 3) {
       const edges = [0, 1, 2].map((k) => [faces[t + k], faces[t + (k + 1) % 3]]).filter(([a, b]) => (height(a) >= 0) !== (height(b) >= 0));
       if (edges.length === 2) this.walls.push(edges.map(([a, b]) => [a, b, height(a) / (height(a) - height(b))]));
     }
   }
 
-  // Draw the mesh with nodes at points, and what a step shows: `lattice`, `jump`, `centres`, `errors`, `parts`.
+  // Draw the mesh with nodes at points, and what a step shows: `parts`, `lattice`, `jump`, `inverted`, `errors`, `centres`.
   draw({ points, before, now, field, angle, shows }) {
-    const { canvas, pen, tail, flight: { live } } = this, ratio = Math.min(2, window.devicePixelRatio || 1);
-    const width = Math.round(canvas.clientWidth * ratio), height = Math.round(canvas.clientHeight * ratio);
-    if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
-    const margin = 0.014, across = this.high[0] - this.low[0] + 2 * margin, up = this.high[1] - this.low[1] + 2 * margin;
-    const scale = Math.min(width / across, height / up), values = live.values(angle), move = [0, 0, 0];
-    const at = (x, z) => [width / 2 + scale * (x - (this.low[0] + this.high[0]) / 2), height / 2 - scale * (z - (this.low[1] + this.high[1]) / 2)];
-    const node = (section, i) => at(section.points[3 * i], section.points[3 * i + 2]);
-    const line = (places, colour, wide, dash = []) => {
-      pen.beginPath();
-      places.forEach((place, i) => (i ? pen.lineTo(...place) : pen.moveTo(...place)));
-      Object.assign(pen, { strokeStyle: colour, lineWidth: wide * ratio });
-      pen.setLineDash(dash.map((length) => length * ratio));
-      pen.stroke();
-    };
-    const dot = ([x, y], radius, colour) => {
-      pen.beginPath();
-      pen.arc(x, y, radius, 0, 2 * Math.PI);
-      pen.fillStyle = colour;
-      pen.fill();
-    };
-    const pairs = (section, colour, wide) => {
-      pen.beginPath();
-      for (let i = 0; i < section.lines.length; i += 2) {
-        pen.moveTo(...node(section, section.lines[i]));
-        pen.lineTo(...node(section, section.lines[i + 1]));
-      }
-      Object.assign(pen, { strokeStyle: colour, lineWidth: wide * ratio });
-      pen.setLineDash([]);
-      pen.stroke();
-    };
-    const word = (text, place, colour, align = "left") => {
-      Object.assign(pen, { font: `600 ${13 * ratio}px system-ui, sans-serif`, textAlign: align, lineJoin: "round", lineWidth: 4 * ratio });
-      pen.strokeStyle = hue("ground");
-      pen.setLineDash([]);
-      pen.strokeText(text, ...place);
-      pen.fillStyle = colour;
-      pen.fillText(text, ...place);
-    };
-
-    pen.fillStyle = hue("ground");
-    pen.fillRect(0, 0, width, height);
-    this.own.follow(points);
-    this.beside.follow(points);
-    if (shows.parts) this.drawParts(field, shows.parts, angle, scale, at, ratio);
-    else {
-      const shades = this.own.rows.map((row) => shade(before[row], now[row]));
-      for (let level = 0; level <= SHADES; level += 1) {
-        pen.beginPath();
-        shades.forEach((own, i) => {
-          if (own === level) [0, 1, 2].forEach((k) => pen[k ? "lineTo" : "moveTo"](...node(this.own, this.own.triangles[3 * i + k])));
-        });
-        pen.fillStyle = level === SHADES ? hue("inverted") : css(mixed(hue("ground"), hue("worse"), 0.15 + 0.85 * level / (SHADES - 1)));
-        pen.fill();
-      }
-      pairs(this.beside, hue("cells"), 0.5);
-      pairs(this.own, hue("cells"), shows.lattice ? 0.4 : 0.8);
+    const { plot, tail, low, high } = this, values = this.flight.live.values(angle), held = field.most === tail.count;
+    plot.begin();
+    if (shows.parts) this.drawParts(field, shows.parts, values);
+    else this.drawMesh(points, before, now, shows.lattice ? 0.4 : 0.8);
+    if (shows.lattice) this.drawLattice(field, values);
+    const between = (a, b, share) => [0, 2].map((c) => points[3 * a + c] + share * (points[3 * b + c] - points[3 * a + c]));
+    plot.lines(this.walls.map((ends) => ends.map((end) => between(...end))), hue("moves"), 2.4);
+    plot.lines([[low, [high[0], low[1]], high, [low[0], high[1]], low]], hue("box"), 1.6, { dash: [6, 4] });
+    for (let i = tail.inMesh; held && !shows.parts && i < tail.count; i += 1) {
+      if (this.off(i) < 0.75 * NEAR) plot.disc(this.site(i), 2.2, hue("box"));
     }
-    if (shows.lattice) this.drawLattice(field, values, at, ratio);
-    this.walls.forEach((ends) => line(ends.map(([a, b, share]) => at(...[0, 2].map((c) => points[3 * a + c] + share * (points[3 * b + c] - points[3 * a + c])))), hue("moves"), 2.4));
-
-    const held = field.most === tail.count, [x0, z0] = this.low, [x1, z1] = this.high;
-    line([at(x0, z0), at(x1, z0), at(x1, z1), at(x0, z1), at(x0, z0)], hue("box"), 1.6, [6, 4]);
-    const site = (i) => Array.from(tail.sites.subarray(3 * i, 3 * i + 3)), off = (i) => Math.abs(site(i)[1] - this.flight.meta.section);
-    if (held && !shows.parts) {
-      for (let i = tail.inMesh; i < tail.count; i += 1) if (off(i) < 0.75 * NEAR) dot(at(site(i)[0], site(i)[2]), 2.2 * ratio, hue("box"));
-    }
-    if (shows.jump && !held) {
-      const steps = 40, rim = [];
-      for (let i = 0; i < steps; i += 1) {
-        const x = x0 + i / steps * (x1 - x0), z = z0 + i / steps * (z1 - z0);
-        rim.push([x, z0], [x1, z], [x0 + x1 - x, z1], [x0, z0 + z1 - z]);
-      }
-      const found = field.rim = field.rim || field.found.at(Float64Array.from(rim.flatMap(([x, z]) => [x, this.flight.meta.section, z])));
-      pen.beginPath();
-      rim.forEach(([x, z], i) => {
-        displaced(found, tail.columns, values, i, move);
-        pen.moveTo(...at(x, z));
-        pen.lineTo(...at(x + move[0], z + move[2]));
-      });
-      Object.assign(pen, { strokeStyle: hue("worse"), lineWidth: 1.5 * ratio });
-      pen.setLineDash([]);
-      pen.stroke();
-    }
-    if (shows.inverted) this.drawInverted(points, now, at, line);
-    if (shows.errors) {
-      const errors = tail.errors(field, angle);
-      errors.forEach((error, i) => {
-        if (error < LEAST || off(i) > NEAR) return;
-        pen.globalAlpha = 0.2;
-        dot(at(site(i)[0], site(i)[2]), SPOT * error * scale, hue("worse"));
-        pen.globalAlpha = 0.9;
-        Object.assign(pen, { strokeStyle: hue("worse"), lineWidth: ratio });
-        pen.setLineDash([]);
-        pen.stroke();
-      });
-    }
+    if (shows.jump && !held) this.drawJump(field, values);
+    if (shows.inverted) this.drawInverted(points, now);
+    if (shows.errors) this.drawErrors(field, angle);
     for (const i of shows.centres ? field.centres || [] : []) {
-      pen.globalAlpha = off(i) < NEAR ? 1 : 0.45;
-      dot(at(site(i)[0], site(i)[2]), (off(i) < NEAR ? 4.5 : 3.2) * ratio, hue("ink"));
+      const near = this.off(i) < NEAR;
+      plot.disc(this.site(i), near ? 4.5 : 3.2, hue("ink"), { alpha: near ? 1 : 0.45 });
     }
-    pen.globalAlpha = 1;
-    word("the box", [at(x0, z1)[0] + 8 * ratio, at(x0, z1)[1] + 18 * ratio], hue("soft"));
+    plot.word("the box", [low[0], high[1]], hue("soft"));
   }
 
-  drawLattice(field, values, at, ratio) {
-    const { pen } = this, { rows } = this.tail.lattice, move = [0, 0, 0];
+  // Place of a site in the section, and its distance from the plane.
+  site(i) {
+    return [this.tail.sites[3 * i], this.tail.sites[3 * i + 2]];
+  }
+
+  off(i) {
+    return Math.abs(this.tail.sites[3 * i + 1] - this.flight.meta.section);
+  }
+
+  drawMesh(points, before, now, wide) {
+    const { plot, own, beside } = this, place = (section, i) => [section.points[3 * i], section.points[3 * i + 2]];
+    const triangles = Array.from({ length: SHADES + 1 }, () => []);
+    for (const section of [own, beside]) section.follow(points);
+    own.rows.forEach((row, i) => {
+      const level = shade(before[row], now[row]);
+      if (level >= 0) triangles[level].push([0, 1, 2].map((k) => place(own, own.triangles[3 * i + k])));
+    });
+    triangles.forEach((some, level) => plot.fill(some, level === SHADES ? hue("inverted") : css(mixed(hue("ground"), hue("worse"), 0.15 + 0.85 * level / (SHADES - 1)))));
+    for (const [section, width] of [[beside, 0.5], [own, wide]]) {
+      const pairs = Array.from({ length: section.lines.length / 2 }, (_, i) => [place(section, section.lines[2 * i]), place(section, section.lines[2 * i + 1])]);
+      plot.lines(pairs, hue("cells"), width);
+    }
+  }
+
+  drawLattice(field, values) {
+    const { rows } = this.tail.lattice, move = [0, 0, 0], parts = [];
     const moved = rows.map((row) => row.map(([x, z, i]) => {
-      if (i < 0) return at(x, z);
+      if (i < 0) return [x, z];
       displaced(field.lattice, this.tail.columns, values, i, move);
-      return at(x + move[0], z + move[2]);
+      return [x + move[0], z + move[2]];
     }));
-    const joined = ([j, i], [m, n]) => {
-      if ((rows[j][i][2] < 0) !== (rows[m][n][2] < 0)) return; // the lines are cut at the box
-      pen.moveTo(...moved[j][i]);
-      pen.lineTo(...moved[m][n]);
-    };
-    pen.beginPath();
-    rows.forEach((row, j) => row.forEach((_, i) => {
-      if (i) joined([j, i - 1], [j, i]);
-      if (j) joined([j - 1, i], [j, i]);
+    rows.forEach((row, j) => row.forEach(([, , own], i) => {
+      for (const [m, n] of [[j, i - 1], [j - 1, i]]) {
+        // Lines are cut at the box.
+        if (m >= 0 && n >= 0 && (own < 0) === (rows[m][n][2] < 0)) parts.push([moved[m][n], moved[j][i]]);
+      }
     }));
-    Object.assign(pen, { strokeStyle: hue("ink"), lineWidth: 0.7 * ratio, globalAlpha: 0.45 });
-    pen.setLineDash([]);
-    pen.stroke();
-    pen.globalAlpha = 1;
+    this.plot.lines(parts, hue("ink"), 0.7, { alpha: 0.45 });
+  }
+
+  // How far a field that is not held would move the box itself.
+  drawJump(field, values) {
+    const { tail, low, high, flight: { meta } } = this, rim = [], move = [0, 0, 0];
+    for (let i = 0; i < RIM; i += 1) {
+      const x = low[0] + i / RIM * (high[0] - low[0]), z = low[1] + i / RIM * (high[1] - low[1]);
+      rim.push([x, low[1]], [high[0], z], [low[0] + high[0] - x, high[1]], [low[0], low[1] + high[1] - z]);
+    }
+    field.rim = field.rim || field.found.at(Float64Array.from(rim.flatMap(([x, z]) => [x, meta.section, z])));
+    const arrows = rim.map(([x, z], i) => {
+      displaced(field.rim, tail.columns, values, i, move);
+      return [[x, z], [x + move[0], z + move[2]]];
+    });
+    this.plot.lines(arrows, hue("worse"), 1.5);
   }
 
   // All edges of the cells that are inside out, also of those beside the section.
-  drawInverted(points, now, at, line) {
-    const { cells, live } = this.flight, EDGES = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
-    for (const row of live.cells) {
-      if (now[row] >= 0) continue;
-      for (const pair of EDGES) line(pair.map((k) => 3 * cells[4 * row + k]).map((i) => at(points[i], points[i + 2])), hue("inverted"), 1.2);
-    }
+  drawInverted(points, now) {
+    const { cells, live } = this.flight, edges = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
+    const inverted = Array.from(live.cells).filter((row) => now[row] < 0), place = (row, k) => [0, 2].map((c) => points[3 * cells[4 * row + k] + c]);
+    this.plot.lines(inverted.flatMap((row) => edges.map((pair) => pair.map((k) => place(row, k)))), hue("inverted"), 1.2);
+  }
+
+  drawErrors(field, angle) {
+    const { plot } = this, radius = (SPOT * plot.scale) / plot.ratio;
+    this.tail.errors(field, angle).forEach((error, i) => {
+      if (error > LEAST && this.off(i) < NEAR) plot.disc(this.site(i), radius * error, hue("worse"), { alpha: 0.2, rim: true });
+    });
   }
 
   // How far the first `count` parts of the sum would move each place: the functions one by one, then the linear part.
-  drawParts(field, count, angle, scale, at, ratio) {
-    const { pen, tail, low, high, flight: { live, meta } } = this, nx = 96, nz = Math.round(nx * (high[1] - low[1]) / (high[0] - low[0]));
-    const most = Math.min(count, field.centres.length);
+  drawParts(field, count, values) {
+    const { plot, tail, low, high, flight: { meta } } = this, rows = Math.round(COLUMNS * (high[1] - low[1]) / (high[0] - low[0]));
+    const most = Math.min(count, field.centres.length), move = [0, 0, 0];
     if (!field.parts || field.parts.count !== count) {
-      const places = new Float64Array(3 * nx * nz);
-      for (let j = 0; j < nz; j += 1) {
-        for (let i = 0; i < nx; i += 1) places.set([low[0] + (i + 0.5) / nx * (high[0] - low[0]), meta.section, high[1] - (j + 0.5) / nz * (high[1] - low[1])], 3 * (j * nx + i));
-      }
+      const places = Float64Array.from({ length: 3 * COLUMNS * rows }, (_, k) => {
+        const [i, j] = [Math.floor(k / 3) % COLUMNS, Math.floor(k / 3 / COLUMNS)];
+        return [low[0] + (i + 0.5) / COLUMNS * (high[0] - low[0]), meta.section, high[1] - (j + 0.5) / rows * (high[1] - low[1])][k % 3];
+      });
       field.parts = { count, values: field.found.at(places, most, count > most) };
     }
-    const found = field.parts.values, now = live.values(angle), move = [0, 0, 0];
-    const sizes = Float64Array.from({ length: nx * nz }, (_, i) => Math.hypot(...displaced(found, tail.columns, now, i, move)));
-    const top = Math.max(...sizes, 1e-9), picture = new ImageData(nx, nz), BANDS = 10;
-    const bands = Array.from({ length: BANDS }, (_, i) => mixed(hue("ground"), hue("moves"), 0.05 + 0.75 * i / (BANDS - 1)));
-    sizes.forEach((size, i) => picture.data.set([...bands[Math.min(BANDS - 1, Math.floor(BANDS * size / top))], 255], 4 * i));
-    const small = Object.assign(document.createElement("canvas"), { width: nx, height: nz });
+    const sizes = Float64Array.from({ length: COLUMNS * rows }, (_, i) => Math.hypot(...displaced(field.parts.values, tail.columns, values, i, move)));
+    this.top = Math.max(...sizes, 1e-9);
+    const bands = Array.from({ length: BANDS }, (_, i) => mixed(hue("ground"), hue("moves"), 0.05 + 0.75 * i / (BANDS - 1))), picture = new ImageData(COLUMNS, rows);
+    sizes.forEach((size, i) => picture.data.set([...bands[Math.min(BANDS - 1, Math.floor(BANDS * size / this.top))], 255], 4 * i));
+    const small = Object.assign(document.createElement("canvas"), { width: COLUMNS, height: rows });
     small.getContext("2d").putImageData(picture, 0, 0);
-    pen.imageSmoothingEnabled = true;
-    pen.drawImage(small, ...at(low[0], high[1]), scale * (high[0] - low[0]), scale * (high[1] - low[1]));
-    this.top = top;
+    plot.pen.drawImage(small, ...plot.at(low[0], high[1]), plot.scale * (high[0] - low[0]), plot.scale * (high[1] - low[1]));
   }
 }
