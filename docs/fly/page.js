@@ -153,6 +153,7 @@ function enter(step) {
   }
   for (const text of document.querySelectorAll("#says section")) text.hidden = text.id !== `step-${step}`;
   byId("section").hidden = !alone();
+  picture.plot.fitted = false;
   byId("view").classList.toggle("flat", alone());
   byId("yaw").disabled = alone();
   if (scene) scene.look(step === 5 ? "blend" : "fly");
@@ -239,7 +240,7 @@ if (document.createElement("canvas").getContext("webgl2")) {
   scene.inked();
 } else byId("view").classList.add("without");
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { hues.clear(); if (scene) scene.inked(); draw(); });
-new ResizeObserver(() => { if (alone()) draw(); }).observe(byId("view"));
+new ResizeObserver(() => { picture.plot.fitted = false; if (alone()) draw(); }).observe(byId("view"));
 window.addEventListener("hashchange", opened);
 opened();
 document.body.dataset.ready = "yes";

@@ -9,18 +9,23 @@ const RIM = 40, COLUMNS = 96, BANDS = 10;
 // A canvas on which places are metres and widths are pixels.
 class Plot {
   constructor(canvas, low, high) {
-    Object.assign(this, { canvas, low, high, pen: canvas.getContext("2d") });
+    Object.assign(this, { canvas, low, high, pen: canvas.getContext("2d"), fitted: false });
   }
 
-  // Fit the view to the canvas, and wipe it.
-  begin() {
-    const { canvas, low, high, pen } = this;
+  // Fit the view to the canvas. To ask for its size is slow, so it is asked only after a change.
+  fit() {
+    const { canvas, low, high } = this;
     this.ratio = Math.min(2, window.devicePixelRatio || 1);
     const [width, height] = [canvas.clientWidth, canvas.clientHeight].map((size) => Math.round(size * this.ratio));
     if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
     this.scale = Math.min(width / (high[0] - low[0] + 2 * VIEW_BESIDE), height / (high[1] - low[1] + 2 * VIEW_BESIDE));
-    pen.fillStyle = hue("ground");
-    pen.fillRect(0, 0, width, height);
+    this.fitted = true;
+  }
+
+  begin() {
+    if (!this.fitted) this.fit();
+    this.pen.fillStyle = hue("ground");
+    this.pen.fillRect(0, 0, this.canvas.width, this.canvas.height);
   }
 
   at(x, z) {
@@ -164,7 +169,9 @@ class SectionPicture {
   // All edges of the cells that are inside out, also of those beside the section.
   drawInverted(points, now) {
     const { cells, live } = this.flight, edges = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
-    const inverted = Array.from(live.cells).filter((row) => now[row] < 0), place = (row, k) => [0, 2].map((c) => points[3 * cells[4 * row + k] + c]);
+    const inverted = [];
+    for (const row of live.cells) if (now[row] < 0) inverted.push(row);
+    const place = (row, k) => [0, 2].map((c) => points[3 * cells[4 * row + k] + c]);
     this.plot.lines(inverted.flatMap((row) => edges.map((pair) => pair.map((k) => place(row, k)))), hue("inverted"), 1.2);
   }
 
