@@ -12,6 +12,8 @@ judge(flight.start, flight.cells, [...before.keys()], before);
 now.set(before);
 // Steps about the tail alone, by `confined.py`; the others have the plan's fields.
 const ALONE = [2, 3, 4];
+// Largest number of centres that are added one by one: here a fit takes the cube of it.
+const MOST = 200;
 const state = { step: 1, roll: 0, pitch: 0, yaw: 0, surface: order.tail_left, sites: true, parts: 1, field: null };
 let amounts = [0, 0, 0, 0, 0], history = [], scene = null;
 const picture = new SectionPicture(byId("section"), flight, tail);
@@ -105,6 +107,7 @@ function captions() {
   curve.hidden = state.step !== 4;
   if (state.step === 4 && history.length) drawCurve(curve);
   byId("more-parts").disabled = state.parts > 8;
+  for (const name of ["more-1", "more-4", "more-20"]) byId(name).disabled = Boolean(state.field && state.field.centres && state.field.centres.length >= MOST);
   byId("sites").textContent = state.sites ? "Take the sites away" : "Put them back";
 }
 
@@ -138,7 +141,7 @@ function begin() {
 }
 function more(count) {
   if (!state.field.centres) begin();
-  state.field = tail.more(state.field, Math.min(count, tail.count - state.field.centres.length), angle(), (...row) => history.push(row));
+  state.field = tail.more(state.field, Math.min(count, MOST - state.field.centres.length), angle(), (...row) => history.push(row));
 }
 
 // Go to a step; the tail turns to the end of its range where it is alone.
@@ -170,7 +173,7 @@ function opened() {
   if (state.step === 2 || state.step === 4) begin();
   if (state.step === 3 && wanted.sites === "0") sites();
   if (state.step === 2 && wanted.parts) state.parts = Math.max(1, Math.min(9, Math.floor(Number(wanted.parts)) || 1));
-  if (state.step === 4 && Number(wanted.more) > 0) more(Math.min(192, Math.floor(Number(wanted.more))));
+  if (state.step === 4 && Number(wanted.more) > 0) more(Math.min(MOST, Math.floor(Number(wanted.more))));
   fly();
 }
 const within = (value) => Math.max(-1, Math.min(1, value));

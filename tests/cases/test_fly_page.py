@@ -167,7 +167,11 @@ def test_centres_are_those_of_the_package(tab, tail, kept):
         assert number(tab, "error") == pytest.approx(1e3 * one["error"], abs=0.06)
     chosen = tab.evaluate("fly.state.field.centres")
     assert chosen == tail.greedy(len(chosen)).chosen.tolist()
+    at(tab, "step=4&more=1e9")
+    assert number(tab, "centres") == 200
+    assert tab.is_disabled("#more-20")
     tab.click("#all-centres")
+    assert not tab.is_disabled("#more-20")
     assert tab.evaluate("fly.judged().inverted") == 0
     assert number(tab, "centres") == kept["sites"]
 
