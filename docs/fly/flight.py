@@ -20,6 +20,7 @@ from sdm_deflect.deform.confined import initial_centers
 from sdm_deflect.deform.mesh_motion import MeshMotion
 from sdm_deflect.deform.rbf.interpolant import Interpolant, fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
+from sdm_deflect.meshing.mesh.cells import Patch
 
 # Largest number of 16 bits with a sign; a field is stored as shares of its largest component.
 MOST = 32_767
@@ -27,8 +28,9 @@ MOST = 32_767
 BITS = 10
 # Distance of the lattice's lines, and margin of the section's view beyond the box, in metres.
 LATTICE, BESIDE = 0.005, 0.03
-# Patches that are not drawn.
+# The patch that is not drawn.
 FAR = "far_field"
+ALONG_Y = np.array([0.0, 1.0, 0.0])
 
 
 class Packed:
@@ -84,7 +86,7 @@ def section_of(name: str, hinge: Sequence[Sequence[float]]) -> Plane:
     """Return the plane across a surface: half-way along its hinge; that of the other pictures for the tails."""
     first, second = np.array(hinge)
     if name.startswith("tail"):
-        return Plane(np.array([0.0, 1.0, 0.0]), SECTION if name == SURFACE else -SECTION)
+        return Plane(ALONG_Y, SECTION if name == SURFACE else -SECTION)
     along = (second - first) / np.linalg.norm(second - first)
     return Plane(along, float(along @ (first + second) / 2.0))
 
@@ -159,62 +161,91 @@ def with_all(tail: Tail, rows: IntArray, fields: FloatArray) -> Interpolant:
     return fit(ThinPlateSpline(), tail.sites.points, values.reshape(len(values), -1))
 
 
-def flight() -> bytes:
-    """Return the data of the page."""
-    mesh, settings = fighter()
-    tail, plan = Tail.at(), planned()
-    surfaces = {one["patches"]: one for one in settings["surface"]}
-    tets, points = tail.tets, mesh.points
-    changed = np.flatnonzero(np.isin(tets, union(*plan.rows)).any(axis=1))
-    planes = [section_of(control.name, surfaces[control.name]["hinge"]) for control in plan.controls]
-    live = [control.name for control in plan.controls].index(SURFACE)
-    beside = np.setdiff1d(seen_in(tail, planes[live]), changed)
-    patches = [patch for patch in mesh.patches if patch.name != FAR]
-    faces = [np.concatenate([block.nodes for block in patch.faces]) for patch in patches]
+class Shown(NamedTuple):
+    """The part of the mesh that the page has.
 
-    used = union(*(nodes.ravel() for nodes in (*faces, tets[changed].ravel(), tets[beside])))
-    used = used[in_order(points[used])]
-    # What moves is a surface, or the panel on which the root of one slides.
-    moves = {name.split("~")[0]: "panel" for control in plan.controls for name in control.patches}
-    moves |= {control.name: "surface" for control in plan.controls}
-    number = np.full(len(points), -1)
-    number[used] = np.arange(len(used))
+    `patches` are the walls, `faces` their triangles, `changed` and `beside` nodes (K, 4) of cells. `nodes` (N,) are in
+    the page's order, and `number` has the place of each node of the mesh in it.
+    """
 
-    packed = Packed()
-    packed.add("points", points[used].T.astype(np.float32))
-    packed.add("faces", differences(np.concatenate([number[nodes] for nodes in faces])))
-    entries = []
-    for k, (control, rows, fields, plane) in enumerate(zip(plan.controls, plan.rows, plan.fields, planes, strict=True)):
+    patches: list[Patch]
+    faces: list[IntArray]
+    changed: IntArray
+    beside: IntArray
+    nodes: IntArray
+    number: IntArray
+
+    @classmethod
+    def of(cls, tail: Tail, plan: MeshMotion) -> Self:
+        """Take the walls, the cells that a plan can change, and those beside them in the section of the left tail."""
+        tets, points = tail.tets, tail.mesh.points
+        patches = [patch for patch in tail.mesh.patches if patch.name != FAR]
+        faces = [np.concatenate([block.nodes for block in patch.faces]) for patch in patches]
+        rows = np.flatnonzero(np.isin(tets, union(*plan.rows)).any(axis=1))
+        changed, beside = tets[rows], tets[np.setdiff1d(seen_in(tail, Plane(ALONG_Y, SECTION)), rows)]
+        nodes = union(*(some.ravel() for some in (*faces, changed, beside)))
+        nodes = nodes[in_order(points[nodes])]
+        number = np.full(len(points), -1)
+        number[nodes] = np.arange(len(nodes))
+        return cls(patches, faces, changed, beside, nodes, number)
+
+    def add(self, packed: Packed, points: FloatArray) -> None:
+        """Add nodes, triangles and cells."""
+        packed.add("points", points[self.nodes].T.astype(np.float32))
+        packed.add("faces", differences(np.concatenate([self.number[nodes] for nodes in self.faces])))
+        packed.add("cells", differences(rolled(self.number[self.changed])))
+        packed.add("beside", differences(rolled(self.number[self.beside])))
+
+
+def add_surfaces(packed: Packed, plan: MeshMotion, number: IntArray) -> list[dict[str, Any]]:
+    """Add the fields of a plan; return what the page must know of each surface."""
+    hinges = {one["patches"]: one["hinge"] for one in fighter()[1]["surface"]}
+    out = []
+    for k, (control, rows, fields) in enumerate(zip(plan.controls, plan.rows, plan.fields, strict=True)):
         order = np.argsort(number[rows])
         packed.add(f"rows{k}", np.diff(number[rows][order], prepend=0).astype(np.uint16))
-        columns = fields[:, order].transpose(1, 0, 2).reshape(len(rows), -1)
-        quanta = packed.add_field(f"fields{k}", columns)
-        functions = {"kind": type(control.functions).__name__, **asdict(control.functions)}
-        box = plan.snapshots[k].box.region.hexahedron.corners
-        entries.append({
-            "name": control.name, "low": control.low, "high": control.high, "functions": functions, "quanta": quanta,
-            "box": box.tolist(), "normal": plane.normal.tolist(), "offset": plane.offset,
+        quanta = packed.add_field(f"fields{k}", fields[:, order].transpose(1, 0, 2).reshape(len(rows), -1))
+        plane = section_of(control.name, hinges[control.name])
+        out.append({
+            "name": control.name, "low": control.low, "high": control.high, "quanta": quanta,
+            "functions": {"kind": type(control.functions).__name__, **asdict(control.functions)},
+            "box": plan.snapshots[k].box.region.hexahedron.corners.tolist(),
+            "normal": plane.normal.tolist(), "offset": plane.offset,
         })  # fmt: skip
-    packed.add("cells", differences(rolled(number[tets[changed]])))
-    packed.add("beside", differences(rolled(number[tets[beside]])))
-    site_nodes = tail.plan.sites
-    packed.add("moving", number[site_nodes.moving[site_nodes.distinct]].astype(np.uint16))
-    packed.add("held", number[site_nodes.fixed[site_nodes.sampled]].astype(np.uint16))
+    return out
+
+
+def add_tail(packed: Packed, tail: Tail, number: IntArray, whole: Interpolant) -> dict[str, Any]:
+    """Add the sites of the left tail, and what an interpolant does to its free nodes and to a lattice."""
+    nodes, lattice = tail.plan.sites, Lattice.of(tail)
+    packed.add("moving", number[nodes.moving[nodes.distinct]].astype(np.uint16))
+    packed.add("held", number[nodes.fixed[nodes.sampled]].astype(np.uint16))
     packed.add("free", number[tail.free].astype(np.uint16))
     packed.add("zero", tail.sites.points[tail.in_mesh :].T.astype(np.float32))
-    lattice = Lattice.of(tail)
-    whole = with_all(tail, plan.rows[live], plan.fields[live])
-    meta = {
-        "cells": len(tets), "nodes": len(points), "surfaces": entries, "live": live, "section": SECTION,
-        "patches": [
-            {"name": patch.name, "faces": len(nodes), "moves": moves.get(patch.name)}
-            for patch, nodes in zip(patches, faces, strict=True)
-        ],
-        "start": initial_centers(tail.sites, tail.on_tail, START).tolist(), "angle": tail.angle, "worse": WORSE,
+    return {
+        "start": initial_centers(tail.sites, tail.on_tail, START).tolist(),
         "lattice": {
             "origin": lattice.origin, "shape": lattice.shape, "step": lattice.step, "inside": lattice.inside,
             "quanta": packed.add_field("lattice", whole(lattice.points)),
         },
-        "free": packed.add_field("whole", whole(points[tail.free])),
+        "free": packed.add_field("whole", whole(tail.mesh.points[tail.free])),
     }  # fmt: skip
-    return packed.bytes(meta)
+
+
+def flight() -> bytes:
+    """Return the data of the page."""
+    tail, plan, packed = Tail.at(), planned(), Packed()
+    shown, live = Shown.of(tail, plan), [control.name for control in plan.controls].index(SURFACE)
+    shown.add(packed, tail.mesh.points)
+    # What moves is a surface, or the panel on which the root of one slides.
+    moves = {name.split("~")[0]: "panel" for control in plan.controls for name in control.patches}
+    moves |= {control.name: "surface" for control in plan.controls}
+    return packed.bytes({
+        "cells": len(tail.tets), "nodes": len(tail.mesh.points), "live": live, "section": SECTION, "worse": WORSE,
+        "patches": [
+            {"name": patch.name, "faces": len(nodes), "moves": moves.get(patch.name)}
+            for patch, nodes in zip(shown.patches, shown.faces, strict=True)
+        ],
+        "surfaces": add_surfaces(packed, plan, shown.number),
+        **add_tail(packed, tail, shown.number, with_all(tail, plan.rows[live], plan.fields[live])),
+    })  # fmt: skip
