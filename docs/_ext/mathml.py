@@ -1,6 +1,6 @@
 r"""Formulas as MathML: browsers draw it themselves, with the font in `_static` and without a script.
 
-A formula of its own is broken on a narrow screen where it has `\qquad` or `\allowbreak` outside of brackets.
+A formula of its own is broken on a narrow screen where it has `\qquad` or `\allowbreak` outside of braces.
 """
 
 import re

@@ -17,15 +17,14 @@ import numpy as np
 
 import sdm_deflect
 from docs.fly import texts
-from docs.fly.lesson import Facts, lesson
+from docs.fly.lesson import RUNS, centres, lesson
 from docs.fly.tail import Tail, fighter
+from docs.fly.texts import Facts
 from sdm_deflect.deform.volume.deflection import BoxDeflection
 
 KEPT = Path(__file__).with_name("facts.json")
 # Numbers of centres of the greedy steps.
 CENTRES = (8, 12, 16, 20, 24, 28, 32, 50)
-# Runs of which the median time is taken.
-RUNS = 5
 
 
 def measured() -> Facts:
@@ -81,11 +80,6 @@ def turned(name: str, strategy: str) -> BoxDeflection:
     own |= {"fixed": settings["fixed"], "strategy": strategy, "repair": "off", "max_steps": 1}
     result = sdm_deflect.deflect(mesh, name, surface["hinge"], surface["range"][1], **own)
     return result.deflection.boxes[0]
-
-
-def centres(box: BoxDeflection) -> list[int]:
-    """Return the numbers of centres of each fit."""
-    return [len(one.chosen) for one in box.steps[0].fits.adaptations]
 
 
 def strategies(name: str) -> Iterator[tuple[str, Facts]]:

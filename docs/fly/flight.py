@@ -241,7 +241,7 @@ def flight() -> bytes:
     moves = {name.split("~")[0]: "panel" for control in plan.controls for name in control.patches}
     moves |= {control.name: "surface" for control in plan.controls}
     return packed.bytes({
-        "cells": len(tail.tets), "nodes": len(tail.mesh.points), "live": live, "section": SECTION, "worse": WORSE,
+        "live": live, "section": SECTION, "worse": WORSE,
         "patches": [
             {"name": patch.name, "faces": len(nodes), "moves": moves.get(patch.name)}
             for patch, nodes in zip(shown.patches, shown.faces, strict=True)

@@ -10,12 +10,13 @@ import numpy as np
 
 import sdm_deflect
 from docs.fly.flight import planned
-from docs.fly.tail import WORSE, Tail, fighter
+from docs.fly.tail import Tail, fighter
+from docs.fly.texts import Facts
 from sdm_deflect.base.numbers import percent
 from sdm_deflect.cases.run.output import write_interpolants
 from sdm_deflect.deform.checks import checks_of
+from sdm_deflect.deform.volume.deflection import BoxDeflection
 
-Facts = dict[str, Any]
 # Surface, hinge and further settings of the commands.
 COMMANDS: dict[str, Facts] = {
     "aileron": {
@@ -59,11 +60,14 @@ def roll() -> Facts:
 def page() -> Facts:
     """Return what "Fly the mesh" shows with the stick fully forward: both tails down at the end of their ranges."""
     plan, tail = planned(), Tail.at()
-    may = np.isin(tail.tets, np.concatenate(plan.rows)).any(axis=1)
-    before, _ = tail.quality(tail.mesh.points, np.flatnonzero(may))
-    now, inverted = tail.quality(plan.at({"tail_left": tail.angle, "tail_right": tail.angle}), np.flatnonzero(may))
-    worse = int((before - now > WORSE).sum())
-    return {"cells": len(now), "worse": worse, "inverted": int(inverted.sum()), "least": float(now.min())}
+    rows = np.flatnonzero(np.isin(tail.tets, np.concatenate(plan.rows)).any(axis=1))
+    judged = tail.judged(plan.at({"tail_left": tail.angle, "tail_right": tail.angle}), rows)
+    return {"cells": len(rows), **judged._asdict()}
+
+
+def centres(box: BoxDeflection) -> list[int]:
+    """Return the numbers of centres of each fit."""
+    return [len(one.chosen) for one in box.steps[0].fits.adaptations]
 
 
 def margins() -> Iterator[tuple[str, Facts]]:
@@ -85,9 +89,9 @@ def tolerances() -> Iterator[tuple[str, Facts]]:
     for tolerance in TOLERANCES:
         found = deflected("tail", 20.0, tolerance=tolerance, repair="off").deflection
         (box,) = found.boxes
-        centres = [len(fit.chosen) for fit in box.steps[0].fits.adaptations]
-        between = box.error_between.max
-        yield f"{tolerance:g}", {"centres": centres, "between": between, "least": found.quality[0].min}
+        assert box.error_between is not None
+        between, least = box.error_between.max, found.quality[0].min
+        yield f"{tolerance:g}", {"centres": centres(box), "between": between, "least": least}
 
 
 def files() -> Iterator[tuple[str, Facts]]:
@@ -100,9 +104,8 @@ def files() -> Iterator[tuple[str, Facts]]:
                 path = Path(scratch, "interpolant.npz")
                 write_interpolants(path, boxes)
                 size = path.stat().st_size
-            centres = [len(fit.chosen) for fit in boxes[0].steps[0].fits.adaptations]
             seconds = round(median(result.deflection.boxes[0].seconds for result in results), 2)
-            yield f"{name} {strategy}", {"centres": centres, "bytes": size, "seconds": seconds}
+            yield f"{name} {strategy}", {"centres": centres(boxes[0]), "bytes": size, "seconds": seconds}
 
 
 def angles() -> Iterator[tuple[str, list[str]]]:

@@ -14,7 +14,7 @@ now.set(before);
 const ALONE = [2, 3, 4];
 // Largest number of centres that are added one by one: here a fit takes the cube of it.
 const MOST = 200;
-const state = { step: 1, roll: 0, pitch: 0, yaw: 0, surface: order.tail_left, sites: true, parts: 1, field: null };
+const state = { step: 1, roll: 0, pitch: 0, yaw: 0, surface: order.tail_left, parts: 1, field: null };
 let amounts = [0, 0, 0, 0, 0], history = [], scene = null;
 const picture = new SectionPicture(byId("section"), flight, tail);
 const alone = () => ALONE.includes(state.step);
@@ -78,7 +78,7 @@ function readouts() {
   if (!alone()) return;
   byId("centres").textContent = number(field.centres ? field.centres.length : tail.count);
   byId("error").textContent = length(tail.largest(field, angle()));
-  byId("jump").textContent = length(field.most < tail.count ? tail.jump(field, angle()) : 0);
+  byId("jump").textContent = length(tail.holds(field) ? 0 : tail.jump(field, angle()));
   byId("motion").textContent = length(tail.motion(tail.values, 0, tail.onTail, angle()));
 }
 
@@ -90,10 +90,11 @@ function draw() {
     const moved = amounts.some(Boolean);
     scene.show({ points, before, now, surface: moved && state.step !== 5 ? state.surface : -1, outlines: state.step === 5 });
   }
-  captions();
+  caption();
+  controls();
 }
 
-function captions() {
+function caption() {
   const count = Math.min(state.parts, state.field && state.field.centres ? state.field.centres.length : 0);
   const captions = {
     2: state.parts > count ? `the whole sum: at most ${length(picture.top || 0)} in the section, as the tail moves`
@@ -103,12 +104,16 @@ function captions() {
   };
   byId("caption").textContent = alone() ? `y = ${flight.meta.section} m, nose to the left · ${captions[state.step]}`
     : state.step === 5 ? "drag to turn · blue: how far it moved; dashed: where it was" : "drag to turn · a section follows the surface that you moved last; red: cells that got worse";
-  const curve = byId("curve");
+}
+
+// Buttons that can be pressed, and the curve of step 4.
+function controls() {
+  const { field } = state, curve = byId("curve");
   curve.hidden = state.step !== 4;
   if (state.step === 4 && history.length) drawCurve(curve);
   byId("more-parts").disabled = state.parts > 8;
-  for (const name of ["more-1", "more-4", "more-20"]) byId(name).disabled = Boolean(state.field && state.field.centres && state.field.centres.length >= MOST);
-  byId("sites").textContent = state.sites ? "Take the sites away" : "Put them back";
+  for (const name of ["more-1", "more-4", "more-20"]) byId(name).disabled = Boolean(field && field.centres && field.centres.length >= MOST);
+  byId("sites").textContent = field && !tail.holds(field) ? "Put them back" : "Take the sites away";
 }
 
 // The largest error over the number of centres, on a logarithmic scale.
@@ -116,15 +121,17 @@ function drawCurve(canvas) {
   const pen = canvas.getContext("2d"), ratio = Math.min(2, window.devicePixelRatio || 1), width = canvas.clientWidth, height = canvas.clientHeight;
   Object.assign(canvas, { width: width * ratio, height: height * ratio });
   pen.scale(ratio, ratio);
-  const last = Math.max(40, history.at(-1)[0]), [top, low] = [0.04, 0.0004];
-  const x = (count) => 54 + (width - 62) * (count - 8) / (last - 8), y = (error) => 8 + (height - 30) * Math.log(top / Math.max(low, error)) / Math.log(top / low);
+  // Axes: centres from the first to 40 at least, errors in metres; the margins (pixels) leave room for the words.
+  const first = history[0][0], last = Math.max(40, history.at(-1)[0]), [top, low] = [0.04, 0.0004], [left, right, above, below] = [54, 8, 8, 22];
+  const x = (count) => left + (width - left - right) * (count - first) / (last - first);
+  const y = (error) => above + (height - above - below) * Math.log(top / Math.max(low, error)) / Math.log(top / low);
   Object.assign(pen, { font: "12px system-ui, sans-serif", fillStyle: hue("soft"), strokeStyle: hue("line"), textAlign: "right" });
   for (const error of [0.03, 0.01, 0.003, 0.001]) {
-    pen.fillText(length(error).replace(".0", ""), 50, y(error) + 4);
-    pen.strokeRect(54, y(error), width - 62, 0);
+    pen.fillText(length(error).replace(".0", ""), left - 4, y(error) + 4);
+    pen.strokeRect(left, y(error), width - left - right, 0);
   }
   pen.textAlign = "left";
-  pen.fillText("8", x(8), height - 6);
+  pen.fillText(`${first}`, x(first), height - 6);
   pen.textAlign = "right";
   pen.fillText(`${last} centres`, x(last), height - 6);
   Object.assign(pen, { strokeStyle: hue("moves"), lineWidth: 2 });
@@ -133,7 +140,7 @@ function drawCurve(canvas) {
   pen.stroke();
 }
 
-// Begin the greedy choice at eight centres, and go on; errors are those at the angle of then.
+// Begin the greedy choice; the errors of the curve are those at the angle of then.
 function begin() {
   amounts = asked();
   state.field = tail.greedy();
@@ -144,11 +151,12 @@ function more(count) {
   state.field = tail.more(state.field, Math.min(count, MOST - state.field.centres.length), angle(), (...row) => history.push(row));
 }
 
-// Go to a step; the tail turns to the end of its range where it is alone.
-function enter(step) {
-  Object.assign(state, { step, sites: true, parts: 1, field: null });
+// Go to a step; the tail turns to the end of its range where it is alone. `hands` are roll, pitch and yaw, if given.
+function enter(step, hands = {}) {
+  Object.assign(state, { step, parts: 1, field: null });
   if (alone()) Object.assign(state, { roll: 0, pitch: 1, yaw: 0, surface: flight.meta.live });
   if (step === 5) Object.assign(state, { roll: 1, pitch: 1, yaw: 0 });
+  Object.assign(state, hands);
   if (step === 3) state.field = tail.withAll();
   if (step === 2 || step === 4) begin();
   for (const button of document.querySelectorAll("#steps button")) {
@@ -165,12 +173,10 @@ function enter(step) {
 // Open the state that the address names: step, roll, pitch, yaw (shares), surface, more (centres), sites=0, parts.
 function opened() {
   const wanted = Object.fromEntries(new URLSearchParams(location.hash.slice(1)));
-  const step = Number(wanted.step);
-  enter(step >= 1 && step <= 6 ? Math.floor(step) : 1);
-  for (const name of ["roll", "pitch", "yaw"]) if (wanted[name]) state[name] = within(Number(wanted[name]) || 0);
+  const step = Number(wanted.step), given = ["roll", "pitch", "yaw"].filter((name) => wanted[name]);
+  enter(step >= 1 && step <= 6 ? Math.floor(step) : 1, Object.fromEntries(given.map((name) => [name, within(Number(wanted[name]) || 0)])));
   const moved = state.yaw ? "rudder" : Math.abs(state.roll) > Math.abs(state.pitch) ? "aileron_left" : "tail_left";
   state.surface = order[alone() ? "tail_left" : wanted.surface in order ? wanted.surface : moved];
-  if (state.step === 2 || state.step === 4) begin();
   if (state.step === 3 && wanted.sites === "0") sites();
   if (state.step === 2 && wanted.parts) state.parts = Math.max(1, Math.min(9, Math.floor(Number(wanted.parts)) || 1));
   if (state.step === 4 && Number(wanted.more) > 0) more(Math.min(MOST, Math.floor(Number(wanted.more))));
@@ -179,8 +185,7 @@ function opened() {
 const within = (value) => Math.max(-1, Math.min(1, value));
 
 function sites() {
-  state.sites = !state.sites;
-  state.field = state.sites ? tail.withAll() : tail.withoutBox();
+  state.field = tail.holds(state.field) ? tail.withoutBox() : tail.withAll();
 }
 
 // Every change of the stick goes through here: by pointer, or by keys.
@@ -249,6 +254,6 @@ opened();
 document.body.dataset.ready = "yes";
 // What tests ask for.
 window.fly = {
-  flight, tail, points, state, Interpolant, scaling, hold, fly, draw,
+  flight, tail, points, state, Interpolant, scaling, hold, fly,
   get amounts() { return amounts; }, get history() { return history; }, judged, at: (hash) => { location.hash = hash; opened(); },
 };

@@ -9,7 +9,7 @@ import argparse
 import json
 import shutil
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
 
@@ -21,8 +21,8 @@ import sdm_deflect
 from docs.fly.facts import KEPT
 from docs.fly.figure import draw_field, write_png
 from docs.fly.page import PAGE
-from docs.fly.tail import Tail, between, fighter
-from sdm_deflect.base.arrays import FloatArray, IntArray
+from docs.fly.tail import Tail, fighter, skin
+from sdm_deflect.base.arrays import FloatArray
 from sdm_deflect.cases.report.colours import DISPLACEMENT, INK, MOVES, SOFT, STAYS, WORSE
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
@@ -127,14 +127,13 @@ def draw_hinge() -> Figure:
     figure = Figure(figsize=SIZE, layout="constrained")
     axes = figure.subplots()
     hinge = [rigid.FIRST, rigid.SECOND]
-    for ends in skin_section(mesh.patch("wing_left").faces[0].nodes, mesh.points, mesh.points):
-        axes.plot(*np.array(ends).T, color=INK, lw=2.0)
-    aileron = mesh.patch("aileron_left").faces[0].nodes
+    for ends in skin(mesh, "wing_left", ACROSS, mesh.points):
+        axes.plot(*ends.T, color=INK, lw=2.0)
     poses = {"before": (mesh.points, INK), "outer point first": (turned_by(hinge), MOVES)}
     poses["inner point first"] = turned_by(hinge[::-1]), WORSE
     for text, (points, colour) in poses.items():
-        for k, ends in enumerate(skin_section(aileron, mesh.points, points)):
-            axes.plot(*np.array(ends).T, color=colour, lw=2.0, label=None if k else text)
+        for k, ends in enumerate(skin(mesh, "aileron_left", ACROSS, points)):
+            axes.plot(*ends.T, color=colour, lw=2.0, label=None if k else text)
     axes.set(
         aspect="equal",
         xlim=(0.672, 0.706),
@@ -150,16 +149,6 @@ def turned_by(hinge: list[FloatArray]) -> FloatArray:
     """Return the points (N, 3) of the fighter with its left aileron at 12 degrees about a hinge."""
     result = sdm_deflect.deflect(fighter()[0], "aileron_left", hinge, 12.0, motion="blended", fixed="wing_left")
     return result.points
-
-
-def skin_section(faces: IntArray, before: FloatArray, points: FloatArray) -> Iterator[list[FloatArray]]:
-    """Yield the ends (x, z) of the segments in which the plane y = `ACROSS` cuts triangles, moved with points."""
-    height = before[:, 1] - ACROSS
-    for face in faces:
-        pairs = [(face[i], face[(i + 1) % 3]) for i in range(3)]
-        ends = [between(points, height, a, b) for a, b in pairs if (height[a] >= 0.0) != (height[b] >= 0.0)]
-        if len(ends) == 2:
-            yield ends
 
 
 def write_fly(path: Path) -> None:

@@ -90,7 +90,7 @@ class SectionPicture {
 
   // Draw the mesh with nodes at points, and what a step shows: `parts`, `lattice`, `jump`, `inverted`, `errors`, `centres`.
   draw({ points, before, now, field, angle, shows }) {
-    const { plot, tail, low, high } = this, values = this.flight.live.values(angle), held = field.most === tail.count;
+    const { plot, tail, low, high } = this, values = this.flight.live.values(angle), held = tail.holds(field);
     plot.begin();
     if (shows.parts) this.drawParts(field, shows.parts, values);
     else this.drawMesh(points, before, now, shows.lattice ? 0.4 : 0.8);

@@ -23,6 +23,11 @@ class Tail {
     return { found, centres, most, nodes: found.at(this.free), sites: found.at(this.sites), lattice: found.at(this.lattice.inside) };
   }
 
+  // Whether a field has the sites on the box.
+  holds(field) {
+    return field.most === this.count;
+  }
+
   withoutBox() {
     this.known.withoutBox = this.known.withoutBox || this.field([...Array(this.inMesh).keys()], this.inMesh);
     return this.known.withoutBox;

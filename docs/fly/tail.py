@@ -142,10 +142,11 @@ class Tail:
         """Return the mean ratios (K,) of rows of cells, and which are inside out."""
         return quality_and_inverted(points, Cells("tetra", self.tets[rows]))
 
-    def judged(self, points: FloatArray) -> Judged:
-        """Judge the cells that may change, with the nodes at points (N, 3)."""
-        before, _ = self.quality(self.mesh.points, self.cells)
-        now, inverted = self.quality(points, self.cells)
+    def judged(self, points: FloatArray, rows: IntArray | None = None) -> Judged:
+        """Judge rows of cells with the nodes at points (N, 3); None: those that may change."""
+        rows = self.cells if rows is None else rows
+        before, _ = self.quality(self.mesh.points, rows)
+        now, inverted = self.quality(points, rows)
         least = float(np.where(inverted, 0.0, now).min())
         return Judged(int(inverted.sum()), least, int((before - now > WORSE).sum()))
 
@@ -185,9 +186,17 @@ def cut(tail: Tail, points: FloatArray, rows: IntArray) -> Section:
 
 def outline(tail: Tail, points: FloatArray) -> list[FloatArray]:
     """Return the segments (2, 2) in which the plane cuts the tail's skin, moved with the nodes at points (N, 3)."""
-    height = tail.mesh.points[:, 1] - SECTION
+    return skin(tail.mesh, SURFACE, SECTION, points)
+
+
+def skin(mesh: Mesh, patch: str, y: float, points: FloatArray) -> list[FloatArray]:
+    """Return the segments (2, 2) of x and z in which a plane of constant y cuts a patch.
+
+    The undeflected mesh is cut; the segments move with its nodes at points (N, 3).
+    """
+    height = mesh.points[:, 1] - y
     segments = []
-    for face in tail.mesh.patch(SURFACE).faces[0].nodes:
+    for face in mesh.patch(patch).faces[0].nodes:
         pairs = [(face[i], face[(i + 1) % 3]) for i in range(3)]
         ends = [between(points, height, a, b) for a, b in pairs if (height[a] >= 0.0) != (height[b] >= 0.0)]
         if len(ends) == 2:

@@ -47,18 +47,8 @@ def choices(facts: Facts) -> str:
     rows = []
     for name, both in facts["strategies"].items():
         squv, mv = both["squv"], both["mv"]
-        seconds = [f"{one['seconds']:.3f}" for one in (squv, mv)]
-        rows.append(
-            (
-                f"`{name}`",
-                plus(squv["centres"]),
-                squv["weights"],
-                seconds[0],
-                mv["centres"][0],
-                mv["weights"],
-                seconds[1],
-            )
-        )
+        own = plus(squv["centres"]), squv["weights"], f"{squv['seconds']:.3f}"
+        rows.append((f"`{name}`", *own, mv["centres"][0], mv["weights"], f"{mv['seconds']:.3f}"))
     heads = ("surface", "SQUV: centres of x, y, z", "weights", "s", "MV: centres", "weights", "s")
     return table(heads, rows, words=2)
 
@@ -93,6 +83,7 @@ def answers(facts: Facts) -> str:
     first = next(count for count, inverted in counts.items() if not inverted)
     falling = ", ".join(str(inverted) for count, inverted in counts.items() if count <= first)
     (low, fewer), (high, more) = rise(counts)
+    start, following, *_ = counts
     off, motion = 1e3 * tail["centres"][str(sum(START))]["error"], 1e3 * tail["motion"]
     lines = [
         f"Those between the tails and their boxes. {page['worse']:,} of {page['cells']:,} cells lose more than "
@@ -101,7 +92,7 @@ def answers(facts: Facts) -> str:
         f"the tail moves by {motion:.1f} mm.",
         f"At the box: there the field is {1e3 * tail['jump']:.0f} mm, and beyond the box nothing moves. "
         f"{tail['without_box']['inverted']} cells are inside out.",
-        f"{first}. With 8, 12, and so on {falling} cells are inside out: "
+        f"{first}. With {start}, {following}, and so on {falling} cells are inside out: "
         f"{more} with {high}, and only {fewer} with {low}.",
         "At its hinge edges and at both ends.",
         f"The free aileron of the SDM: its nodes are within {facts['rigid']:.0e} m of the CAD. That of the fighter is "

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from docs.fly import facts
-from docs.fly.flight import MOST, flight, planned, unpacked
+from docs.fly.flight import MOST, Shown, flight, planned, unpacked
 from docs.fly.page import PAGE, whole
 from docs.fly.tail import Tail
 from sdm_deflect.deform.rbf.interpolant import fit
@@ -114,7 +114,8 @@ def test_its_numbers_are_data():
     assert re.findall(r"\d", re.sub(without, "", written, flags=re.DOTALL)) == []
 
 
-def test_positions_are_those_of_the_plan(tab, plan):
+def test_positions_are_those_of_the_plan(tab, plan, tail):
+    nodes = Shown.of(tail, plan).nodes
     for roll, pitch, yaw in POSES:
         at(tab, f"step=1&roll={roll}&pitch={pitch}&yaw={yaw}")
         amounts = dict(zip([one.name for one in plan.controls], tab.evaluate("fly.amounts"), strict=True))
@@ -124,14 +125,8 @@ def test_positions_are_those_of_the_plan(tab, plan):
         })  # fmt: skip
         own = np.array(tab.evaluate("Array.from(fly.points)")).reshape(-1, 3)
         start = np.array(tab.evaluate("Array.from(fly.flight.start)")).reshape(-1, 3)
-        there, places = plan.at(amounts), plan.start
-        _, row = np.unique(np.round(places, 6), axis=0, return_index=True)
-        found = {tuple(place): k for k, place in zip(row, np.round(places[row], 6) + 0.0, strict=True)}
-        nodes = np.array([found.get(tuple(place), -1) for place in np.round(start, 6) + 0.0])
-        known = nodes >= 0
-        assert known.mean() > 0.9  # the others are rounded the other way
-        assert np.abs(own[known] - there[nodes[known]]).max() < ROUNDED
-        assert np.abs(own - start).max() == pytest.approx(np.abs(there - places).max(), abs=ROUNDED)
+        assert np.abs(start - plan.start[nodes]).max() < ROUNDED
+        assert np.abs(own - plan.at(amounts)[nodes]).max() < ROUNDED
 
 
 def test_all_cells_that_can_change_are_counted(tab, tail, plan, said):
