@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from sdm_deflect.base.arrays import FloatArray, IntArray, farthest
 from sdm_deflect.base.threads import Progress, silent, single_threaded_blas
+from sdm_deflect.base.ties import clearly_less
 
 from .box.hexahedron import Hexahedron
 from .rbf.data_sites import DIRECTIONS, DataSites, multivariate, univariate
@@ -42,7 +43,7 @@ def inside(hexahedron: Hexahedron, points: FloatArray) -> IntArray:
 def zero_sites(on_faces: FloatArray, known: FloatArray, spacing: float) -> FloatArray:
     """Return the points (P, 3) on the faces that are at least `APART` spacings from every known node (K, 3)."""
     nearest, _ = cKDTree(known).query(on_faces)
-    return np.ascontiguousarray(on_faces[nearest >= APART * spacing])
+    return np.ascontiguousarray(on_faces[~clearly_less(nearest, APART * spacing)])
 
 
 # Section 4: add centres, for each direction (SQUV) or jointly (MV), until every site is within the tolerance.

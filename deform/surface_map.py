@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 from sdm_deflect.base.arrays import FloatArray, IntArray, farthest, first_coincident
 from sdm_deflect.base.errors import InputError, shortened
 from sdm_deflect.base.threads import Progress, silent
+from sdm_deflect.base.ties import first_largest
 from sdm_deflect.meshing.mesh.cells import bounded
 from sdm_deflect.meshing.mesh.mesh import Mesh
 
@@ -320,7 +321,7 @@ def spread(points: FloatArray, walls: int, count: tuple[int, int]) -> IntArray:
     first = farthest(points[:walls], count[0])
     gap, chosen = cKDTree(points[first]).query(points[walls:])[0], list[int]()
     for _ in range(min(count[1], len(gap))):
-        chosen.append(int(np.argmax(gap)))
+        chosen.append(first_largest(gap))
         gap = np.minimum(gap, np.linalg.norm(points[walls:] - points[walls + chosen[-1]], axis=1))
     return np.concatenate([first, walls + np.array(chosen, dtype=np.intp)])
 

@@ -7,6 +7,8 @@ from typing import Literal
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from sdm_deflect.base.arrays import components
+
 from .parameters import HINGE_LOWER, HINGE_UPPER, LARGEST_TURN, TE, FloatArray
 from .polyhedra import WEDGE, Loops, prism
 from .quantity import Checked, quantity
@@ -35,7 +37,7 @@ def rotate(points: FloatArray, axis: FloatArray, degrees: float) -> FloatArray:
     """Return points (..., 3) turned right-handed about the line from `axis[0]` to `axis[1]`, (2, 3)."""
     direction = axis[1] - axis[0]
     turn = Rotation.from_rotvec(np.radians(degrees) * direction / np.linalg.norm(direction)).as_matrix()
-    return np.asarray((points - axis[0]) @ turn.T + axis[0], dtype=np.float64)
+    return np.asarray(components(points - axis[0], turn) + axis[0])
 
 
 def wedge(inner: FloatArray, outer: FloatArray) -> Loops:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from itertools import pairwise
-from math import cos, radians, sin, tan
+from math import cos, hypot, radians, sin, tan
 
 import numpy as np
 
@@ -170,15 +170,15 @@ def inset(outline: FloatArray, width: float, first: FloatArray, last: FloatArray
     """
     lines = [first]
     for a, b in pairwise(outline):
-        right = np.array([b[1] - a[1], a[0] - b[0]]) / np.linalg.norm(b - a)
+        right = np.array([b[1] - a[1], a[0] - b[0]]) / hypot(*(b - a))
         lines.append(np.array([a, b]) + width * right)
     return np.array([crossing(a, b) for a, b in pairwise([*lines, last])])
 
 
 def crossing(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return the point (2,) where two lines, each given by two points (2, 2), cross."""
-    along = np.column_stack([a[1] - a[0], b[0] - b[1]])
-    share = np.linalg.solve(along, b[0] - a[0])[0]
+    (u, v), (p, q), (x, y) = a[1] - a[0], b[1] - b[0], b[0] - a[0]
+    share = (x * q - y * p) / (u * q - v * p)
     return np.asarray(a[0] + share * (a[1] - a[0]), dtype=np.float64)
 
 

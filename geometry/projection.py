@@ -15,6 +15,8 @@ from OCP.gp import gp_Ax3, gp_Dir, gp_Pnt, gp_Pnt2d
 from OCP.ShapeAnalysis import ShapeAnalysis_Surface
 from OCP.TopAbs import TopAbs_Orientation
 
+from sdm_deflect.base.arrays import component
+
 from .parameters import FloatArray
 
 # Far below any dimension of an aircraft, far above rounding.
@@ -38,7 +40,7 @@ class PlaneSurface:
 
     def nearest(self, points: FloatArray) -> FloatArray:
         """Return orthogonal projections (N, 3)."""
-        height = (points - self.origin) @ self.normal
+        height = component(points - self.origin, self.normal)
         return np.asarray(points - height[:, None] * self.normal, dtype=np.float64)
 
     def normals(self, points: FloatArray) -> FloatArray:
@@ -70,7 +72,7 @@ class CylinderSurface:
 
     def _radial(self, points: FloatArray) -> FloatArray:
         offset = points - self.origin
-        return np.asarray(offset - np.outer(offset @ self.axis, self.axis), dtype=np.float64)
+        return np.asarray(offset - np.outer(component(offset, self.axis), self.axis), dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,9 +137,9 @@ class Segment:
     def nearest(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return orthogonal projections (N, 3), clamped to the segment, and distances (N,) along it."""
         span = self.end - self.start
-        length = float(np.linalg.norm(span))
-        along = np.clip((points - self.start) @ span / length**2, 0.0, 1.0)
-        return self.start + along[:, None] * span, length * along
+        square = component(span, span)
+        along = np.clip(component(points - self.start, span) / square, 0.0, 1.0)
+        return self.start + along[:, None] * span, np.sqrt(square) * along
 
     def at(self, shares: FloatArray) -> FloatArray:
         """Return points (N, 3) at shares (N,) of the length."""

@@ -35,6 +35,7 @@ from scipy.spatial import cKDTree
 
 from sdm_deflect.base.arrays import FloatArray, IntArray, union
 from sdm_deflect.base.compiled import compiled_exactly
+from sdm_deflect.base.ties import clearly_less
 from sdm_deflect.deform.rbf.data_sites import DataSites
 
 from .local_rotation import LocalRotation, RotationRates
@@ -179,7 +180,7 @@ def _carried_reverse(
 
 
 def layer_sites(nearby: Nearby, nodes: IntArray, edge: float) -> IntArray:
-    """Return the rows of points that become data sites: for each node the farthest one allowed.
+    """Return the rows of points that become data sites: for each node the first of the farthest ones allowed.
 
     Parameters
     ----------
@@ -187,13 +188,14 @@ def layer_sites(nearby: Nearby, nodes: IntArray, edge: float) -> IntArray:
     nodes : Rows of the boundary nodes that have layer sites.
     edge : Length of an edge of the surface.
     """
-    first = nearby.first
-    good = np.isin(nearby.node, nodes) & (first > NEAR * edge) & (first < FAR * edge)
-    good &= first < ALONE * nearby.second
-    rows = np.flatnonzero(good)
-    rows = rows[np.lexsort((-first[rows], nearby.node[rows]))]
-    _, one_each = np.unique(nearby.node[rows], return_index=True)
-    return rows[one_each][:: max(1, -(-len(one_each) // MOST_LAYER_SITES))]
+    node, first = nearby.node, nearby.first
+    good = np.isin(node, nodes) & clearly_less(NEAR * edge, first) & clearly_less(first, FAR * edge)
+    rows = np.flatnonzero(good & clearly_less(first, ALONE * nearby.second))
+    farthest = np.zeros(node.max(initial=0) + 1)
+    np.maximum.at(farthest, node[rows], first[rows])
+    rows = rows[~clearly_less(first[rows], farthest[node[rows]])]
+    _, one_each = np.unique(node[rows], return_index=True)
+    return np.asarray(rows[one_each][:: max(1, -(-len(one_each) // MOST_LAYER_SITES))])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

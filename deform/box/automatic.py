@@ -7,6 +7,7 @@ import numpy as np
 
 from sdm_deflect.base.arrays import FloatArray
 from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.ties import first_largest
 from sdm_deflect.meshing.mesh.axis import Axis
 from sdm_deflect.meshing.mesh.cells import LARGEST, bounded
 
@@ -221,7 +222,7 @@ def _clear(low: FloatArray, high: FloatArray, wanted: float, obstacles: FloatArr
         if not len(free):
             return margins
         worst = free[np.argmin(best[free])]
-        face = int(np.argmax(share[worst]))
+        face = first_largest(share[worst])
         margins[face // 3, face % 3] = GAP * beyond[worst].ravel()[face]
 
 

@@ -10,6 +10,7 @@ from sdm_deflect.base.arrays import FloatArray, first_coincident
 from sdm_deflect.base.compiled import compiled
 from sdm_deflect.base.errors import InputError
 from sdm_deflect.base.threads import in_chunks
+from sdm_deflect.base.ties import EQUAL
 from sdm_deflect.deform.rbf.kernels import check_points
 from sdm_deflect.meshing.mesh.cells import bounded
 
@@ -68,9 +69,13 @@ class Hexahedron:
         object.__setattr__(self, "planes", _triangle_planes(self.corners))
         _check_faces(self.corners, self.planes)
 
-    def contains(self, points: FloatArray, tol: float = 0.0) -> NDArray[np.bool_]:
-        """Return which of points (M, 3) lie inside, or at most `tol` outside of the plane of any face."""
+    def contains(self, points: FloatArray, tol: float | None = None) -> NDArray[np.bool_]:
+        """Return which of points (M, 3) lie inside, or at most `tol` outside of the plane of any face.
+
+        The default is a share `EQUAL` of the size: a point on a face is inside, wherever rounding puts it.
+        """
         check_points(points=points)
+        tol = EQUAL * float(np.ptp(self.corners, axis=0).max()) if tol is None else tol
         x = np.ascontiguousarray(points, dtype=np.float64)
         inside = np.empty(len(x), dtype=np.bool_)
         low, high = self.corners.min(axis=0) - abs(tol), self.corners.max(axis=0) + abs(tol)
@@ -176,10 +181,11 @@ def _check_faces(corners: FloatArray, planes: FloatArray) -> None:
 
 
 def _around(points: FloatArray, normal: FloatArray) -> FloatArray:
-    """Sort the points (k, 3) of a convex plane polygon around their centre."""
+    """Sort the points (k, 3) of a convex plane polygon around their centre; the first one stays the first."""
     arm = points - points.mean(axis=0)
     u = arm[0] / np.linalg.norm(arm[0])
-    return points[np.argsort(np.arctan2(arm @ np.cross(normal, u), arm @ u))]
+    angle = np.arctan2(arm @ np.cross(normal, u), arm @ u)
+    return points[np.argsort((angle + EQUAL) % (2.0 * np.pi))]
 
 
 @compiled

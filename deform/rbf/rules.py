@@ -10,12 +10,16 @@ from numpy.typing import NDArray
 
 from sdm_deflect.base.arrays import FloatArray, IndexArray
 from sdm_deflect.base.compiled import compiled
+from sdm_deflect.base.ties import EQUAL
 
 from .fitting import Polynomial
 from .problem import Basis, Coefficients, Problem
 
-# Share of `tol_stop` below which residuals count as equal; these are ordered by row, not by rounding.
+# Difference of residuals, as a share of `tol_stop`, below which they are equal: their rows decide. It is larger than
+# `EQUAL` because the solution of the linear system multiplies rounding, to some 1e-10 of `tol_stop`.
 TIE = 1e-6
+# Squares of equal distances differ by less than this share.
+LESS = 1.0 - 2.0 * EQUAL
 # Number of pairs below which a sweep costs no more than a guess.
 WORTH_GUESSING = 400_000
 # Share of the last block's residuals, above which a guess looks at a site.
@@ -142,11 +146,12 @@ def _worst(residual: FloatArray, chosen: IndexArray, level: float, options: Gree
     free = residual > level
     free[chosen] = False
     above = np.flatnonzero(free)
-    rank = np.rint(residual[above] / (TIE * options.tol_stop))
+    tie = TIE * options.tol_stop
     if len(above) > count > 0:
-        keep = rank >= np.partition(rank, -count)[-count]
-        above, rank = above[keep], rank[keep]
-    return np.asarray(above[np.argsort(-rank, kind="stable")][:count])
+        above = above[residual[above] >= np.partition(residual[above], -count)[-count] - tie]
+    falling = above[np.argsort(-residual[above], kind="stable")]
+    rank = np.cumsum(-np.diff(residual[falling], prepend=residual[falling[:1]]) > tie)
+    return np.asarray(falling[np.lexsort((falling, rank))][:count])
 
 
 @compiled
@@ -174,7 +179,7 @@ def _thin(
             x0, x1, x2, reach = x[0, i], x[1, i], x[2, i], reach2[i]
             for j in range(len(reach2)):
                 d0, d1, d2 = x[0, j] - x0, x[1, j] - x1, x[2, j] - x2
-                near[j] |= d0 * d0 + d1 * d1 + d2 * d2 < max(reach, reach2[j])
+                near[j] |= d0 * d0 + d1 * d1 + d2 * d2 < LESS * max(reach, reach2[j])
 
 
 def row_norms(errors: FloatArray) -> FloatArray:

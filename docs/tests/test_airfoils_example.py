@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from sdm_deflect.cases.api import deflect
 from sdm_deflect.cases.report.finished import FinishedRun
 from sdm_deflect.cases.report.scene3d import turnable
 from sdm_deflect.meshing.formats.registry import read
 from sdm_deflect.meshing.mesh.quality import inverted_of
 from tests.calls import sdm
+from tests.ties import SEEDS, chosen, rounded_otherwise
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -47,6 +49,20 @@ def test_the_flap_turns_and_its_skins_stay_straight(folder, deflected):
     assert new.points[edge, :2] == pytest.approx([0.75 + 0.25 * np.cos(angle), 0.25 * np.sin(angle)], abs=1e-12)
     assert new.points[old.patch("wing").nodes].tobytes() == old.points[old.patch("wing").nodes].tobytes()
     assert not any(inverted_of(new.points, block).any() for block in new.cells)
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "angle"),
+    [
+        ("naca0012", {"surfaces": "flap", "fixed": "wing", "hinge": [(0.75, 0.0)], "motion": "blended"}, -20.0),
+        ("three_elements", {"surfaces": "wall#2", "fixed": "wall", "hinge": [(0.79, -0.055)]}, -20.0),
+    ],
+)
+def test_the_same_centres_wherever_rounding_differs(folder, name, settings, angle):
+    mesh, settings = read(folder / f"{name}.su2"), {**settings, "angle": angle, "repair": "off", "force": True}
+    first = chosen(deflect(mesh, **settings).deflection)
+    for seed in SEEDS:
+        assert chosen(deflect(rounded_otherwise(mesh, seed), **settings).deflection) == first, seed
 
 
 def test_settings_page_and_view_of_a_plane_mesh(folder, deflected, capsys):

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pymeshlab
 
-from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, components
 from sdm_deflect.meshing.child import Arrays, serve
 
 Question = Mapping[str, Any]
@@ -70,7 +70,7 @@ def crossing(points: FloatArray, triangles: IntArray, far: BoolArray) -> IntArra
 def _crossing(points: FloatArray, triangles: IntArray) -> BoolArray:
     chosen = np.ones(len(triangles), dtype=np.bool_)
     for step in range(ORIENTATIONS):
-        meshes = load(points @ rotation(step * TURN), triangles)
+        meshes = load(components(points, rotation(step * TURN).T), triangles)
         meshes.compute_selection_by_self_intersections_per_face()
         chosen &= meshes.current_mesh().face_selection_array()
     return chosen

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import Delaunay, cKDTree
 
-from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, component
 from sdm_deflect.geometry.model import CadFace, CadModel
 from sdm_deflect.meshing.mesh.quality import signed_volumes
 
@@ -209,11 +209,11 @@ def _gap_widths(samples: Samples, cells: float) -> FloatArray:
     widths = np.full(len(points), np.inf)
     for i, near in enumerate(cKDTree(points).query_ball_point(points, cells * lengths)):
         other = np.asarray(near)
-        opposed = other[normals[other] @ normals[i] < OPPOSED]
+        opposed = other[component(normals[other], normals[i]) < OPPOSED]
         if len(opposed):
             way = points[opposed] - points[i]
             distance = np.linalg.norm(way, axis=1)
-            facing = distance[way @ normals[i] > AHEAD * distance]
+            facing = distance[component(way, normals[i]) > AHEAD * distance]
             widths[i] = facing.min(initial=np.inf)
     return widths
 

@@ -9,6 +9,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from .ties import EQUAL, first_largest
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
@@ -42,6 +44,19 @@ def union(*parts: NDArray[Any]) -> NDArray[np.intp]:
 
 
 # Parallel to no lattice vector: points of a regular grid get distinct keys.
+
+
+def component(vectors: FloatArray, direction: FloatArray) -> FloatArray:
+    """Return the scalar products (...,) of vectors (..., 3) with a direction (3,): the same bits on every processor.
+
+    A product by ``@`` goes through BLAS, which has other kernels for other processors. Some fuse products and sums.
+    """
+    return np.asarray(vectors[..., 0] * direction[0] + vectors[..., 1] * direction[1] + vectors[..., 2] * direction[2])
+
+
+def components(vectors: FloatArray, directions: FloatArray) -> FloatArray:
+    """Return the scalar products (..., K) of vectors (..., 3) with directions (K, 3), like `component`."""
+    return np.stack([component(vectors, direction) for direction in directions], axis=-1)
 
 
 def along_curve(points: FloatArray) -> IndexArray:
@@ -93,14 +108,14 @@ def farthest(points: FloatArray, n: int) -> IndexArray:
         raise ValueError(f"n = {n} must be at least 1")
     x, y, z = np.ascontiguousarray(points.T)
     start = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    chosen = [int(np.argmax((x - start[0]) ** 2 + (y - start[1]) ** 2 + (z - start[2]) ** 2))]
+    chosen = [first_largest((x - start[0]) ** 2 + (y - start[1]) ** 2 + (z - start[2]) ** 2)]
     if len(points) > FEW:
         return _farthest_of_many(points, n, chosen)
     nearest = np.full(len(points), np.inf)
     while len(chosen) < n:
         i = chosen[-1]
         np.minimum(nearest, (x - x[i]) ** 2 + (y - y[i]) ** 2 + (z - z[i]) ** 2, out=nearest)
-        farthest_row = int(np.argmax(nearest))
+        farthest_row = first_largest(nearest)
         if nearest[farthest_row] == 0.0:
             break
         chosen.append(farthest_row)
@@ -125,8 +140,8 @@ def _farthest_of_many(points: FloatArray, n: int, chosen: list[int]) -> IndexArr
         reach = largest.max()
         if reach == 0.0:
             break
-        block = np.flatnonzero(largest == reach)
-        chosen.append(int(rows[block][nearest[block] == reach].min()))
+        block = np.flatnonzero(largest >= (least := (1.0 - EQUAL) * reach))
+        chosen.append(int(rows[block][nearest[block] >= least].min()))
     return np.array(chosen, dtype=np.intp)
 
 

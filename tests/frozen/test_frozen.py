@@ -1,8 +1,8 @@
 """The points of every kind of deflection stay what they were on fixed meshes.
 
-Those of the cases were kept by the version before this engine, those of wings by the last one before a case was judged
-as any mesh is. Each ``.npz`` holds the rows of the nodes that moved and where they were; `mesh_*.npz` the meshes of the
-cases.
+They were kept by the first version that chooses equal centres on every processor (`sdm_deflect.base.ties`). The version
+before chose others among equally good ones: its points were within 1.5 tolerances of these. Each ``.npz`` holds the
+rows of the nodes that moved and where they were; `mesh_*.npz` the meshes of the cases.
 """
 
 from dataclasses import replace
@@ -84,11 +84,7 @@ def test_cases(meshes, name, angle, strategy):
 
 
 def hybrid(name):
-    """The hybrid wing, or the one whose flap ends at the symmetry plane, and what moves it.
-
-    The box is given: the corners of an automatic one differ in their last bit from processor to processor, and with
-    them the initial centres on its regular faces; that moves nodes by up to the tolerance of the fit.
-    """
+    """The hybrid wing, or the one whose flap ends at the symmetry plane, and what moves it in a given box."""
     middle, inboard = wing(cells=4), wing(flap=(0.0, 0.5), cells=4)
     whole, flap, fixed, slide = ("wing_*", "flap_*"), ("flap_*",), ("wing_*",), {"symmetry": "plane"}
 
