@@ -356,8 +356,9 @@ class MeshMotion:
     @cached_property
     def _residuals(self) -> tuple[FloatArray, ...]:
         """For each surface the errors of its fields at the data sites in each step (k, steps, S, 3)."""
-        most = max(len(deflection.steps) for snapshot in self.snapshots for deflection in snapshot.deflections)
-        return tuple(snapshot.residuals(most) for snapshot in self.snapshots)
+        found = [snapshot.residuals for snapshot in self.snapshots]
+        most = max(errors.shape[1] for errors in found)
+        return tuple(np.pad(errors, ((0, 0), (0, most - errors.shape[1]), (0, 0), (0, 0))) for errors in found)
 
     def judged(self, progress: Progress = silent, count: int = MEASURED) -> "MeshMotion":
         """Check the mesh at some amounts of each surface; return the motion with the results.

@@ -176,9 +176,16 @@ def inset(outline: FloatArray, width: float, first: FloatArray, last: FloatArray
 
 
 def crossing(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the point (2,) where two lines, each given by two points (2, 2), cross."""
-    (u, v), (p, q), (x, y) = a[1] - a[0], b[1] - b[0], b[0] - a[0]
-    share = (x * q - y * p) / (u * q - v * p)
+    """Return the point (2,) where two lines, each given by two points (2, 2), cross.
+
+    The elimination is written out: a solver of LAPACK gives other last bits on processors with AVX-512, and one bit of
+    a corner gives another mesh.
+    """
+    (u, v), (p, q), (x, y) = a[1] - a[0], b[0] - b[1], b[0] - a[0]
+    if abs(v) > abs(u):
+        (u, v), (p, q), (x, y) = (v, u), (q, p), (y, x)
+    factor = v / u
+    share = (x - p * ((y - factor * x) / (q - factor * p))) / u
     return np.asarray(a[0] + share * (a[1] - a[0]), dtype=np.float64)
 
 

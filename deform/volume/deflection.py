@@ -431,7 +431,7 @@ def deflect_in_steps(
     points, steps, reached = start, [], np.zeros((len(nodes), 3))
     for k in range(1, count + 1):
         target = plan.boundary.displacement(share_of(amounts, k, count))
-        begins = earlier.start if earlier else plan.start(points)
+        begins = replace(earlier.start, how=plan.choice) if earlier else plan.start(points)
         try:
             steps.append(take(begins, target - reached, earlier, keep_centers, progress, plan.runner))
         except SolveError as error:

@@ -247,26 +247,31 @@ class BoxPlan:
             modifiers.append(StayInFaces(tuple(faces)))
         return (*modifiers, *self.more, *([sites.bind] if sites.bind else []))
 
-    def start(self, points: FloatArray) -> Start:
-        """Return the start of a step, with the interpolated mesh at `points` (N, 3)."""
+    @property
+    def choice(self) -> Choice:
+        """How centres are chosen."""
         fitting, sites = self.job.fitting, self.sites
-        if fitting.processor == "gpu":
-            from sdm_deflect.deform.rbf.gpu import check_card  # before the fits, which take a while
-
-            check_card()
-        free = np.setdiff1d(self.region.inside, sites.known, assume_unique=True)
         error = sites.tolerance / self.margin
         options = GreedyOptions(
             n_add=fitting.n_add, tol_add=error, tol_stop=error, max_centers=fitting.max_centers,
             polynomial=fitting.polynomial,
         )  # fmt: skip
         initial = fitting.initial_surface, fitting.initial_hexahedron
-        how = Choice(sites.kernel, fitting.strategy, fitting.rule, initial, options, fitting.processor)
+        return Choice(sites.kernel, fitting.strategy, fitting.rule, initial, options, fitting.processor)
+
+    def start(self, points: FloatArray) -> Start:
+        """Return the start of a step, with the interpolated mesh at `points` (N, 3)."""
+        sites = self.sites
+        if self.job.fitting.processor == "gpu":
+            from sdm_deflect.deform.rbf.gpu import check_card  # before the fits, which take a while
+
+            check_card()
+        free = np.setdiff1d(self.region.inside, sites.known, assume_unique=True)
         rows = np.concatenate([sites.distinct, len(sites.moving) + sites.sampled])
         modifiers = tuple(modifier.at(points, free) for modifier in self.modifiers)
         return Start(
             points, sites.known, len(sites.slid), rows, len(sites.distinct), free, sites.zero, self.boundary.components,
-            how, modifiers,
+            self.choice, modifiers,
         )  # fmt: skip
 
 

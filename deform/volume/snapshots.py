@@ -26,6 +26,9 @@ from .step import take
 SAMPLES, MOST_GROWTH = 101, 5.0
 # Share of the tolerance by which fields may miss a deflection on the same centres between the ends.
 MISSED = 0.1
+# Factor by which fits are finer than the largest error of the fields asks for: one more reading then suffices mostly,
+# and four reach `MOST_GROWTH`.
+FINER = 1.5
 
 
 class Snapshots(NamedTuple):
@@ -38,6 +41,7 @@ class Snapshots(NamedTuple):
     deflections : r deflections.
     weights : (k, r) weights of their displacements in the field of each function.
     ends : deflections to the ends of the range, with their adaptations.
+    residuals : (k, steps, S, 3) errors of the fields at the data sites in each step; none until `with_residuals`.
     """
 
     control: ControlRange
@@ -46,6 +50,7 @@ class Snapshots(NamedTuple):
     deflections: tuple[BoxDeflection, ...]
     weights: FloatArray
     ends: tuple[BoxDeflection, ...]
+    residuals: FloatArray = np.empty((0, 0, 0, 3))
 
     @classmethod
     def of(
@@ -58,15 +63,21 @@ class Snapshots(NamedTuple):
     ) -> "Snapshots":
         """Deflect the surface `row` of a box to each amount to be read; the others stay.
 
-        Where the functions miss a deflection between, further amounts are read. A `known` deflection is used as it is.
+        Where the functions miss a deflection between, further amounts are read. Where the errors of deflections add up
+        to more than the tolerance, these are fitted more finely. A `known` deflection is used as it is.
 
         Raises InputError if a surface cannot move so far, or if the fields miss a deflection by more than `MISSED`.
         """
+        finer = 1.0
         while True:
-            snapshots = cls._read(box, row, control, progress, known)
+            snapshots = cls._read(box, row, control, finer, progress, known).with_residuals()
             error = snapshots.error() / box.sites.tolerance
             if error <= MISSED:
-                return snapshots
+                growth = snapshots.site_error() * box.margin / box.sites.tolerance
+                if growth <= 1.0 or finer >= MOST_GROWTH:
+                    return snapshots
+                finer = min(FINER * growth * finer, MOST_GROWTH)
+                continue
             if control.functions.finer is None:
                 smaller = f"{0.5 * control.low:g}:{0.5 * control.high:g}"
                 curved = any(not isinstance(patch.surface, Plane) for patch in box.boundary.sliding)
@@ -75,19 +86,21 @@ class Snapshots(NamedTuple):
                     f"{control.functions.count} fields miss deflections by {error:.2g} of the tolerance, and "
                     f"{MISSED:g} is allowed{', as on a curved slide' * curved}; try {smaller}, or plan one amount"
                 )
-            control = replace(control, functions=control.functions.finer)
+            control, finer = replace(control, functions=control.functions.finer), 1.0
 
     @classmethod
     def _read(
-        cls, box: BoxPlan, row: int, control: ControlRange, progress: Progress, known: BoxDeflection | None
-    ) -> "Snapshots":
+        cls, box: BoxPlan, row: int, control: ControlRange, finer: float, progress: Progress,
+        known: BoxDeflection | None,
+    ) -> "Snapshots":  # fmt: skip
         """Deflect to the ends of the range as `deflect_box` does, and to amounts between on the centres of the ends.
 
         The fields are read without repairs. The repair of an end has the share 1 there, and 0 at amount 0 and at the
         other end (at the opposite amount, if the other end is 0). If the functions ask for `separate` readings, each is
-        a deflection of its own with its repair, and more accurate by as much as errors grow between them.
+        a deflection of its own with its repair, and more accurate by as much as errors grow between them. All fits but
+        the known one are `finer` by a factor.
         """
-        plan, reads = _with_free_nodes_repaired(box), control.reads
+        plan, reads = _with_free_nodes_repaired(replace(box, margin=finer * box.margin)), control.reads
         poses = [_alone(box, row, amount) for amount in reads]
         if control.functions.separate:
             inverse = _inverse(control, reads)
@@ -115,6 +128,7 @@ class Snapshots(NamedTuple):
             ]
         else:
             deflections = _on_shared_centers(plan, poses, end, progress)
+            deflections[last] = end if end is known else deflections[last]
         plain = [replace(deflection, exact=deflection.interpolated, repaired=None) for deflection in deflections]
         weights = _inverse(control, reads)
         for i, deflection in enumerate(deflections):
@@ -132,9 +146,16 @@ class Snapshots(NamedTuple):
         start = self.box.mesh.points[nodes]
         return weighted(self.weights, [deflection.exact[nodes] - start for deflection in self.deflections])
 
-    def residuals(self, steps: int) -> FloatArray:
-        """Return the errors of the fields at the data sites in each step (k, steps, S, 3)."""
-        return weighted(self.weights, [residuals(deflection, steps) for deflection in self.deflections])
+    def with_residuals(self) -> "Snapshots":
+        """Return the same with the errors of the fields at the data sites."""
+        steps = max(len(deflection.steps) for deflection in self.deflections)
+        errors = weighted(self.weights, [_residuals(deflection, steps) for deflection in self.deflections])
+        return self._replace(residuals=errors)
+
+    def site_error(self) -> float:
+        """Return the largest error of the fields at any data site, at amounts from end to end of the range."""
+        values = (self.control.functions.values(amount) for amount in self.control.samples(SAMPLES))
+        return max(float(np.abs(np.tensordot(value, self.residuals, 1)).max(initial=0.0)) for value in values)
 
     def nearest(self, amount: float) -> BoxDeflection:
         """Return the deflection at the end of the range nearest to an amount."""
@@ -226,7 +247,7 @@ def _with_free_nodes_repaired(box: BoxPlan) -> BoxPlan:
     return replace(box, boundary=replace(box.boundary, job=job))
 
 
-def residuals(deflection: BoxDeflection, steps: int) -> FloatArray:
+def _residuals(deflection: BoxDeflection, steps: int) -> FloatArray:
     """Return the errors of a deflection's interpolants at the data sites in each step (steps, S, 3).
 
     Boundary sites come first, then zero sites; layer sites are left out, because each step chooses its own. Steps

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from sdm_deflect.cases.api import deflect
 from sdm_deflect.cases.report.finished import FinishedRun
+from sdm_deflect.cases.report.folder import plan_around
 from sdm_deflect.cases.report.scene3d import turnable
 from sdm_deflect.meshing.formats.registry import read
 from sdm_deflect.meshing.mesh.quality import inverted_of
@@ -63,6 +64,18 @@ def test_the_same_centres_wherever_rounding_differs(folder, name, settings, angl
     first = chosen(deflect(mesh, **settings).deflection)
     for seed in SEEDS:
         assert chosen(deflect(rounded_otherwise(mesh, seed), **settings).deflection) == first, seed
+
+
+@pytest.mark.parametrize("angle", [-33.0, -22.0, 25.0])
+def test_a_plan_holds_its_tolerance_up_to_an_angle_that_passes(folder, angle):
+    settings = {"surfaces": "flap", "fixed": "wing", "hinge": [(0.75, 0.0)], "motion": "blended"}
+    result = deflect(read(folder / "naca0012.su2"), angle=angle, **settings)
+    plan = plan_around(result.deflection)
+    assert result.passed
+    assert np.abs(plan.at(angle) - result.points).max() < 1e-14
+    between = [row for row in plan.measured[0] if 0.0 <= row.amount / angle <= 1.0]
+    assert [row.failed for row in between] == [()] * len(between)
+    assert len(between) >= 5
 
 
 def test_settings_page_and_view_of_a_plane_mesh(folder, deflected, capsys):

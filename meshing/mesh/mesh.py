@@ -13,7 +13,7 @@ from sdm_deflect.base.arrays import FloatArray, IntArray, union
 from sdm_deflect.base.errors import InputError, nearest, short_list
 from sdm_deflect.base.states import States
 
-from .cells import LARGEST, PLANE, Cells, Faces, Patch, Periodic, Polyhedra, Volume, Zone, real, several
+from .cells import LARGEST, PLANE, Cells, Faces, Patch, Periodic, Polyhedra, Volume, Zone, real, several, whole
 from .pieces import FullMesh
 
 # Separates the name of a patch from the number of its component.
@@ -89,6 +89,7 @@ class Mesh:
         if twice:
             raise InputError(f"patch names must be distinct; given twice: {short_list(twice)}")
         self._check_nodes()
+        self._check_sides()
         self._check_plane()
         if not self.zones:
             object.__setattr__(self, "zones", (Zone("", 0, len(self.points)),))
@@ -98,6 +99,17 @@ class Mesh:
             if len(nodes) and (nodes.min() < 0 or nodes.max() >= len(self.points)):
                 raise InputError(
                     f"{what}: nodes {nodes.min()} to {nodes.max()}, but there are {len(self.points)} points"
+                )
+
+    def _check_sides(self) -> None:
+        """Raise InputError for faces of polyhedra between cells that cannot be."""
+        for block in (block for block in self.cells if isinstance(block, Polyhedra)):
+            sides = whole(block.owner, "owners"), whole(block.neighbour, "neighbours")
+            low, count = min(int(cells.min(initial=0)) for cells in sides), sum(map(len, sides))
+            if low < 0 or len(block) > count:
+                raise InputError(
+                    f"owners and neighbours of faces: cells {low} to {len(block) - 1}; they count from 0, and "
+                    f"{count} sides of faces bound at most as many cells"
                 )
 
     def _check_plane(self) -> None:

@@ -49,6 +49,22 @@ def test_cells_and_faces_have_the_corners_of_their_shape():
         Polyhedra(Polygons(np.arange(3), np.array([0, 3])), np.zeros(2, dtype=int), np.zeros(0, dtype=int))
 
 
+@pytest.mark.parametrize(
+    ("owner", "neighbour", "message"),
+    [
+        ([0, 0, 0, -1], [], "cells -1 to 0; they count from 0"),
+        ([0, 0, 0, 0], [-1], "cells -1 to 0; they count from 0"),
+        ([0, 0, 0, 4], [], "cells 0 to 4; they count from 0, and 4 sides of faces bound at most as many cells"),
+        ([0, 0, 0, 0], [2**40], "cells 0 to 1099511627776; they count from 0, and 5 sides"),
+        ([0.0, 0.0, 0.0, 0.0], [], "owners must be whole numbers, not float64"),
+    ],
+)
+def test_owners_and_neighbours_that_are_no_cells_are_refused(owner, neighbour, message):
+    faces = Polygons(np.array([0, 2, 1, 0, 1, 3, 1, 2, 3, 0, 3, 2]), np.array([0, 3, 6, 9, 12]))
+    with pytest.raises(InputError, match=message):
+        Mesh(POINTS, (Polyhedra(faces, np.array(owner), np.array(neighbour, dtype=int)),), ())
+
+
 def test_rows_of_polygons_are_polygons():
     faces = Polygons(np.arange(11), np.array([0, 3, 7, 11]))
     part = faces.rows(1, 3)
