@@ -20,7 +20,7 @@ from sdm_deflect.meshing.mesh.mesh import Mesh
 from .errors import about
 
 # Raised whenever the same parameters give another mesh than before: kept meshes then no longer match.
-RECIPE = 2
+RECIPE = 3
 
 _MAKERS = ("cadquery-ocp", "gmsh", "pytetwild")
 _ARRAYS = ("points", "tets", "triangles", "patch", "face")

@@ -129,9 +129,10 @@ def plan_around(deflection: Deflection, progress: Progress = silent) -> MeshMoti
             if plan is deflection.plan or not motion.shortfalls:
                 return motion
             motion = motion.where_passed()
-            if all(
+            reached = all(
                 control.low <= own <= control.high for control, own in zip(motion.controls, motion.amounts, strict=True)
-            ):
+            )
+            if reached and not motion.shortfalls:
                 return motion
     return None
 
