@@ -11,10 +11,13 @@ import tarfile
 import tomllib
 import venv
 import zipfile
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, metadata, version
 from pathlib import Path, PurePosixPath
 
 import numpy
 import pytest
+from packaging.specifiers import SpecifierSet
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = ("sdm_deflect", "cases", "deform", "geometry", "meshing")
@@ -234,3 +237,46 @@ def test_pip_replaces_and_removes_a_package_that_was_used(environment, wheel, so
     pip("uninstall", "-y", "sdm-deflect")
     assert "ModuleNotFoundError: No module named 'sdm_deflect'" in python("-c", "import sdm_deflect")
     assert not list(source.rglob("*.nb[ci]"))
+
+
+# Pythons that the constraints must suit: the oldest that is allowed, Debian 12's, Ubuntu 24.04's, and a new one.
+PYTHONS = ("3.11.0", "3.11.2", "3.12.3", "3.13.0")
+
+
+def constraints() -> dict[str, str]:
+    """Return the versions of constraints.txt by name."""
+    lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    return dict(line.split("==") for line in lines if line and not line.startswith("#"))
+
+
+@pytest.mark.parametrize("python", PYTHONS)
+def test_each_version_in_the_constraints_is_for_every_python_that_the_package_allows(python):
+    """By the metadata of what is installed; the nightly test below asks pip."""
+    allowed = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["requires-python"]
+    assert SpecifierSet(allowed).contains(python)
+    others, seen = {}, 0
+    for name, wanted in constraints().items():
+        with suppress(PackageNotFoundError):
+            needed = metadata(name).get("Requires-Python", "")
+            if version(name) == wanted and not SpecifierSet(needed).contains(python):
+                others[f"{name}=={wanted}"] = needed
+            seen += version(name) == wanted
+    assert others == {}
+    assert seen > 100, "the environment is not that of README's test command"
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("python", PYTHONS)
+def test_pip_resolves_the_constraints(python, tmp_path):
+    words = ["install", "--dry-run", "--ignore-installed", "--only-binary=:all:", "-q", "--python-version", python]
+    command = [sys.executable, "-m", "pip", *words, "--target", tmp_path, "-c", "constraints.txt", ".[dev]"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("python", "allowed"), [("3.10.13", False), ("3.12.0", False), ("3.12.1", False), ("3.12.2", True)]
+)
+def test_pythons_that_end_in_segmentation_faults_are_left_out(python, allowed):
+    needed = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["requires-python"]
+    assert SpecifierSet(needed).contains(python) is allowed
