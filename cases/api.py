@@ -268,13 +268,13 @@ class Result:
         """Surface, mesh, angle and verdict, and the reached share of the angle if it is less than all."""
         unit, failed = self.plan.unit, [c.name for c in self.checks if not c.passed]
         verdict = f"FAILED: {', '.join(failed)}" if failed else "all checks passed"
-        text = "; ".join([verdict, *short_turns(self.plan)])
+        text = "; ".join([verdict, *short_turns(self.plan, self.deflection.amounts)])
         return f"{', '.join(self.plan.patches)} of {self.plan.mesh.name} at {self.angle:+g} {unit}: {text}"
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Warnings of probable mistakes although every check holds, reached shares of the angle, and notes."""
-        return (*warnings_of(self.plan), *short_turns(self.plan), *notes_of(self.plan))
+        return (*warnings_of(self.plan), *short_turns(self.plan, self.deflection.amounts), *notes_of(self.plan))
 
     def __repr__(self) -> str:
         return "\n".join([f"<Result: {self.title}>", *(f"warning: {text}" for text in warnings_of(self.plan))])
@@ -524,7 +524,7 @@ def _plan_jobs(mesh: Any, jobs: Sequence[Job], poses: Sequence[Amounts], progres
     """Plan jobs for all poses, warn of probable mistakes and short turns, and return also the mesh as given."""
     given = adapters.accept(read(mesh, progress) if isinstance(mesh, str | PathLike) else mesh)
     plan = Plan.of(given.mesh, jobs, poses, progress)
-    for text in (*warnings_of(plan), *short_turns(plan)):
+    for text in (*warnings_of(plan), *short_turns(plan, plan.largest)):
         warnings.warn(text, stacklevel=4)
     return plan, given
 

@@ -1,5 +1,6 @@
 """The cases by name, and changes by users."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -72,6 +73,8 @@ CASES: dict[str, Case] = {case.name: case for case in (AILERON_FREE, AILERON, AI
 
 # Settings of the interpolation that may be given without the name of their table.
 KERNEL = ("kernel", "kernel_radius", "polynomial")
+# A name of a case of one's own.
+OWN_NAME = re.compile(r"[A-Za-z0-9][\w-]*", re.ASCII)
 # Spacing of zero sites, over edges of the moving surface, that gives the paper's meshes its number of sites.
 PAPER_SPACING = {"aileron-chimera": 8.0, "tail": 3.25}
 
@@ -94,7 +97,8 @@ def resolve(
 ) -> Case:
     """Return the case: registered defaults, then the configuration file, then options, then assignments.
 
-    `chosen` are the options angle, range, repair and strategy; None if one is not given.
+    `chosen` are the options angle, range, repair and strategy; None if one is not given. A file with a name of its own
+    is a case of its own, if it says which surfaces turn.
 
     Raises InputError: one sentence: what is wrong, which value, what would be right.
     """
@@ -113,13 +117,30 @@ def resolve(
     size = changes.get("scale", scale)
     if size not in (None, tables.get("scale", size)):
         raise InputError(f"scale = {size!r}: {config} holds the sizes of {tables['scale']}; leave one of them out")
-    case = case_named(name, str(size or tables.get("scale", "small")))
+    size = str(size or tables.get("scale", "small"))
+    case = own_case(name, tables, size) if config and name not in CASES else case_named(name, size)
     case = with_values(case, merge(tables, changes))
 
     from .job import check_case  # compiled code: a mistake needs none
 
     check_case(case)
     return case
+
+
+def own_case(name: str, tables: Nested, scale: str) -> Case:
+    """Return what a case of one's own starts from, given the `tables` of its file: case `aileron`, or its block.
+
+    Raises InputError for a name that is no name of a folder, or if the file does not say which surfaces turn.
+    """
+    if name != tables.get("name") or "deflections" not in tables:
+        raise InputError(
+            f"unknown case {name!r}, and its file is none of a case of your own, which has a name and "
+            f"`deflections`, as the case.toml of a run has; {nearest(name, CASES, 'there are')}"
+        )
+    if not OWN_NAME.fullmatch(name):
+        raise InputError(f"name = {name!r} must be of letters, digits, '-' and '_': it names the folder of the run")
+    base = case_named("aileron-chimera" if tables.get("domain") == "block" else "aileron", scale)
+    return replace(base, name=name, title=str(tables.get("title", name)), fighter=Fighter())
 
 
 def _move_kernel(changes: Nested) -> Nested:

@@ -27,6 +27,7 @@ from sdm_deflect.cases.run.metrics import (
     surface_figures,
     travels,
     warnings_of,
+    way_of,
 )
 from sdm_deflect.deform.checks import Check, Verdict, verdict
 from sdm_deflect.deform.surface.tail_root import Root
@@ -103,7 +104,9 @@ def plan_table(plan: Plan) -> Group:
         count = len(np.intersect1d(patch.nodes, inside, assume_unique=True))
         table.add_row(plain(patch.name), plain(_part(plan, patch.name)), str(len(patch.nodes)), str(count))
     turns = [f"{name} by {text}" for name, text in amounts(plan, plan.largest)]
-    return Group(*warning_texts(warnings_of(plan)), table, *_texts([*turns, *_lines(plan), *short_turns(plan)]))
+    return Group(
+        *warning_texts(warnings_of(plan)), table, *_texts([*turns, *_lines(plan), *short_turns(plan, plan.largest)])
+    )
 
 
 def result_table(done: "Outcome", whole: bool) -> Group:
@@ -119,7 +122,7 @@ def result_table(done: "Outcome", whole: bool) -> Group:
     if done.files:
         unfit = _unfit(done)
         texts.append(f"wrote {short_list(map(str, (*done.files, *done.reports)))}{unfit}")
-    turns = short_turns(done.plan)
+    turns = short_turns(done.plan, done.plan.largest)
     warned = warnings_of(done.plan)
     last = "; ".join([done.verdict + counted(warned), *turns])
     last += "" if done.passed else _made_at(done.plan)
@@ -174,7 +177,7 @@ def _of_many_poses(done: "Outcome", ordered: Sequence["PoseSummary"]) -> tuple[l
     named = [(f"{_amounts(summary)} {_unit(done)}", summary) for summary in ordered]
     failed = [check_table(failed_checks(summary), name) for name, summary in named if not summary.passed]
     repairs = [f"{name}: {text}" for name, summary in named if (text := repair_text(summary.figures))]
-    return [sweep_table(ordered, _title(done)), *failed] if ordered else [], repairs
+    return [sweep_table(ordered, _title(done), done.plan.mesh.plane), *failed] if ordered else [], repairs
 
 
 def _title(done: "Outcome") -> str:
@@ -183,6 +186,11 @@ def _title(done: "Outcome") -> str:
 
 def _amounts(summary: "PoseSummary") -> str:
     return ", ".join(f"{amount:+g}" for amount in summary.amounts)
+
+
+def _largest(plan: Plan) -> str:
+    """Return the amounts of all surfaces at the largest pose, with the unit."""
+    return f"{', '.join(f'{amount:+g}' for amount in plan.largest)} {plan.unit}"
 
 
 def _unit(done: "Outcome") -> str:
@@ -228,16 +236,18 @@ def comparison_tables(names: Sequence[str], tables: Mapping[str, Sequence[Sequen
     return out
 
 
-def sweep_table(poses: Sequence["PoseSummary"], title: str) -> Table:
-    """Return one row for each pose."""
-    table = _table(title, (), ("angle", "steps", "centres", "site error", "least quality", "seconds", "verdict"))
+def sweep_table(poses: Sequence["PoseSummary"], title: str, plane: bool) -> Table:
+    """Return one row for each pose; "moves by up to" has each surface's largest displacement and where it points."""
+    table = _table(title, ("angle", "moves by up to"), ("least quality", "site error", "steps", "verdict"))
     for pose in poses:
-        fits = pose.figures["adaptation"]
-        centers = ", ".join(f"{name}: {fit['centers']}" for name, fit in fits.items())
-        error = max(fit["max_error"] for fit in fits.values())
+        moves = (np.array(far["move"]) for far in pose.figures["farthest"].values())
+        moved = ", ".join(
+            f"{np.linalg.norm(move):.4g} to {way_of(move, plane)}" if move.any() else "0" for move in moves
+        )
+        error = max(fit["max_error"] for fit in pose.figures["adaptation"].values())
         least = min((quality.min for quality in pose.quality), default=float("nan"))
-        numbers = (f"{pose.figures['steps']}", centers, f"{error:.1e}", f"{least:.3f}", f"{pose.seconds:.2f}")
-        table.add_row(_amounts(pose), *numbers, _word("passed" if pose.passed else "FAILED"))
+        numbers = (f"{least:.3f}", f"{error:.1e}", f"{pose.figures['steps']}")
+        table.add_row(_amounts(pose), moved, *numbers, _word("passed" if pose.passed else "FAILED"))
     return table
 
 
@@ -264,9 +274,10 @@ def _word(verdict: Verdict) -> Text:
 
 def _lines(plan: Plan, whole: bool = True) -> list[str]:
     boxes = (line for box in plan.boxes for line in _box_lines(box))
+    at = f" at {_largest(plan)}" if len(plan.poses) > 1 else ""
     return [
-        *(f"{name} moves by up to {travel}" for name, travel in travels(plan)),
-        *(f"{name}: {text}" for name, text in motions(plan)),
+        *(f"{name}{at} moves by up to {travel}" for name, travel in travels(plan, plan.largest)),
+        *(f"{name}{at}: {text}" for name, text in motions(plan, plan.largest)),
         *_slot_rows(plan),
         *((*boxes, *(f"note: {note}" for note in notes_of(plan))) if whole else ()),
     ]

@@ -61,6 +61,10 @@ from .near import some_cells
 PLAN = "plan.npz"
 # Largest bytes of a plan's arrays in the folder of a report: it should fit into a message.
 LARGEST_PLAN = 20e6
+NO_SLIDERS = (
+    "no sliders: a sweep makes no plan for each page; with a range of amounts (--range LOW:HIGH, or range for each "
+    "surface) one plan moves all"
+)
 PART = "deflected.vtu holds only the {cells:,} cells with a node that may move; its array node numbers their nodes"
 
 
@@ -106,6 +110,8 @@ def write_run_folder(
         way = _plan_command(settings_of(deflection, place, folder), place, motion)
         figures["notes"].append(f"{PLAN} would have {motion.nbytes / 1e6:.2g} MB and is left out; `{way}` writes it")
         data = replace(data, moves=f"{way} && {data.moves.replace(str(Path(place.name, PLAN)), PLAN)}")
+    if motion is None and len(deflection.plan.poses) > 1:
+        figures["notes"].append(NO_SLIDERS)
     figures["notes"] += [] if whole else [PART.format(cells=deflection.plan.affected.count)]
     (folder / "metrics.json").write_text(json.dumps(figures, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     data = data.with_verdict(checks, figures)
@@ -196,8 +202,8 @@ def job_data(
         facts=(
             ("mesh", mesh.name),
             *((f"amount of {name}", text) for name, text in amounts(plan, pose)),
-            *((f"{name} moves by up to", travel) for name, travel in travels(plan)),
-            *((f"motion of {name}", text) for name, text in motions(plan)),
+            *((f"{name} moves by up to", travel) for name, travel in travels(plan, pose)),
+            *((f"motion of {name}", text) for name, text in motions(plan, pose)),
         ),
         mesh=mesh,
         points=points,
@@ -246,7 +252,7 @@ def metrics_of(
         "validation": verdict_figures(checks),
         "deflections": boxes,
         "warnings": list(warnings_of(plan)),
-        "short_turns": list(short_turns(plan)),
+        "short_turns": list(short_turns(plan, deflection.amounts)),
         "notes": list(notes_of(plan)),
         "files": [str(out)] if out else [],
         "timings": dict(timings),

@@ -23,7 +23,7 @@ from .mesh_files import OutputFiles, check_written, write_mesh, write_sensitivit
 from .metrics import (
     Json,
     deflection_figures,
-    farthest,
+    farthest_figures,
     figures_by_box,
     mesh_figures,
     motion_figures,
@@ -257,10 +257,10 @@ def plan_figures(plan: Plan) -> Json:
         **boxes[0],
         **({"boxes": dict(zip((box.surface for box in plan.boxes), boxes, strict=True))} if boxes[1:] else {}),
         "cells_touched": plan.affected.count,
-        "farthest": {name: {"at": at.tolist(), "move": move.tolist()} for name, at, move in farthest(plan)},
+        "farthest": farthest_figures(plan, plan.largest),
         "motion": motion_figures(plan, plan.largest),
         "warnings": list(warnings_of(plan)),
-        "short_turns": list(short_turns(plan)),
+        "short_turns": list(short_turns(plan, plan.largest)),
         "notes": list(notes_of(plan)),
     }
 

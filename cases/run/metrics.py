@@ -9,6 +9,7 @@ import numpy as np
 
 from sdm_deflect.base.arrays import FloatArray
 from sdm_deflect.base.numbers import percent
+from sdm_deflect.base.ties import first_largest
 from sdm_deflect.deform.checks import Check, verdict
 from sdm_deflect.deform.rbf.data_sites import DIRECTIONS
 from sdm_deflect.deform.rbf.fitting import KERNELS, ORDERS
@@ -80,6 +81,7 @@ def deflection_figures(deflection: Deflection) -> Json:
         "error_between_sites": asdict(first.error_between) if first.error_between else None,
         "motion": motion_figures(whole, deflection.amounts),
         "surfaces": surface_figures(whole, deflection.amounts),
+        "farthest": farthest_figures(whole, deflection.amounts),
         "cells_touched": whole.affected.count,
         "quality_inside": {"before": by_shape(whole.before), "after": by_shape(deflection.quality)},
         **face_figures(deflection),
@@ -189,14 +191,16 @@ def _figures(reached: ReachedShare) -> Json:
     return {name: value for name, value in asdict(reached).items() if name != "but"}
 
 
-def short_turns(plan: Plan) -> tuple[str, ...]:
-    """Return a sentence for each surface whose mean turn is below 90 % of its angle; it names --strip if that is why.
+def short_turns(plan: Plan, pose: Amounts) -> tuple[str, ...]:
+    """Return a sentence for each surface whose mean turn at a pose is below 90 % of its angle.
+
+    It names --strip if that is why.
 
     This is no warning: a blended surface always turns less at its ends.
     """
     sentences = []
     motion = {surface.label: moving.motion for moving, surface in plan.moving}
-    for name, reached in _reaches(plan, plan.largest):
+    for name, reached in _reaches(plan, pose):
         if reached and reached.mean < REACHED:
             turns, its = ("turn", "their") if "," in name else ("turns", "its")
             why = " (--strip)" * (width_setting(motion[name], plan.mesh.plane) == "strip")
@@ -224,9 +228,9 @@ def notes_of(plan: Plan) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def farthest(plan: Plan) -> Iterator[tuple[str, FloatArray, FloatArray]]:
-    """Yield each surface's name, place and displacement (3,) of its node that moves farthest, at the largest pose."""
-    for box, amounts in plan.by_box(plan.largest):
+def farthest(plan: Plan, pose: Amounts) -> Iterator[tuple[str, FloatArray, FloatArray]]:
+    """Yield each surface's name, and place and displacement (3,) of its node that moves farthest at a pose."""
+    for box, amounts in plan.by_box(pose):
         for surface, place, move in box.boundary.farthest(amounts):
             yield surface.label, place, move
 
@@ -280,9 +284,14 @@ def amounts(plan: Plan, pose: Amounts) -> Iterator[tuple[str, str]]:
         yield name, f"{figures['amount']:+g} {figures['unit']}" + (f" about ({ends[0]}) to ({ends[1]})" if ends else "")
 
 
-def motions(plan: Plan) -> Iterator[tuple[str, str]]:
-    """Yield the name of each turning surface and, as text, the share of the largest angle that it reaches."""
-    for name, reached in _reaches(plan, plan.largest):
+def farthest_figures(plan: Plan, pose: Amounts) -> Json:
+    """Return, by surface, place and displacement of the node that moves farthest at a pose."""
+    return {name: {"at": at.tolist(), "move": move.tolist()} for name, at, move in farthest(plan, pose)}
+
+
+def motions(plan: Plan, pose: Amounts) -> Iterator[tuple[str, str]]:
+    """Yield the name of each turning surface and, as text, the share of its angle that it reaches at a pose."""
+    for name, reached in _reaches(plan, pose):
         if reached:
             yield name, reached.text
 
@@ -294,16 +303,20 @@ def _reaches(plan: Plan, pose: Amounts) -> Iterator[tuple[str, ReachedShare | No
             yield surface.label, reached
 
 
-def travels(plan: Plan) -> Iterator[tuple[str, str]]:
-    """Yield each surface's name, and length, place and direction of its largest displacement, as text."""
-    for name, place, move in farthest(plan):
+def travels(plan: Plan, pose: Amounts) -> Iterator[tuple[str, str]]:
+    """Yield each surface's name, and length, place and direction of its largest displacement at a pose, as text."""
+    for name, place, move in farthest(plan, pose):
         size = float(np.linalg.norm(move))
         there = ", ".join(f"{round(x, 2) + 0.0:+.2f}" for x in move / (size or 1.0))  # no -0.00
-        axis = int(np.argmax(np.abs(move)))
-        way = f"{'-' if move[axis] < 0.0 else '+'}{'xyz'[axis]}"
-        if plan.mesh.plane and axis == 1:
-            way += " (down)" if move[1] < 0.0 else " (up)"
-        yield name, f"{size:.4g}, at ({', '.join(f'{x:.4g}' for x in place)}) towards {way}, ({there})"
+        at = ", ".join(f"{x:.4g}" for x in place)
+        yield name, f"{size:.4g}, at ({at}) towards {way_of(move, plan.mesh.plane)}, ({there})" if size else "0"
+
+
+def way_of(move: FloatArray, plane: bool) -> str:
+    """Return the axis along which a displacement (3,) is largest, with its sign; in a plane mesh also up or down."""
+    axis = first_largest(np.abs(move))
+    up_or_down = (" (down)" if move[1] < 0.0 else " (up)") if plane and axis == 1 else ""
+    return f"{'-' if move[axis] < 0.0 else '+'}{'xyz'[axis]}{up_or_down}"
 
 
 def peak_rss_bytes() -> int:

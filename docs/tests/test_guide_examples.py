@@ -139,6 +139,15 @@ def test_own_case_differs_in_what_it_replaces():
 
 
 @pytest.mark.mesher
+def test_own_case_runs(aileron_mesh, tmp_path, capsys):
+    run = own_case.main(tmp_path / "elevator")
+    assert [check.name for check in run.checks if not check.passed] == []
+    assert capsys.readouterr().out.count(", passed\n") == len(run.checks)
+    assert 'name = "elevator"' in (tmp_path / "elevator" / "case.toml").read_text()
+    assert (tmp_path / "elevator" / "report.html").exists()
+
+
+@pytest.mark.mesher
 def test_own_surface_bends_the_fin_and_nothing_else(aileron_mesh, tmp_path):
     mesh, _ = aileron_mesh
     write_vtu(tmp_path / "mesh.vtu", mesh)
