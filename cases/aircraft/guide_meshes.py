@@ -37,7 +37,7 @@ GUIDE = {
     ("notch", "small"): KnownMesh(28126, 146652, "83e97df745727058"),
     ("block", "small"): KnownMesh(8032, 37263, "56aedf43be1e62ad"),
     ("aircraft", "medium"): KnownMesh(181809, 1019672, "9a62dd2d1dce45af"),
-    ("notch", "medium"): KnownMesh(209301, 1173216, "aa91457ffa768a12"),
+    ("notch", "medium"): KnownMesh(209301, 1173216, "9d17382edf8eff52"),
     ("block", "medium"): KnownMesh(56561, 298104, "089dc9d2fd7d1332"),
     ("aircraft", "paper"): KnownMesh(612380, 3315112, "538996a1795609da"),
     ("block", "paper"): KnownMesh(937082, 5248472, "91453af7a0e30600"),

@@ -16,6 +16,7 @@ from sdm_deflect.cases.run.inspection import NAMES
 from sdm_deflect.cases.run.metrics import (
     Json,
     amounts,
+    cuts,
     face_rows,
     fit_text,
     kernel_figures,
@@ -276,6 +277,7 @@ def _lines(plan: Plan, whole: bool = True) -> list[str]:
     boxes = (line for box in plan.boxes for line in _box_lines(box))
     at = f" at {_largest(plan)}" if len(plan.poses) > 1 else ""
     return [
+        *(f"{name}: {text}" for name, text in cuts(plan, plan.largest)),
         *(f"{name}{at} moves by up to {travel}" for name, travel in travels(plan, plan.largest)),
         *(f"{name}{at}: {text}" for name, text in motions(plan, plan.largest)),
         *_slot_rows(plan),

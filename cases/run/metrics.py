@@ -20,8 +20,9 @@ from sdm_deflect.deform.surface.tail_root import Root
 from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection
 from sdm_deflect.deform.volume.job import Amounts
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
-from sdm_deflect.meshing.mesh.mesh import Warned
+from sdm_deflect.meshing.mesh.mesh import REGION, Warned
 from sdm_deflect.meshing.mesh.quality import SEVERE, SKEW, Quality
+from sdm_deflect.meshing.mesh.selection import point_text
 
 Json = dict[str, Any]
 # Mean turn over the span, as a share of the angle, below which there is a warning.
@@ -282,6 +283,18 @@ def amounts(plan: Plan, pose: Amounts) -> Iterator[tuple[str, str]]:
     for name, figures in surface_figures(plan, pose).items():
         ends = [", ".join(f"{x:.6g}" for x in point) for point in figures["hinge"] or ()]
         yield name, f"{figures['amount']:+g} {figures['unit']}" + (f" about ({ends[0]}) to ({ends[1]})" if ends else "")
+
+
+def cuts(plan: Plan, pose: Amounts) -> Iterator[tuple[str, str]]:
+    """Yield the name of each surface with a selection in it and, as text, what was cut and how many nodes move."""
+    chosen = [selection.name for selection in plan.job.selections]
+    for box, amounts in plan.by_box(pose):
+        move = box.boundary.displacement(amounts)
+        for surface in box.boundary.surfaces:
+            if any(name.partition(REGION)[0] in chosen for name in surface.patches):
+                low, high = (point_text(end) for end in (surface.points.min(axis=0), surface.points.max(axis=0)))
+                moving = np.count_nonzero(move[np.searchsorted(box.boundary.nodes, surface.nodes)].any(axis=1))
+                yield surface.label, f"cut out from {low} to {high}; {moving} of its {len(surface.nodes)} nodes move"
 
 
 def farthest_figures(plan: Plan, pose: Amounts) -> Json:

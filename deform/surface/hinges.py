@@ -10,7 +10,7 @@ from sdm_deflect.base.errors import InputError
 from sdm_deflect.meshing.mesh.axis import Axis
 from sdm_deflect.meshing.mesh.cells import Polygons, take_faces
 from sdm_deflect.meshing.mesh.edges import Joints, are_lines, area_vectors, edges_of, polygons_of, unit
-from sdm_deflect.meshing.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh.mesh import Mesh, Warned
 from sdm_deflect.meshing.mesh.selection import Before, Selection
 
 # Degrees: two skins that meet at a smaller angle go on across a hinge; a root or a gap turns by more.
@@ -25,6 +25,8 @@ ONE_SKIN = 0.7
 LEVER = 0.2
 # Share of the span from an end of a wing at which its last section is taken: at the very end there is none.
 ENDS = 0.01
+# Share of the span of a device by which it may end elsewhere than was asked, before that is a warning.
+OFF = 0.1
 # Least length of a hinge, in spans of the flap; largest distance of its edges from the line, in chords.
 COVERED, STRAIGHT = 0.5, 0.15
 
@@ -105,10 +107,12 @@ def device(
     """Return the hinge (2, 3) of a device on a wing, the selection that cuts it out, named `name`, and a note.
 
     The flow is along x. The span is the longer one of the other axes, and stations are shares of it, from the end
-    nearer to 0; the note says which end that is. The hinge is at a share of the local chord, half-way between the
-    skins; its points are in the order of the growing span. The device lies behind it.
+    nearer to 0. The hinge is at a share of the local chord, half-way between the skins; its points are in the order of
+    the growing span. The device lies behind it. It ends where faces do: of a coarse wing at the nearest stations. The
+    note says which end of the wing is 0, and what was cut; it is a warning if that is far off.
 
-    Raises InputError if stations or share are not ascending between 0 and 1, or if there is no section at a station.
+    Raises InputError if stations or share are not ascending between 0 and 1, if there is no section at a station, or if
+    nothing is cut out.
     """
     (patch,) = mesh.expand([wall], "device")
     if not 0.0 <= stations[0] < stations[1] <= 1.0 or not 0.0 < share < 1.0:
@@ -138,9 +142,19 @@ def device(
     before = tuple(Before(tuple(point.tolist()), tuple(normal.tolist())) for point, normal in planes)
     sides = (",".join(map(repr, (*plane.point, *plane.normal))) for plane in before)
     behind = Selection(name, patch, before, text=" ".join([patch, *(f"side:{side}" for side in sides)]))
-    ends = " and ETA 1 at ".join(f"{'xyz'[span]} = {end:.4g}" for end in (low, high))
-    hinge = np.array(sorted((first, second), key=lambda point: float(point[span])))
-    return hinge, behind, f"{name}: ETA 0 of {patch} is at {ends}"
+    along, asked = "xyz"[span], np.sort([first[span], second[span]])
+    faces = behind.parts(mesh)[1][0].faces
+    nodes = distinct(faces.nodes)
+    made = np.array([mesh.points[nodes, span].min(), mesh.points[nodes, span].max()])
+    hinge = first + ((made - first[span]) / (second[span] - first[span]))[:, None] * (second - first)
+    tiny = ROUNDING * size[span]
+    ends = " and ETA 1 at ".join(f"{along} = {end * (abs(end) > tiny):.4g}" for end in (low, high))
+    text = (
+        f"{name}: ETA 0 of {patch} is at {ends}; {along} from {asked[0]:.4g} to {asked[1]:.4g} was asked, and "
+        f"{len(faces)} faces from {made[0]:.4g} to {made[1]:.4g} were cut, with {len(nodes)} nodes"
+    )
+    far = np.abs(made - asked).max() > OFF * (asked[1] - asked[0])
+    return hinge, behind, Warned(f"{text}: the wing is coarse there") if far else text
 
 
 def _middle(section: FloatArray, share: float, up: int) -> FloatArray:

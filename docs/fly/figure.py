@@ -280,8 +280,10 @@ def write_png(figure: Figure, path: Path, dpi: int) -> None:
 
 
 def compact(text: str) -> str:
-    """Return an SVG with relative coordinates to a tenth of a point, and with few colours in its picture."""
+    """Return an SVG with relative coordinates to a tenth of a point, short names, and few colours in its picture."""
     text = re.sub(r' d="([MLz \n\d.e-]+)"', lambda found: f' d="{_relative(found[1])}"', text)
+    for number, name in enumerate(dict.fromkeys(re.findall(r'id="([pm][0-9a-f]{10})"', text))):
+        text = text.replace(name, f"i{number}")
     text = re.sub(r"(?<=base64,)\s*([\w+/=\s]+)", lambda found: _few_colours(found[1]), text)
     return re.sub(r"\n\s*", "\n", re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL))
 

@@ -1,8 +1,7 @@
 """Data of `docs/fly.html`: the fighter, the fields by which a plan moves it, and the sites of the left tail.
 
-A page has the walls, all cells that can change, and those beside them in the section of the left tail. Processors with
-AVX2 and FMA give the same data within one quantum of 16 bits. Others choose other centres, and give fields that differ
-within the plan's tolerance.
+A page has the walls, all cells that can change, and those beside them in the section of the left tail. Every processor
+chooses the same centres, so the data are the same within one quantum of 16 bits.
 """
 
 import gzip

@@ -122,7 +122,8 @@ def test_the_pipeline_reads_packages_and_set_up_from_the_readme():
     done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True)
     packages, install, options = done.stdout.splitlines()
     assert {"python3-venv", "openfoam", "chromium"} <= set(packages.split())
-    assert install == "python3 -m venv .venv && .venv/bin/pip install -c constraints.txt -e '.[dev]'"
+    assert install == "/usr/bin/python3 -m venv .venv && .venv/bin/pip install -c constraints.txt -e '.[dev]'"
+    install = install.removeprefix("/usr/bin/")
     whole = f"apt-get update && apt-get install -y --no-install-recommends {packages} && {install} && "
     assert f"{whole}.venv/bin/python -m pytest{options}" in lines_of(ROOT / "README.md")
 

@@ -114,14 +114,14 @@ def test_a_box_that_does_not_fit_says_so_beside_the_hinge(mesh):
 
 def test_the_farthest_node_says_where_the_surface_goes(mesh):
     plan = Plan.of(mesh, [job(["body"], HINGE - 0.5 * AFT, 10.0)])  # about its front: the rear turns down
-    ((name, place, move),) = farthest(plan)
+    ((name, place, move),) = farthest(plan, plan.largest)
     arm = np.array([[1.0, 0.0, -0.5], [1.0, 0.0, 0.5]])
     turned = plan.job.surfaces[0].motion.axis.matrix(10.0)
     assert name == "body"
     assert np.linalg.norm(move) == pytest.approx(np.linalg.norm(arm @ turned.T - arm, axis=1).max())
     assert move[2] < 0.0
     assert place[0] == pytest.approx(3.5)
-    ((_, text),) = travels(plan)
+    ((_, text),) = travels(plan, plan.largest)
     assert re.fullmatch(rf"{np.linalg.norm(move):.4g}, at \(3\.5, \S+, \S+\) towards -z, \(\S+, \+0\.00, -\S+\)", text)
 
 

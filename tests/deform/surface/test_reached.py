@@ -79,7 +79,7 @@ def test_figures_of_a_job_have_it_for_each_surface(inboard_wing):
     (name,) = found
     assert 0.0 < found[name]["full"] <= found[name]["mean"] < 1.0
     assert found[name].keys() == {"full", "mean", "off", "place", "near"}
-    ((named, text),) = motions(plan)
+    ((named, text),) = motions(plan, plan.largest)
     assert named == name
     assert text.startswith(f"{100 * found[name]['full']:.0f} % of the span turns by the full angle; the mean ")
 
@@ -89,7 +89,7 @@ def test_displacements_of_a_table_have_no_angle(inboard_wing):
     nodes = w.mesh.on("flap_upper", "flap_lower", "flap_base")
     table = Table(w.mesh.points[nodes], np.zeros((len(nodes), 3)))
     plan = Plan.of(w.mesh, [job(("flap_*",), angle=1.0, **{**blended(w), "motion": table})])
-    assert list(motions(plan)) == []
+    assert list(motions(plan, plan.largest)) == []
     assert [one for _, one in plan.boxes[0].boundary.reaches((1.0,))] == [None]
     still = Plan.of(w.mesh, [job(("flap_*",), angle=0.0, **blended(w))])
     assert [one for _, one in still.boxes[0].boundary.reaches((0.0,))] == [None]
