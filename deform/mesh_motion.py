@@ -28,6 +28,7 @@ from sdm_deflect.deform.volume.places import PlaceTable
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 from sdm_deflect.deform.volume.snapshots import Snapshots
 from sdm_deflect.meshing.mesh.cells import bounded
+from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.precision import EVERY_BIT, Precision
 
 from .checks import Check, checks_of
@@ -216,13 +217,15 @@ class MeshMotion:
         assert table is not None
         return table
 
-    def on(self, points: FloatArray) -> "MeshMotion":
+    def on(self, points: FloatArray | Mesh) -> "MeshMotion":
         """Return the motion of undeflected points (N, 3): all nodes of the mesh, or any part of them in any order.
+
+        A mesh stands for its points.
 
         Raises InputError if the points are not finite (N, 3), or are not those of the plan's mesh: rounded, deflected,
         or in another unit of length. Of a part of a mesh with several zones some faults cannot be seen.
         """
-        given = bounded(points, "points")
+        given = bounded(points.points if isinstance(points, Mesh) else points, "points")
         if given.ndim != 2 or given.shape[1] != 3:
             raise InputError(f"points {given.shape} must be (N, 3)")
         place = self.places.find(given)

@@ -245,7 +245,8 @@ def sweep_table(poses: Sequence["PoseSummary"], title: str, plane: bool) -> Tabl
         moved = ", ".join(
             f"{np.linalg.norm(move):.4g} to {way_of(move, plane)}" if move.any() else "0" for move in moves
         )
-        error = max(fit["max_error"] for fit in pose.figures["adaptation"].values())
+        boxes = pose.figures.get("deflections", {"": pose.figures}).values()
+        error = max(fit["max_error"] for box in boxes for fit in box["adaptation"].values())
         least = min((quality.min for quality in pose.quality), default=float("nan"))
         numbers = (f"{least:.3f}", f"{error:.1e}", f"{pose.figures['steps']}")
         table.add_row(_amounts(pose), moved, *numbers, _word("passed" if pose.passed else "FAILED"))

@@ -106,7 +106,13 @@ def deflect(
 
     as_json, quiet, verbose = (given.pop(name) for name in ("as_json", "quiet", "verbose"))
     angles, helpers = given.pop("angles"), {name: given.pop(name) for name in ("count", "scheduler", "memory")}
+    twice = [f"--{name}" for name in ("angle", "down", "up", "amount") if angles and given.get(name) is not None]
+    if twice:
+        raise InputError(f"{twice[0]} beside --angles: give one of them")
+    of_one = given.get("range")
     settings, inputs = _settings(given)
+    if of_one is not None and len(settings.surface) > 1:
+        raise InputError("--range: there are several surfaces; give each its range in its table of the file")
     from sdm_deflect.cases.settings.jobs import in_series, swept
     from sdm_deflect.deform.volume.job import poses_of
 

@@ -232,14 +232,19 @@ def swept(settings: JobSettings, angles: Any, *, by_range: bool = False) -> tupl
         wanted = angles_of(angles)
         if len(surfaces) > 1:
             jobs = jobs_of(settings, by_range=by_range)
-            return jobs, in_proportion(jobs, wanted)
+            return jobs, _without_minus_zero(in_proportion(jobs, wanted))
         rows = tuple((angle,) for angle in wanted)
     largest = (max(column, key=abs) for column in zip(*rows, strict=True))
     moved = (replace(surface, angle=most, amount=most) for surface, most in zip(surfaces, largest, strict=True))
     settings = replace(settings, surface=tuple(moved))
     mirrored = [(i, given.sign) for i, given in enumerate(settings.surface) if given.mirror]
     poses = tuple((*row, *(sign * row[i] for i, sign in mirrored)) for row in rows)
-    return jobs_of(settings, by_range=by_range), poses
+    return jobs_of(settings, by_range=by_range), _without_minus_zero(poses)
+
+
+def _without_minus_zero(poses: Iterable[Amounts]) -> tuple[Amounts, ...]:
+    """Return poses with 0 for -0, which would be another name of the same mesh."""
+    return tuple(tuple(amount + 0.0 for amount in pose) for pose in poses)
 
 
 def _rows(angles: Any, settings: JobSettings) -> tuple[Amounts, ...]:
@@ -405,6 +410,8 @@ def _track_about(hinge: Axis, surface: SurfaceSettings, angle: float) -> Motion:
         return Track.read(surface.track, hinge)
     if surface.slot:
         return SlotSetting(hinge, surface.slot, angle, surface.gap, surface.overlap)
+    if any(len(end) == 3 for end in surface.hinge or ()) and any(len(row) == 2 for row in surface.shift or ()):
+        raise InputError(f"shift = {shortened(surface.shift)}: the hinge lies in space, so give dx,dy,dz")
     return Track.straight(hinge, angle, *shifts_of(surface.shift or ()))
 
 

@@ -29,6 +29,8 @@ def _point(text: str) -> tuple[float, ...]:
         point = tuple(float(number) for number in text.split(","))
     except ValueError:
         point = ()
+    if text.startswith("--"):
+        raise InputError(f"{shortened(text)} follows one point: a hinge needs two, such as 0.7,0,0 0.7,1,0")
     if len(point) not in (2, 3):
         hint = "the hinge needs two, such as 0.7,0,0 0.7,1,0; in a plane mesh one, such as 0.7,0"
         raise InputError(f"{shortened(text)} is no point: {hint}")

@@ -127,7 +127,7 @@ class Blended:
         if follow.any() and not driven.any():
             raise InputError(
                 f"{surface.label}: all {int(follow.sum())} nodes that follow the motion are held as well; name fewer "
-                "patches or nodes in held, or in fixed, which is held by default"
+                "patches or nodes in held, or in fixed, which is held by default, or cut out both skins"
             )
         stay, go = "nodes that stay, such as its hinge edge", "nodes that follow the motion, such as its trailing edge"
         for mask, what, option in ((held, stay, "held"), (driven, go, "driven")):

@@ -344,7 +344,7 @@ def test_a_table_that_is_not_of_an_earlier_sweep_stays(sdm, tmp_path):
     ("arguments", "words"),
     [
         (["--surface", "flapp_upper", *HINGE, "--angle", "3"], ["wing.su2", "did you mean flap_upper"]),
-        ([*FLAP, "--hinge", "0,0,0", "--angle", "3"], ["'--angle' is no point", "the hinge needs two"]),
+        ([*FLAP, "--hinge", "0,0,0", "--angle", "3"], ["'--angle' follows one point", "a hinge needs two"]),
         ([*TURN, "--held", "flap_upper,flap_lower,flap_base"], ["nodes that follow the motion are held as well"]),
         ([*TURN, "--set", "max_center=9"], ["unknown setting max_center; did you mean max_centers"]),
         ([*TURN, "--steps", "²"], ["max_steps = '²' must be auto or a whole number"]),

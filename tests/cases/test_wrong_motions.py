@@ -26,6 +26,7 @@ def pair():
         ({"down": 95}, "angle = 95 deg of left is out of range"),
         ({"down": 5, "vertical": "y"}, "the hinge lies along y, or along the flow, x: set vertical = z"),
         ({"down": 5, "hinge": [[-2, 0, 0], [2, 0, 0]]}, "or along the flow, x: set vertical = y"),
+        ({"angle": 5, "shift": [0, 0]}, "the hinge lies in space, so give dx,dy,dz"),
         ({"angle": 5, "shift": [0, NAN, 0]}, "nan is not a finite number"),
         ({"angle": 5, "shift": []}, "shift"),
         ({"angle": 5, "shift": [[0, 0, 0]] * 3}, "shift"),

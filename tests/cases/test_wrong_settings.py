@@ -217,3 +217,26 @@ def test_nodes_that_cannot_be_told_apart(scale, shift, hybrid_wing):
     hinge = np.array([[0.7, 0.3, 0.0], [0.7, 0.7, 0.0]]) * scale + shift
     with pytest.raises(InputError, match=r"cannot be kept apart|no length"):
         deflect(mesh, "flap_*", hinge, 8.0, fixed="wing_*", slide="symmetry:plane", motion="blended")
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (["--hinge", "0.7,0.6,0", "0.7,1.4,0", "--angle", "5", "--angles", "1:3:1"], "--angle beside --angles"),
+        (["--hinge", "0.7,0.6,0", "0.7,1.4,0", "--down", "5", "--angles", "1:3:1"], "--down beside --angles"),
+        (["--hinge", "0.7,0.6,0", "--angle", "5"], "follows one point: a hinge needs two, such as"),
+    ],
+)
+def test_words_that_take_each_other_s_place_are_refused(tmp_path, sdm, words, complaint):
+    assert sdm("example", tmp_path)[0] == 0
+    code, out, err = sdm("deflect", tmp_path / "naca.su2", "--surface", "flap", "--fixed", "wing", *words, "--quiet")
+    assert (code, out) == (2, "")
+    assert complaint in " ".join(err.split())
+
+
+def test_a_range_on_the_command_line_is_of_one_surface(tmp_path, sdm):
+    assert sdm("example", tmp_path, "--fighter")[0] == 0
+    words = ("--config", tmp_path / "fighter.toml", "--range", "-5:5", "--plan", tmp_path / "plan.npz", "--quiet")
+    code, _, err = sdm("deflect", tmp_path / "fighter.su2", *words)
+    assert code == 2
+    assert "--range: there are several surfaces" in " ".join(err.split())

@@ -101,7 +101,7 @@ def test_derivatives_are_those_of_the_sum_and_transposes_of_each_other(held, win
 def test_the_sites_are_met_at_all_amounts(wing):
     one, _ = wing
     for row in one.measured[0]:
-        assert row.site_error <= 1.3 * tolerance(one)
+        assert row.site_error <= tolerance(one)
     ends = one.snapshots[0].deflections
     for row, end in ((one.measured[0][0], ends[0]), (one.measured[0][-1], ends[1])):
         assert row.amount == end.amounts[0]
@@ -117,6 +117,7 @@ def test_parts_have_the_bits_of_the_whole_whatever_was_asked_before(held, wing, 
         one.save(tmp_path / "plan.npz")
         again = MeshMotion.load(tmp_path / "plan.npz")
         assert again.on(points).at((7.0,)).tobytes() == first.tobytes()
+        assert again.on(one.plan.mesh).at((7.0,)).tobytes() == first.tobytes()
         assert repr(again) == repr(one)
         for count in (2, 4):
             for rows in np.array_split(rng.permutation(len(points)), count):
