@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sdm_deflect.base.arrays import FloatArray, IntArray
+from sdm_deflect.base.ties import EQUAL
 from sdm_deflect.deform.box.face_sites import border_sites
 from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.confined import zero_sites
@@ -53,7 +54,8 @@ class ConstrainedNodes(Modifier):
         around = [np.empty((0, 3))]
         for plane in self.walls:
             heights = plane.distance(hexahedron.corners)
-            if heights.min() < 0.0 < heights.max():
+            touching = EQUAL * float(np.ptp(hexahedron.corners, axis=0).max())
+            if heights.min() < -touching and heights.max() > touching:
                 around.append(border_sites(hexahedron.section(plane.point, plane.normal), spacing))
         cut = np.vstack(around)
         sites = np.vstack([zero_sites(sites, cut, spacing), cut]) if len(cut) else sites

@@ -7,7 +7,7 @@ import numpy as np
 
 from sdm_deflect.base.arrays import FloatArray
 from sdm_deflect.base.errors import InputError
-from sdm_deflect.base.ties import first_largest
+from sdm_deflect.base.ties import EQUAL, first_largest
 from sdm_deflect.meshing.mesh.axis import Axis
 from sdm_deflect.meshing.mesh.cells import LARGEST, bounded
 
@@ -188,13 +188,17 @@ def frame(scene: BoxScene) -> tuple[FloatArray, FloatArray]:
     center = scene.moving.mean(axis=0)
     if scene.hinge is None:
         spread = np.linalg.svd(scene.moving - center, full_matrices=False)[2]
+        spread = np.array([axis * np.copysign(1.0, axis[first_largest(np.abs(axis))]) for axis in spread])
         return center, np.vstack([spread[:2], np.cross(spread[0], spread[1])])
     along = scene.hinge.direction
     arms = scene.hinge.radial(scene.moving)
     away = np.linalg.svd(arms, full_matrices=False)[2][0]
     away = away - (away @ along) * along
     away /= np.linalg.norm(away)
-    away *= np.copysign(1.0, float(arms.mean(axis=0) @ away))
+    ahead = float(arms.mean(axis=0) @ away)
+    if abs(ahead) < EQUAL * float(np.linalg.norm(arms, axis=1).max()):  # alike on both sides of the hinge
+        ahead = away[first_largest(np.abs(away))]
+    away *= np.copysign(1.0, ahead)
     return scene.hinge.point, np.vstack([along, away, np.cross(along, away)])
 
 
@@ -221,7 +225,7 @@ def _clear(low: FloatArray, high: FloatArray, wanted: float, obstacles: FloatArr
         free = np.flatnonzero(best > LEAST / GAP)
         if not len(free):
             return margins
-        worst = free[np.argmin(best[free])]
+        worst = free[first_largest(1.0 / best[free])]  # the first of the least
         face = first_largest(share[worst])
         margins[face // 3, face % 3] = GAP * beyond[worst].ravel()[face]
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from sdm_deflect.base.arrays import FloatArray, distinct
 from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.ties import first_largest
 from sdm_deflect.meshing.mesh.axis import Axis
 from sdm_deflect.meshing.mesh.edges import polygons_of, sharp_edges
 from sdm_deflect.meshing.mesh.mesh import Mesh
@@ -142,6 +143,6 @@ def _trailing_edge(mesh: Mesh, patches: tuple[str, ...], skin: FloatArray) -> Fl
     x = mesh.points[mesh.on(*patches), 0]
     corners = distinct(sharp_edges(mesh.points, faces, CORNER))
     rear = corners[mesh.points[corners, 0] >= x.max() - REAR * np.ptp(x)]
-    nodes = rear if len(rear) else mesh.on(*patches)[[np.argmax(x)]]
+    nodes = rear if len(rear) else mesh.on(*patches)[[first_largest(x - x.min())]]
     places = mesh.points[nodes, :2]
     return np.asarray(min(places, key=lambda place: Slot(place, skin).setting.gap))

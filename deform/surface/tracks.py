@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from sdm_deflect.base.arrays import BoolArray, FloatArray
 from sdm_deflect.base.errors import InputError, shortened
+from sdm_deflect.base.ties import first_largest
 from sdm_deflect.base.unpacking import columns_of, damaged, read_rows
 from sdm_deflect.deform.options import LARGEST_ANGLE
 from sdm_deflect.meshing.mesh.axis import Axis, cross_matrix
@@ -236,7 +237,7 @@ class Places(Functions):
         left, taken = np.array([self.values(amount) for amount in amounts]), list[int]()
         ends = [int(np.searchsorted(amounts, end)) for end in (low, high) if end]
         while len(taken) < self.count:
-            row = ends.pop() if ends else int(np.argmax(np.linalg.norm(left, axis=1)))
+            row = ends.pop() if ends else first_largest(np.linalg.norm(left, axis=1))
             direction = left[row] / np.linalg.norm(left[row])
             left = left - np.outer(left @ direction, direction)
             taken.append(row)

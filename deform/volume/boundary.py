@@ -9,6 +9,7 @@ import numpy as np
 
 from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, union
 from sdm_deflect.base.errors import InputError, nearest
+from sdm_deflect.base.ties import first_largest
 from sdm_deflect.deform.rbf.data_sites import XYZ
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import TRACK_UNIT, MotionLaw, Table
@@ -246,7 +247,7 @@ class PrescribedMotion:
         move = self.displacement(amounts)
         for surface in self.surfaces:
             vectors = move[np.searchsorted(self.nodes, surface.nodes)]
-            row = int(np.argmax(np.linalg.norm(vectors, axis=1)))
+            row = first_largest(np.linalg.norm(vectors, axis=1))
             yield surface, surface.points[row], vectors[row]
 
     def reaches(self, amounts: Amounts) -> Iterator[tuple[Surface, ReachedShare | None]]:

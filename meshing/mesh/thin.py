@@ -13,6 +13,7 @@ import numpy as np
 
 from sdm_deflect.base.arrays import FloatArray, IntArray, distinct
 from sdm_deflect.base.errors import InputError
+from sdm_deflect.base.ties import first_largest
 
 from .axis import Axis
 from .cells import Cells, Patch, Periodic
@@ -57,7 +58,7 @@ class MidPlane:
         along = _along(normal)
         if along is None or (axis and outward is None):
             return None
-        component = int(np.argmax(np.abs(along)))
+        component = first_largest(np.abs(along))
         low, high = ends[..., component].min(), ends[..., component].max()
         return cls(component, float(axis.point[component] if axis else 0.5 * (low + high)), axis, outward)
 
