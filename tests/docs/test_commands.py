@@ -14,6 +14,8 @@ from tests.calls import sdm
 from tests.docs.commands import ROOT, lines_of, mentioned, pages, shown
 
 CI = ".ci/run"
+# A cell of a tutorial.
+CELL = re.compile(r"^```\{code-cell\}[^\n]*\n(.*?)^```", re.MULTILINE | re.DOTALL)
 # Commands that take long, need a network or wait for a user: a pattern, where they are run, and a text found there.
 ELSEWHERE = (
     (r"apt-get (update|install)", CI, "apt-get install"),
@@ -48,6 +50,7 @@ ELSEWHERE = (
         "tests/cases/test_apply.py",
         'sdm("apply", field, *AT_8, *parts',
     ),
+    (r"sdm deflect fighter\.su2 .* --margin 0\.005", "docs/tests/test_teaching.py", "lesson([*words[:-1], margin])"),
     (r"pip install '\.\[gpu\]'", "pyproject.toml", "gpu = ["),
     (r"python -m benchmarks(?!\.large_block)", "benchmarks/README.md", "python -m benchmarks"),
     (r"pip install '\.\[cluster\]'", "pyproject.toml", "cluster = ["),
@@ -90,6 +93,14 @@ def folder(tmp_path_factory, aileron_mesh):
         for command in here()["README.md"]:
             assert run(command, path, patch) == 0, command
     return path
+
+
+def make_tail(folder: Path) -> None:
+    """Write the mesh of a tail on a fuselage as the tutorial does; several pages deflect it."""
+    text = (ROOT / "docs" / "tutorials" / "tail-on-fuselage.md").read_text(encoding="utf-8")
+    cell = next(code for code in CELL.findall(text) if "def tail_on_fuselage" in code)
+    code = cell.partition('tail_on_fuselage("tail.su2")')
+    subprocess.run([sys.executable, "-c", "".join(code[:2])], cwd=folder, stdout=subprocess.DEVNULL, check=True)
 
 
 def run(command: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> int:
@@ -150,6 +161,8 @@ def test_commands_of_the_readme_succeed(folder):
 @pytest.mark.parametrize("page", [name for name, commands in here().items() if commands and name != "README.md"])
 def test_commands_of_a_page_succeed(page, folder, monkeypatch):
     for command in here()[page]:
+        if " tail.su2 " in command and not (folder / "tail.su2").exists():
+            make_tail(folder)
         assert run(command, folder, monkeypatch) == 0, command
 
 
