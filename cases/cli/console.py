@@ -239,7 +239,8 @@ def comparison_tables(names: Sequence[str], tables: Mapping[str, Sequence[Sequen
 
 def sweep_table(poses: Sequence["PoseSummary"], title: str, plane: bool) -> Table:
     """Return one row for each pose; "moves by up to" has each surface's largest displacement and where it points."""
-    table = _table(title, ("angle", "moves by up to"), ("least quality", "site error", "steps", "verdict"))
+    numbers = ("least quality", "site error", "steps")
+    table = _table(title, ("angle",), numbers, ("verdict", "moves by up to"))
     for pose in poses:
         moves = (np.array(far["move"]) for far in pose.figures["farthest"].values())
         moved = ", ".join(
@@ -248,8 +249,8 @@ def sweep_table(poses: Sequence["PoseSummary"], title: str, plane: bool) -> Tabl
         boxes = pose.figures.get("deflections", {"": pose.figures}).values()
         error = max(fit["max_error"] for box in boxes for fit in box["adaptation"].values())
         least = min((quality.min for quality in pose.quality), default=float("nan"))
-        numbers = (f"{least:.3f}", f"{error:.1e}", f"{pose.figures['steps']}")
-        table.add_row(_amounts(pose), moved, *numbers, _word("passed" if pose.passed else "FAILED"))
+        figures = (f"{least:.3f}", f"{error:.1e}", f"{pose.figures['steps']}")
+        table.add_row(_amounts(pose), *figures, _word("passed" if pose.passed else "FAILED"), moved)
     return table
 
 

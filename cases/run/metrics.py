@@ -288,7 +288,7 @@ def amounts(plan: Plan, pose: Amounts) -> Iterator[tuple[str, str]]:
 def cuts(plan: Plan, pose: Amounts) -> Iterator[tuple[str, str]]:
     """Yield the name of each surface with a selection in it and, as text, what was cut and how many nodes move."""
     chosen = [selection.name for selection in plan.job.selections]
-    for box, amounts in plan.by_box(pose):
+    for box, amounts in plan.by_box(pose) if chosen else ():
         move = box.boundary.displacement(amounts)
         for surface in box.boundary.surfaces:
             if any(name.partition(REGION)[0] in chosen for name in surface.patches):

@@ -133,7 +133,9 @@ def test_the_table_of_exercise_5_is_what_the_commands_give(lesson):
             assert code == int(text.startswith("fails")), (surface, degrees, told)
             if not code or "worst cell" in text:
                 least = re.search(r"[\d.]+", text)[0]
-                assert f"to {least}," in told.partition("tetrahedra: least ")[2][:30], (surface, degrees, told)
+                found = re.search(r"to ([\d.]+),", told.partition("tetrahedra: least ")[2][:30])[1]
+                # a repair of inverted cells goes on from rounding, so its last digit depends on the processor
+                assert float(found) == pytest.approx(float(least), abs=1.01e-3), (surface, degrees, told)
             else:
                 count = re.search(r"\d+", text)[0]
                 assert re.search(rf"(inverted_cells|surfaces_crossed) +{count}\b", told), (surface, degrees, told)

@@ -40,7 +40,8 @@ def folder(tmp_path_factory):
 def told(folder):
     """What the terminal says of the sweep."""
     out = io.StringIO()
-    with contextlib.redirect_stdout(out):
+    with contextlib.redirect_stdout(out), pytest.MonkeyPatch.context() as patch:
+        patch.setenv("COLUMNS", "160")
         words = ("--config", folder / "two.toml", "--angles", folder / "poses.csv", "--report", "--quiet")
         assert calls.sdm("deflect", folder / "fighter.su2", *words) == 0
     return out.getvalue()

@@ -105,7 +105,8 @@ def test_the_sites_are_met_at_all_amounts(wing):
     ends = one.snapshots[0].deflections
     for row, end in ((one.measured[0][0], ends[0]), (one.measured[0][-1], ends[1])):
         assert row.amount == end.amounts[0]
-        assert 0.5 * end.site_error <= row.site_error <= end.site_error
+        assert 0.5 * end.site_error <= row.site_error
+        assert row.site_error <= end.site_error * (1.0 + 1e-9)  # sums of the same numbers in another order
 
 
 def test_parts_have_the_bits_of_the_whole_whatever_was_asked_before(held, wing, tmp_path):
