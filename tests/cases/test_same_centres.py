@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 from sdm_deflect.cases.aircraft.job import plan_of
-from sdm_deflect.cases.aircraft.registry import CASES
+from sdm_deflect.cases.aircraft.registry import CASES, case_named
 from sdm_deflect.cases.api import deflect, read
 from sdm_deflect.deform.volume.deflection import deflect as carried_out
 from tests import calls
@@ -65,9 +65,10 @@ def test_one_surface(examples, name, settings, angle):
         assert chosen(deflect(rounded_otherwise(mesh, seed), **settings).deflection) == first, seed
 
 
-@pytest.mark.parametrize("case", CASES.values(), ids=CASES)
-def test_the_paper_s_cases(make_mesh, case):
-    case, (mesh, _) = replace(case, repair="off"), make_mesh(case)
+@pytest.mark.parametrize("name", CASES)
+def test_the_paper_s_cases(make_mesh, name):
+    case = replace(case_named(name), repair="off")
+    mesh, _ = make_mesh(case)
     first = chosen(carried_out(plan_of(case, mesh)))
     for seed in SEEDS:
         assert chosen(carried_out(plan_of(case, rounded_otherwise(mesh, seed)))) == first, seed

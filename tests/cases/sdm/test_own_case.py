@@ -40,6 +40,7 @@ def test_a_block_of_one_s_own_has_the_sizes_of_a_block(tmp_path):
 
 @pytest.mark.mesher
 def test_it_runs_and_its_own_file_repeats_it(file, aileron_mesh, tmp_path):
+    file.write_text(MINE.replace(', {surface = "tail_left", factor = -0.5}', ""))
     first, again = tmp_path / "first", tmp_path / "again"
     assert calls.sdm("run", "--config", file, "--out", first, "--no-report", "--quiet") == 0
     assert calls.sdm("run", "--config", first / "case.toml", "--out", again, "--no-report", "--quiet") == 0
