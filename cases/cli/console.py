@@ -158,7 +158,7 @@ def _made_at(plan: Plan) -> str:
 
 def _of_one_pose(done: "Outcome", summary: "PoseSummary", whole: bool) -> tuple[list[Table], list[str]]:
     """Return the checks of a single pose, or those that failed, and lines on quality, repair and fit."""
-    title, repair = f"{_title(done)}, {_amounts(summary)} {_unit(done)}", repair_text(summary.figures)
+    title, repair = f"{_title(done)}, {_amounts(summary.amounts)} {_unit(done)}", repair_text(summary.figures)
     texts = [repair] if repair else []
     if not whole:
         failed = failed_checks(summary)
@@ -175,7 +175,7 @@ def failed_checks(summary: "PoseSummary") -> list[Check]:
 
 def _of_many_poses(done: "Outcome", ordered: Sequence["PoseSummary"]) -> tuple[list[Table], list[str]]:
     """Return a table with a row for each pose, the checks of those that failed, and lines on repairs."""
-    named = [(f"{_amounts(summary)} {_unit(done)}", summary) for summary in ordered]
+    named = [(f"{_amounts(summary.amounts)} {_unit(done)}", summary) for summary in ordered]
     failed = [check_table(failed_checks(summary), name) for name, summary in named if not summary.passed]
     repairs = [f"{name}: {text}" for name, summary in named if (text := repair_text(summary.figures))]
     return [sweep_table(ordered, _title(done), done.plan.mesh.plane), *failed] if ordered else [], repairs
@@ -185,13 +185,8 @@ def _title(done: "Outcome") -> str:
     return f"{done.plan.moving[0][1].label} of {done.plan.mesh.name}"
 
 
-def _amounts(summary: "PoseSummary") -> str:
-    return ", ".join(f"{amount:+g}" for amount in summary.amounts)
-
-
-def _largest(plan: Plan) -> str:
-    """Return the amounts of all surfaces at the largest pose, with the unit."""
-    return f"{', '.join(f'{amount:+g}' for amount in plan.largest)} {plan.unit}"
+def _amounts(pose: Sequence[float]) -> str:
+    return ", ".join(f"{amount:+g}" for amount in pose)
 
 
 def _unit(done: "Outcome") -> str:
@@ -250,7 +245,7 @@ def sweep_table(poses: Sequence["PoseSummary"], title: str, plane: bool) -> Tabl
         error = max(fit["max_error"] for box in boxes for fit in box["adaptation"].values())
         least = min((quality.min for quality in pose.quality), default=float("nan"))
         figures = (f"{least:.3f}", f"{error:.1e}", f"{pose.figures['steps']}")
-        table.add_row(_amounts(pose), *figures, _word("passed" if pose.passed else "FAILED"), moved)
+        table.add_row(_amounts(pose.amounts), *figures, _word("passed" if pose.passed else "FAILED"), moved)
     return table
 
 
@@ -277,7 +272,7 @@ def _word(verdict: Verdict) -> Text:
 
 def _lines(plan: Plan, whole: bool = True) -> list[str]:
     boxes = (line for box in plan.boxes for line in _box_lines(box))
-    at = f" at {_largest(plan)}" if len(plan.poses) > 1 else ""
+    at = f" at {_amounts(plan.largest)} {plan.unit}" if len(plan.poses) > 1 else ""
     return [
         *(f"{name}: {text}" for name, text in cuts(plan, plan.largest)),
         *(f"{name}{at} moves by up to {travel}" for name, travel in travels(plan, plan.largest)),

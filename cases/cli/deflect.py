@@ -109,9 +109,9 @@ def deflect(
     twice = [f"--{name}" for name in ("angle", "down", "up", "amount") if angles and given.get(name) is not None]
     if twice:
         raise InputError(f"{twice[0]} beside --angles: give one of them")
-    of_one = given.get("range")
+    has_range = given.get("range") is not None
     settings, inputs = _settings(given)
-    if of_one is not None and len(settings.surface) > 1:
+    if has_range and len(settings.surface) > 1:
         raise InputError("--range: there are several surfaces; give each its range in its table of the file")
     from sdm_deflect.cases.settings.jobs import in_series, swept
     from sdm_deflect.deform.volume.job import poses_of

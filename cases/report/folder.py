@@ -61,6 +61,7 @@ from .near import some_cells
 PLAN = "plan.npz"
 # Largest bytes of a plan's arrays in the folder of a report: it should fit into a message.
 LARGEST_PLAN = 20e6
+# Note on the page of one amount among several.
 NO_SLIDERS = (
     "no sliders: a sweep makes no plan for each page; with a range of amounts (--range LOW:HIGH, or range for each "
     "surface) one plan moves all"

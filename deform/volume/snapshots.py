@@ -22,7 +22,7 @@ from .job import Amounts
 from .plan import BoxPlan
 from .step import take
 
-# Amounts at which the growth of errors between separate readings is sampled, and the largest that is allowed for.
+# Amounts at which the growth of errors between readings is sampled, and the largest by which fits become finer for it.
 SAMPLES, MOST_GROWTH = 101, 5.0
 # Share of the tolerance by which fields may miss a deflection on the same centres between the ends.
 MISSED = 0.1

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from .ties import EQUAL, first_largest
+from .ties import clearly_less, first_largest
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
@@ -140,8 +140,8 @@ def _farthest_of_many(points: FloatArray, n: int, chosen: list[int]) -> IndexArr
         reach = largest.max()
         if reach == 0.0:
             break
-        block = np.flatnonzero(largest >= (least := (1.0 - EQUAL) * reach))
-        chosen.append(int(rows[block][nearest[block] >= least].min()))
+        block = np.flatnonzero(~clearly_less(largest, reach))
+        chosen.append(int(rows[block][~clearly_less(nearest[block], reach)].min()))
     return np.array(chosen, dtype=np.intp)
 
 

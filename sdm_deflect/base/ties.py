@@ -16,7 +16,7 @@ EQUAL = 1e-9
 
 def first_largest(values: NDArray[np.float64]) -> int:
     """Return the row of the largest of values (N,) >= 0; of equal ones the first."""
-    return int(np.argmax(values >= (1.0 - EQUAL) * values.max()))
+    return int(np.argmax(~clearly_less(values, values.max())))
 
 
 def clearly_less(a: Any, b: Any) -> Any:
