@@ -322,9 +322,11 @@ def convert(mesh: Path, out: Path, as_json: bool, quiet: bool, verbose: bool) ->
     """
     from sdm_deflect.cases.api import read
     from sdm_deflect.cases.file_mesh import written
+    from sdm_deflect.meshing.formats.registry import format_of
 
     if out.exists():
         raise InputError(f"{out} exists already; delete it, or choose another name")
+    format_of(out)  # refused before a long read
     with options.watch(quiet or (as_json and not verbose), verbose) as watch:
         with watch.stage("read") as progress:
             source = read(mesh, progress)
