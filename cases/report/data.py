@@ -22,6 +22,7 @@ from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.mesh_motion import MeshMotion, control_name, panels_of
 from sdm_deflect.deform.rbf.data_sites import DIRECTIONS
 from sdm_deflect.deform.surface.surface import name_of
+from sdm_deflect.deform.surface.tracks import TrackLaw
 from sdm_deflect.deform.volume.deflection import BoxDeflection
 from sdm_deflect.deform.volume.job import Amounts
 from sdm_deflect.deform.volume.plan import BoxPlan
@@ -122,6 +123,7 @@ class MovedSurface:
     width : name of the setting of a blended width beside it, ``"strip"`` or ``"panel"``, or empty.
     control : name of the surface in a plan.
     panel : those of its patches that follow its root on the body.
+    place : what a track's amount means in words, its angle and its shift; empty for other motions.
     """
 
     name: str
@@ -133,11 +135,12 @@ class MovedSurface:
     width: str = ""
     control: str = ""
     panel: tuple[str, ...] = ()
+    place: str = ""
 
     @property
     def amount_text(self) -> str:
-        """Amount and unit, with a minus sign and a degree sign."""
-        return signed(self.amount, self.unit)
+        """Amount and unit, with a minus sign and a degree sign; of a track the place there."""
+        return self.place or signed(self.amount, self.unit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,8 +182,9 @@ class Box:
                 width=width_setting(moving.motion, plan.mesh.plane),
                 control=control_name(moving, surface),
                 panel=panels_of(moving, surface),
+                place=_place(law, amount) if isinstance(law, TrackLaw) else "",
             )
-            for (moving, surface), amount in zip(plan.moving, amounts, strict=True)
+            for (moving, surface), law, amount in zip(plan.moving, plan.boundary.laws, amounts, strict=True)
         ]
         return cls(
             name=name,
@@ -298,6 +302,13 @@ def signed(amount: float, unit: str) -> str:
     """Return an amount with its sign and unit, as pages show it: ``+15°``, ``−0.5 of the table``."""
     number = f"{amount:+g}".replace("-", "\N{MINUS SIGN}")
     return f"{number}\N{DEGREE SIGN}" if unit == "deg" else f"{number} {unit}"
+
+
+def _place(law: TrackLaw, amount: float) -> str:
+    """Return angle and shift of a track's first hinge point at an amount: ``+15°, shifted by (0.01, −0.02)``."""
+    angle, *shift = law.track.place(amount)[:4].tolist()
+    numbers = ", ".join(f"{value:.4g}" for value in shift[: 3 if shift[2] else 2]).replace("-", "\N{MINUS SIGN}")
+    return signed(angle, "deg") + (f", shifted by ({numbers})" if any(shift) else "")
 
 
 def _bounds_of_slices(corners: FloatArray) -> FloatArray:

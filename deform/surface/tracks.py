@@ -101,10 +101,10 @@ class Track(Hinged):
             raise InputError(f"track: it lacks dz, and {surface.mesh.name} is a mesh in space: {','.join(TITLES[:5])}")
         return TrackLaw(self, surface.points)
 
-    def entries(self, amount: float, rate: bool = False) -> FloatArray:
-        """Return the rotation less the identity, row by row, and the shift (12,) at an amount; or their derivatives.
+    def place(self, amount: float, rate: bool = False) -> FloatArray:
+        """Return angle in degrees and shifts of both hinge points (7,) at an amount, or their derivatives.
 
-        Raises InputError for an amount beyond the track, or a hinge whose points are shifted past each other.
+        Raises InputError for an amount beyond the track.
         """
         low, high = self.rows[[0, -1], 0]
         if not low <= amount <= high:
@@ -113,7 +113,14 @@ class Track(Hinged):
 
         at, values = self.rows[:, 0], self.rows[:, 1:]
         join = PchipInterpolator(at, values) if self.smooth else make_interp_spline(at, values, 1)
-        place, speed = join(amount), join(amount, 1)
+        return np.asarray(join(amount, int(rate)))
+
+    def entries(self, amount: float, rate: bool = False) -> FloatArray:
+        """Return the rotation less the identity, row by row, and the shift (12,) at an amount; or their derivatives.
+
+        Raises InputError for an amount beyond the track, or a hinge whose points are shifted past each other.
+        """
+        place, speed = self.place(amount), self.place(amount, rate=True)
         turn, swing = self.hinge.turn(place[0]), _Swing.of(self.hinge, place[4:] - place[1:4], speed[4:] - speed[1:4])
         if not rate:
             return np.concatenate([(turn + swing.turn + swing.turn @ turn).ravel(), place[1:4]])

@@ -51,6 +51,7 @@ def test_a_report_repeats_a_track(words, tmp_path, monkeypatch):
     assert (
         cli([*common, "--surface", "hole", "--hinge", "0,-0.7", "--margin", "0.4", *words], standalone_mode=False) == 0
     )
+    assert "hole \N{MINUS SIGN}6°, shifted by (0.0" in (tmp_path / "out-report" / "report.html").read_text()
     first = read(tmp_path / "out.su2").points
     assert np.abs(first - plate().points).max() > 0.01
     settings = str(tmp_path / "out-report" / "settings.toml")
