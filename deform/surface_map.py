@@ -309,7 +309,7 @@ def _fit(begin: Start, is_last: bool) -> Confined | None:
         return None
     known, how, fits = np.zeros((len(begin.known), 3)), begin.how, list[Adaptation]()
     further = [sites for modifier in begin.modifiers for sites in modifier.sites(known, is_last)]
-    for group in GROUPINGS[how.strategy](sites_of(begin, known, further)):
+    for group in GROUPINGS[how.strategy](sites_of(begin, known, further, is_last)):
         fits.append(adapt(group, how.kernel, spread(group.points, begin.surface, how.initial), how.options))
     return Confined(tuple(fits), fuse(fits))
 

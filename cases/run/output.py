@@ -118,7 +118,8 @@ def write_interpolants(path: Path, deflections: Sequence[BoxDeflection]) -> None
 
     The first surface's first step has the plain names `centers_x`, `beta_x`, `alpha_x`; further surfaces and
     steps append `_<surface>` and `_step<k>`. Those of the fit for sliding nodes, which are projected onto their
-    shapes afterwards, begin with `sliding_`. `hexahedron` (8, 3) is the box of each.
+    shapes afterwards, begin with `sliding_`. If planes at an angle slide, that fit is along the rows of
+    `sliding_directions` (3, 3) in place of x, y and z. `hexahedron` (8, 3) is the box of each.
     """
     arrays: dict[str, np.ndarray] = {}
     for i, deflection in enumerate(deflections):
@@ -128,6 +129,8 @@ def write_interpolants(path: Path, deflections: Sequence[BoxDeflection]) -> None
         for k, step in enumerate(deflection.steps):
             suffix = tag + (f"_step{k + 1}" if k else "")
             carrying = [("sliding_", fit) for fit in step.first.adaptations] if step.first else []
+            if carrying and step.start.directions is not None:
+                arrays[f"sliding_directions{suffix}"] = step.start.directions
             for prefix, fit in (*carrying, *(("", fit) for fit in step.fits.adaptations)):
                 for column, component in enumerate(fit.components):
                     name = f"{DIRECTIONS[component]}{suffix}"

@@ -1,21 +1,32 @@
-"""Nodes that slide on shapes or move like their periodic images."""
+"""Nodes that slide on shapes or move like their periodic images.
+
+In the first pass nodes of planes hold the displacement along the normal, and no other component of it. Without that the
+mesh runs past the corner of two planes. The pass takes displacements along the normals, not along x, y and z, if planes
+stand at an angle: so each direction is still interpolated on its own. Sites that hold a normal component alone would
+couple the directions in one system of three times the size. Normals of a cylinder turn from node to node, so
+cylinders and surfaces hold nothing.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
-from sdm_deflect.base.arrays import FloatArray, IntArray
-from sdm_deflect.base.ties import EQUAL
+from sdm_deflect.base.arrays import FloatArray, IntArray, distinct, union
+from sdm_deflect.base.ties import EQUAL, first_largest
 from sdm_deflect.deform.box.face_sites import border_sites
 from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.confined import zero_sites
-from sdm_deflect.deform.rbf.data_sites import DataSites
+from sdm_deflect.deform.rbf.data_sites import DataSites, fixed_sites
+from sdm_deflect.meshing.mesh.edges import unit
 from sdm_deflect.meshing.mesh.images import Images
 from sdm_deflect.meshing.mesh.sliding import Plane, SlidingSurface
 
 from .modifier import Linearized, Modifier, ModifierAtStep, NodesOnShape
 
+# Largest share of a normal across a direction for the two to count as alike: fitted normals are as exact as that.
+ALONG = 1e-6
 # How often nodes on several shapes are projected onto each in turn.
 ROUNDS = 8
 
@@ -46,6 +57,21 @@ class ConstrainedNodes(Modifier):
     sides: tuple[tuple[Plane, float, float], ...] = field(repr=False)
     walls: tuple[Plane, ...] = field(repr=False)
 
+    @property
+    def directions(self) -> FloatArray | None:
+        """Directions (3, 3) of the first pass, `held_directions` of the planes; None for x, y and z."""
+        own = [c for c in range(3) if c not in self.components]
+        own += [int(np.abs(plane.normal).argmax()) for plane, _ in self.faces]
+        normals = [slide.shape.normal for slide in self.slides if isinstance(slide.shape, Plane)]
+        return held_directions(distinct(np.array(own, dtype=np.intp)), normals)
+
+    @property
+    def held(self) -> set[int]:
+        """Which directions of the first pass some plane holds."""
+        directions = self.directions
+        planes = (slide.shape for slide in self.slides if isinstance(slide.shape, Plane) and len(slide.nodes))
+        return {row for plane in planes if (row := along(directions, plane.normal)) is not None}
+
     def on_box(self, hexahedron: Hexahedron, sites: FloatArray, spacing: float) -> FloatArray:
         """Add sites where the box cuts periodic planes, and drop sites behind planes that bound the mesh.
 
@@ -75,7 +101,37 @@ class ConstrainedNodes(Modifier):
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+def held_directions(own: IntArray, normals: Sequence[FloatArray]) -> FloatArray | None:
+    """Return three directions (3, 3) at right angles, with as many normals (3,) of planes as are so; None for x, y, z.
+
+    Normals are taken in their order. One that is neither along nor across those before is left out.
+
+    Parameters
+    ----------
+    own : Those of x, y and z, by number, that stay as they are.
+    normals : Unit vectors.
+    """
+    taken = [np.eye(3)[c] for c in own]
+    for normal in normals:
+        if all(abs(normal @ other) <= ALONG for other in taken):
+            taken.append(normal)
+    if all(np.count_nonzero(normal) == 1 for normal in taken):
+        return None
+    while len(taken) < 3:
+        left = np.eye(3) - sum(np.outer(other, other) for other in taken)
+        taken.append(unit(left[[first_largest(np.linalg.norm(left, axis=1))]])[0])
+    out = np.empty((3, 3))
+    out[[*own, *(c for c in range(3) if c not in own)]] = taken
+    return out
+
+
+def along(directions: FloatArray | None, normal: FloatArray) -> int | None:
+    """Return which of three directions a unit normal (3,) is along; None if it is along none of them."""
+    shares = np.abs(normal if directions is None else directions @ normal)
+    return int(shares.argmax()) if np.count_nonzero(shares > ALONG) == 1 else None
+
+
+@dataclass(frozen=True, eq=False)
 class ConstraintAtStep(ModifierAtStep):
     """Bound nodes in one step.
 
@@ -94,12 +150,25 @@ class ConstraintAtStep(ModifierAtStep):
     free: Images = field(repr=False)
 
     def sites(self, known: FloatArray, last: bool) -> Sequence[DataSites]:
-        """Return the bound nodes as data sites in the last pass."""
+        """Return the bound nodes as data sites in the last pass; in the first one nodes of planes, along the normal."""
         rows, columns = self.of.sampled, self.of.components
-        if not last or not len(rows):
+        if not last:
+            return self._on_planes
+        if not len(rows):
             return ()
         values = known[len(known) - len(self.points) :]
         return (DataSites(self.points[rows], values[rows][:, columns], columns),)
+
+    @cached_property
+    def _on_planes(self) -> Sequence[DataSites]:
+        """Sites of zero displacement, direction by direction, at nodes of planes along or across the directions."""
+        directions, held = self.of.directions, [list[IntArray]() for _ in range(3)]
+        for shape, nodes in self.shapes:
+            row = along(directions, shape.normal) if isinstance(shape, Plane) else None
+            if row is not None:
+                held[row].append(np.intersect1d(nodes, self.of.sampled, assume_unique=True))
+        rows = [(c, union(*parts)) for c, parts in enumerate(held) if parts]
+        return tuple(fixed_sites(self.points[nodes], (c,)) for c, nodes in rows if len(nodes))
 
     def correct(self, u: FloatArray, known: FloatArray, last: bool) -> FloatArray:
         """Project nodes onto their shapes, and make images move alike."""

@@ -95,6 +95,11 @@ class Modifier:
 
     __slots__ = ()
 
+    @property
+    def held(self) -> set[int]:
+        """Directions, of those of the first pass, that nodes at rest or on planes hold without zero sites."""
+        return set()
+
     def on_box(self, hexahedron: Hexahedron, sites: FloatArray, spacing: float) -> FloatArray:
         """Return the zero sites (P, 3) on the faces, given those at the usual spacing."""
         del hexahedron, spacing

@@ -271,7 +271,7 @@ class BoxPlan:
         modifiers = tuple(modifier.at(points, free) for modifier in self.modifiers)
         return Start(
             points, sites.known, len(sites.slid), rows, len(sites.distinct), free, sites.zero, self.boundary.components,
-            self.choice, modifiers,
+            self.choice, modifiers, sites.bind.directions if sites.bind else None,
         )  # fmt: skip
 
 

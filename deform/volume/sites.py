@@ -313,15 +313,16 @@ def _zero_sites(
     """Return the zero sites at some distance from the known nodes (K, 3).
 
     All faces of the box but the open ones hold all directions. The section of a block's face holds its normal direction
-    alone if nodes slide in its plane (section 5.2).
+    alone if nodes slide in its plane (section 5.2). Where all sides slide, their planes hold the mesh.
     """
     inner = _on_box(boundary, region, modifiers, spacing)
     faces = zero_sites(inner, known, spacing)
-    if not len(faces) and region.box.open_faces != FACES.keys():
+    held = {row for modifier in modifiers for row in modifier.held}
+    if not len(faces) and region.box.open_faces != FACES.keys() and not held.issuperset(boundary.components):
         if not len(inner):
             raise InputError(
-                "no face of the box is within the sides that slide, so that nothing would hold the mesh; take a "
-                f"smaller box ({boundary.job.box.settings}), or name a side in fixed"
+                "no face of the box is within the sides that slide, and these are not at right angles, so that nothing "
+                f"would hold the mesh; take a smaller box ({boundary.job.box.settings}), or name a side in fixed"
             )
         raise InputError(
             f"spacing = {spacing:.3g} leaves no site on the box that is half as far from the surface; lower it, or "

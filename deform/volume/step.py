@@ -29,6 +29,7 @@ class Start:
     components : directions in which nodes move.
     how : choice of centres.
     modifiers : the modifiers in the order in which they act.
+    directions : (3, 3) rows in which the first pass takes displacements; None for x, y and z.
     """
 
     points: FloatArray = field(repr=False)
@@ -41,6 +42,7 @@ class Start:
     components: tuple[int, ...]
     how: Choice
     modifiers: tuple[ModifierAtStep, ...] = field(repr=False)
+    directions: FloatArray | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,7 +116,7 @@ def _passed(
 ) -> tuple[Confined, FloatArray, float]:  # fmt: skip
     """Return the fit, the displacements (M, 3) of free or bound nodes, and the seconds that evaluation took."""
     further = [sites for modifier in start.modifiers for sites in modifier.sites(known, last)]
-    sites = sites_of(start, known, further)
+    sites = sites_of(start, known, further, last)
     if earlier and keep_centers:
         u = earlier.refit(sites, start.how.strategy)
     else:
@@ -124,7 +126,7 @@ def _passed(
     to = (
         evaluate(u.interpolant, start.points[start.free], runner)
         if last
-        else u(start.points[start.known[-start.bound :]])
+        else along_axes(start, u(start.points[start.known[-start.bound :]]))
     )
     seconds = perf_counter() - begin
     for modifier in start.modifiers:
@@ -132,10 +134,22 @@ def _passed(
     return u, to, seconds
 
 
-def sites_of(start: Start, known: FloatArray, further: Sequence[DataSites]) -> list[DataSites]:
-    """Return all data sites: known nodes with displacements `known` (B, 3), further ones, and those on the box."""
-    nodes = start.points[start.known[start.rows]]
-    return [DataSites(nodes, known[start.rows][:, start.components], start.components), *further, *start.zero]
+def sites_of(start: Start, known: FloatArray, further: Sequence[DataSites], last: bool) -> list[DataSites]:
+    """Return all data sites of a pass: known nodes with displacements `known` (B, 3), further ones, those on the box.
+
+    Sites of a single direction are along one of the pass's directions already.
+    """
+    nodes, axes = start.points[start.known[start.rows]], start.components
+    sites = [DataSites(nodes, known[start.rows][:, axes], axes), *further, *start.zero]
+    if last or start.directions is None:
+        return sites
+    turn = start.directions[np.ix_(axes, axes)].T
+    return [DataSites(part.points, part.values @ turn, axes) if part.components == axes else part for part in sites]
+
+
+def along_axes(start: Start, u: FloatArray) -> FloatArray:
+    """Return displacements (M, 3) of the first pass along x, y and z."""
+    return u if start.directions is None else u @ start.directions
 
 
 def evaluate(interpolant: Interpolant, points: FloatArray, runner: Runner) -> FloatArray:

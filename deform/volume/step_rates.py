@@ -11,7 +11,7 @@ from sdm_deflect.deform.around.modifier import Linearized
 from sdm_deflect.deform.confined import GROUPINGS, Confined
 from sdm_deflect.deform.rbf.data_sites import DataSites, rows_of_parts
 
-from .step import Start, evaluate, sites_of
+from .step import Start, along_axes, evaluate, sites_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,8 +38,8 @@ class StepRates:
         known[: len(moving)] = moving
         if first:
             further = [sites for modifier in start.modifiers for sites in modifier.sites(known, False)]
-            fits = first.refit(sites_of(start, known, further), start.how.strategy)
-            u = fits(start.points[start.known[-start.bound :]])
+            fits = first.refit(sites_of(start, known, further, False), start.how.strategy)
+            u = along_axes(start, fits(start.points[start.known[-start.bound :]]))
             for modifier in start.modifiers:
                 at_first.append(modifier.linearized(u, known, False))
                 u = modifier.correct(u, known, False)
@@ -52,9 +52,10 @@ class StepRates:
         start, known = self.start, np.zeros((len(self.start.known), 3))
         known[: len(moving)] = moving
         if self.first:
-            fits = self._fitted(self.first, known, self.at_first)
-            known[-start.bound :] = _corrected(fits(start.points[self._bound]), known, self.at_first)
-        fits = self._fitted(self.last, known, self.at_last)
+            fits = self._fitted(self.first, known, self.at_first, False)
+            rate = along_axes(start, fits(start.points[self._bound]))
+            known[-start.bound :] = _corrected(rate, known, self.at_first)
+        fits = self._fitted(self.last, known, self.at_last, True)
         out = np.zeros_like(start.points)
         out[start.free] = _corrected(evaluate(fits.interpolant, start.points[start.free], runner), known, self.at_last)
         out[start.known] = known
@@ -67,11 +68,11 @@ class StepRates:
         """
         start = self.start
         known = gradient[start.known]
-        known += self._handed(self.last, gradient[start.free], start.free, self.at_last)
+        known += self._handed(self.last, gradient[start.free], start.free, self.at_last, None)
         if self.first:
             bound = np.array(known[-start.bound :])
             known[-start.bound :] = 0.0
-            known += self._handed(self.first, bound, self._bound, self.at_first)
+            known += self._handed(self.first, bound, self._bound, self.at_first, start.directions)
         return known
 
     @property
@@ -79,25 +80,32 @@ class StepRates:
         """The bound nodes."""
         return self.start.known[-self.start.bound :]
 
-    def _fitted(self, fits: Confined, known: FloatArray, modifiers: Sequence[Linearized]) -> Confined:
-        """Fit the rates (B, 3) of the known nodes."""
+    def _fitted(self, fits: Confined, known: FloatArray, modifiers: Sequence[Linearized], last: bool) -> Confined:
+        """Fit the rates (B, 3) of the known nodes in a pass."""
         further = [sites for modifier in modifiers for sites in modifier.sites(known)]
-        return fits.refit(sites_of(self.start, known, further), self.start.how.strategy)
+        return fits.refit(sites_of(self.start, known, further, last), self.start.how.strategy)
 
     def _handed(
-        self, fits: Confined, gradient: FloatArray, nodes: IntArray, modifiers: Sequence[Linearized]
-    ) -> FloatArray:
-        """Return the gradient (B, 3) by the known nodes, given that (M, 3) by the nodes of a pass."""
+        self, fits: Confined, gradient: FloatArray, nodes: IntArray, modifiers: Sequence[Linearized],
+        directions: FloatArray | None,
+    ) -> FloatArray:  # fmt: skip
+        """Return the gradient (B, 3) by the known nodes, given that (M, 3) by the nodes of a pass.
+
+        `directions` (3, 3) are those of the pass; None for x, y and z.
+        """
         start, known = self.start, np.zeros((len(self.start.known), 3))
         for modifier in reversed(modifiers):
             gradient, more = modifier.reverse(gradient)
             known += more
         further = [(modifier, sites) for modifier in modifiers for sites in modifier.sites(known)]
-        parts = sites_of(start, known, [sites for _, sites in further])
+        parts = sites_of(start, known, [sites for _, sites in further], directions is None)
         at_sites = [np.zeros((len(part), 3)) for part in parts]
         groups = GROUPINGS[start.how.strategy](parts)
-        for group, values in zip(groups, fits.reverse(start.points[nodes], gradient), strict=True):
+        turned = gradient if directions is None else gradient @ directions.T
+        for group, values in zip(groups, fits.reverse(start.points[nodes], turned), strict=True):
             _share_out(group, values, parts, at_sites)
+        if directions is not None:
+            at_sites = [values @ directions for values in at_sites]
         np.add.at(known, start.rows, at_sites[0])
         for (modifier, _), values in zip(further, at_sites[1:], strict=False):
             known += modifier.sites_reverse(values)

@@ -1,6 +1,7 @@
 """The volume as a function of its surface: exact on the surface, nothing outside, derivatives true both ways."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,16 +14,22 @@ from sdm_deflect.meshing.mesh.cells import Cells
 from tests.deform.blocks import SIDES
 from tests.deform.plates import plate
 
+# Turn by 0.3 rad about x.
+TILT = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(0.3), -np.sin(0.3)], [0.0, np.sin(0.3), np.cos(0.3)]])
 # Largest difference of the two products in the test of the transpose, over both norms: rounding of sums that cancel.
 TRANSPOSED = 2e-12
 
 
 @pytest.fixture(scope="module")
 def maps(inboard_wing, block, block_on_cylinder):
-    """Prisms beside a sliding plane, hexahedra in space and around a fin that stays on a cylinder, and a plane mesh."""
+    """Prisms beside a sliding plane, along y and tilted, hexahedra in space and around a fin that stays on a cylinder,
+    and a plane mesh."""
     wing = inboard_wing.mesh
+    tilted = replace(wing, points=wing.points @ TILT.T, name="tilted")
+    beside = {"largest": 0.1, "slide": "symmetry:plane", "fixed": "far*"}
     return {
-        "wing": (wing, surface_map(wing, ["wing_*", "flap_*"], largest=0.1, slide="symmetry:plane", fixed="far*")),
+        "wing": (wing, surface_map(wing, ["wing_*", "flap_*"], **beside)),
+        "tilted": (tilted, surface_map(tilted, ["wing_*", "flap_*"], **beside)),
         "block": (block, surface_map(block, "body", largest=0.2, fixed=[*SIDES])),
         "cylinder": (
             block_on_cylinder,
@@ -35,12 +42,13 @@ def maps(inboard_wing, block, block_on_cylinder):
     }
 
 
-CASES = ("wing", "block", "cylinder", "plate")
+CASES = ("wing", "tilted", "block", "cylinder", "plate")
 
 
 def shape_of(mesh, warp, size=0.02):
-    """A smooth displacement (K, 3) that keeps nodes on planes y = const and, about z, on cylinders."""
-    x, y, z = warp.start.T
+    """A smooth displacement (K, 3) that keeps nodes on planes y = const, tilted or not, and, about z, on cylinders."""
+    tilt = TILT if mesh.name == "tilted" else np.eye(3)
+    x, y, z = (warp.start @ tilt).T
     move = size * np.column_stack([np.sin(2.0 * z + x), 0.0 * x, np.cos(x - 1.5 * y)])
     if "round" in mesh.names:
         turn = size * np.sin(z)
@@ -49,7 +57,7 @@ def shape_of(mesh, warp, size=0.02):
         )
     if mesh.plane:
         move[:, mesh.across] = 0.0
-    return move
+    return move @ tilt.T
 
 
 @pytest.mark.parametrize("case", CASES)
