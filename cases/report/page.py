@@ -77,7 +77,7 @@ REMEDIES = {
     "non_orthogonality_max": LARGER_BOX,
     "skewness_max": LARGER_BOX,
     "shear": (WIDER, "a smaller angle"),
-    "gap": ("a smaller angle",),
+    "gap": ("a smaller angle", "thinner layers", "an overset block"),
     "repair": ("--repair off",),
     "following": ("near_wall = true",),
 }

@@ -10,12 +10,13 @@ errors up to the tolerance. Two corrections help. First, some mesh nodes beside 
 Here u is the interpolant, and v the mean of the rigid motions of the boundary nodes around (Luke, Collins and Blades,
 J. Comput. Phys. 231, 2012). With d the distance from the wall and r = d / L, the weight is
 
-    psi = min(1, c / (1 - c) (1 / r - 1)),    c = `RIGID`.
+    psi = min(1, c / (1 - c) (1 / r - 1)).
 
 Up to r = c the mesh is rigid: there layers keep their heights and stay upright. From there psi d falls linearly to zero
 at r = 1; no other weight with such a rigid part shears the mesh less. L is the reach, about one edge of the surface, or
 the distance of another part of the boundary, which may move differently: in the middle of a gap only the interpolant
-acts.
+acts. The share c is `RIGID`. Beside a wall node whose measured layers reach farther it is what these need, up to
+`MOST_RIGID`: two walls then share the gap in three equal parts, and the middle one alone deforms.
 
 With p = `POWER`, the share w_j of a node at distance d is (1 / d - 1 / D)**p, where D is the distance of the nearest
 node that is left out (Franke and Nielson, Int. J. Numer. Meth. Eng. 15, 1980). So v does not jump where the set of
@@ -33,7 +34,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.base.arrays import FloatArray, IntArray, union
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, union
 from sdm_deflect.base.compiled import compiled_exactly
 from sdm_deflect.base.ties import clearly_less
 from sdm_deflect.deform.rbf.data_sites import DataSites
@@ -44,6 +45,8 @@ from .modifier import Linearized, Modifier, ModifierAtStep
 # Share of the reach up to which nodes follow the wall rigidly. It keeps five layers of a slotted airfoil upright at no
 # loss; ten upright layers, by .1 of eight edges, cost .03 to .05 of the least quality.
 RIGID = 0.2
+# Largest such share, where measured layers need more. In a gap a third is then left for the cells between two stacks.
+MOST_RIGID = 0.5
 # Least and largest distance of layer sites, in edges of the surface. Structured wings are alike from .4 to .5, and
 # worse below; a coarse wing, whose strip is two cells wide, has fewest inverted cells at .41.
 NEAR, FAR = 0.08, 0.41
@@ -78,6 +81,23 @@ class Nearby(NamedTuple):
                 second = np.where(closer, first, np.minimum(second, distance))
                 node[closer], first[closer] = part[nearest[closer]], distance[closer]
         return cls(node, first, second)
+
+    def needed(self, stacked: BoolArray, reach: float) -> FloatArray:
+        """Return the shares (K,) of the limits up to which layers reach; `stacked` (M,) are points of layers."""
+        return self.first[stacked] / self.limits(reach)[stacked]
+
+    def limits(self, reach: float) -> FloatArray:
+        """Return the distances (M,) up to which points follow a wall: the reach, or less before another part."""
+        return np.minimum(reach, self.second)
+
+    def rigid(self, stacked: BoolArray, reach: float) -> FloatArray:
+        """Return the shares (M,) of the limits up to which the mesh is rigid: `RIGID`, or what layers need.
+
+        `stacked` (M,) are the points of layers; those over a wall node determine the share beside it.
+        """
+        shares = np.full(self.node.max(initial=0) + 1, RIGID)
+        np.maximum.at(shares, self.node[stacked], np.minimum(self.needed(stacked, reach), MOST_RIGID))
+        return np.asarray(shares[self.node])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -213,13 +233,18 @@ class NearWall:
 
     @classmethod
     def of(
-        cls, points: FloatArray, boundary: FloatArray, nearby: Nearby, parts: Sequence[IntArray], reach: float
-    ) -> "NearWall":
-        """Take the points within `reach` of boundary nodes (K, 3) that are nearer to one part than to any other."""
-        limit = np.minimum(reach, nearby.second)
+        cls, points: FloatArray, boundary: FloatArray, nearby: Nearby, parts: Sequence[IntArray], stacked: BoolArray,
+        reach: float,
+    ) -> "NearWall":  # fmt: skip
+        """Take the points within `reach` of boundary nodes (K, 3) that are nearer to one part than to any other.
+
+        `stacked` (M,) are the points of layers (`Nearby.rigid`).
+        """
+        limit = nearby.limits(reach)
         rows = np.flatnonzero(nearby.first < limit)
-        r = np.maximum(nearby.first[rows] / limit[rows], RIGID)
-        weight = np.minimum(RIGID / (1.0 - RIGID) * (1.0 / r - 1.0), 1.0)
+        share = nearby.rigid(stacked, reach)[rows]
+        r = np.maximum(nearby.first[rows] / limit[rows], share)
+        weight = np.minimum(share / (1.0 - share) * (1.0 / r - 1.0), 1.0)
         return cls(RigidFollow.around(points, boundary, rows, union(*parts)), weight)
 
     def following(self, displacement: FloatArray, boundary: FloatArray, turns: FloatArray) -> FloatArray:
@@ -240,6 +265,7 @@ class FollowWalls(Modifier):
     parts : rows of `known` for each part that may move differently.
     edges : (E, 2) rows of `known` that an edge of the boundary joins.
     sheared : rows of `known` beside which the motion shears the surface.
+    stacks : sorted nodes of the measured layers.
     edge, reach : lengths: an edge of the surface, and up to where nodes follow walls if there is room.
     normal : (3,) normal of a plane mesh.
     components : directions in which nodes move.
@@ -250,6 +276,7 @@ class FollowWalls(Modifier):
     parts: tuple[IntArray, ...] = field(repr=False)
     edges: IntArray = field(repr=False)
     sheared: IntArray = field(repr=False)
+    stacks: IntArray = field(repr=False)
     edge: float
     reach: float
     normal: FloatArray | None
@@ -259,9 +286,10 @@ class FollowWalls(Modifier):
         known, places = points[self.known], points[free]
         nearby = Nearby.of(places, known, self.parts)
         layers = RigidFollow.of(places, known, layer_sites(nearby, self.sheared, self.edge), nearby)
-        near = NearWall.of(places, known, nearby, self.parts, self.reach)
-        late, parts = known[self.certain :], [part[part < self.certain] for part in self.parts]
-        bound = NearWall.of(late, known, Nearby.of(late, known, parts), parts, self.reach)
+        near = NearWall.of(places, known, nearby, self.parts, np.isin(free, self.stacks), self.reach)
+        late, parts = self.known[self.certain :], [part[part < self.certain] for part in self.parts]
+        on_late = Nearby.of(points[late], known, parts)
+        bound = NearWall.of(points[late], known, on_late, parts, np.isin(late, self.stacks), self.reach)
         turning = LocalRotation.of(known, self.edges, self.certain, self.normal)
         return FollowingWalls(self.components, self.reach, layers, bound, near, turning)
 

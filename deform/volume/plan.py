@@ -11,6 +11,7 @@ import numpy as np
 from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, union
 from sdm_deflect.base.errors import InputError
 from sdm_deflect.base.threads import HERE, Progress, Runner, silent
+from sdm_deflect.base.ties import clearly_less
 from sdm_deflect.deform.around.modifier import Modifier
 from sdm_deflect.deform.around.near_wall import RIGID, Nearby
 from sdm_deflect.deform.box.hexahedron import Hexahedron
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from sdm_deflect.meshing.mesh.orthogonality import AffectedFaces
 
     from .mirror import Mirror
+    from .room import Crowding
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,15 +217,29 @@ class BoxPlan:
         return self.sites.finer_edge(self.boundary, self.parts)
 
     @cached_property
+    def crowding(self) -> "Crowding | None":
+        """Measured layers that have no room in a gap; None if all have."""
+        from .room import Crowding
+
+        return Crowding.of(self)
+
+    def nearby(self, nodes: IntArray) -> Nearby:
+        """Return the moving and fixed nodes that are nearest to some nodes (M,), and the next part."""
+        points, certain = self.boundary.mesh.points, len(self.sites.moving) + len(self.sites.fixed)
+        parts = [part[part < certain] for part in self.parts]
+        return Nearby.of(points[nodes], points[self.sites.known], parts)
+
+    @cached_property
     def _rigid(self) -> IntArray:
         """Sorted nodes inside the flow that follow a wall rigidly; without near-wall following all of them."""
         certain = len(self.sites.moving) + len(self.sites.fixed)
         nodes = np.setdiff1d(self.region.inside, self.sites.known[:certain], assume_unique=True)
         if not self.job.near_wall:
             return nodes
-        points, parts = self.boundary.mesh.points, [part[part < certain] for part in self.parts]
-        nearby = Nearby.of(points[nodes], points[self.sites.known], parts)
-        return nodes[nearby.first < RIGID * np.minimum(self.reach, nearby.second)]
+        nearby = self.nearby(nodes)
+        shares = nearby.rigid(np.isin(nodes, self.layers.measured), self.reach)
+        beyond: BoolArray = clearly_less(shares * nearby.limits(self.reach), nearby.first)
+        return nodes[~beyond]
 
     def to_whole_mesh(self, places: FloatArray) -> FloatArray:
         """Return the moved nodes (N, 3) of the whole mesh, given those of the mesh that is interpolated."""
@@ -238,7 +254,7 @@ class BoxPlan:
             from sdm_deflect.deform.around.near_wall import FollowWalls
 
             certain, sheared = len(sites.moving) + len(sites.fixed), np.flatnonzero(sites.sheared)
-            near = (sites.edges, sheared, self.edge, self.reach, self.boundary.mesh.normal)
+            near = (sites.edges, sheared, self.layers.measured, self.edge, self.reach, self.boundary.mesh.normal)
             modifiers.append(FollowWalls(sites.known, certain, tuple(self.parts), *near, self.boundary.components))
         if self.region.sections:
             from sdm_deflect.deform.around.sections import StayInFaces

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, count_distinct, distinct
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, count_distinct, distinct, union
 from sdm_deflect.base.compiled import compiled_exactly
 from sdm_deflect.base.vectors import Vector, cross, dot, minus, norm, plus, row_of
 
@@ -97,6 +97,11 @@ class LayerColumns:
             elif len(measured) < kept:
                 measured.append(tuple(_over(measured[-1], layer)))
         return cls(tuple(levels), forked, faces, tuple(measured))
+
+    @property
+    def measured(self) -> IntArray:
+        """Sorted nodes of the layers whose heights are compared, without the wall's."""
+        return union(*(cells.top.ravel() for layer in self.cells for cells in layer))
 
     def nodes_of(self, face: int) -> IntArray:
         """Return the nodes (k,) of a wall face."""

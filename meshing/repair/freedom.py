@@ -41,15 +41,18 @@ class Columns:
     ----------
     pairs : for each layer, from the wall outwards, its nodes and the node below each (K, 2).
     lengths : for each layer the least and the largest length (K, 2) of the edges of these pairs.
-    rigid : sorted nodes (R,) of layers that follow the wall rigidly. They stay while moves of other nodes suffice.
+    kept : sorted nodes (R,) that stay while moves of other nodes suffice: those of measured layers, and of layers that
+        follow the wall rigidly.
     """
 
     pairs: tuple[IntArray, ...] = field(default=(), repr=False)
     lengths: tuple[FloatArray, ...] = field(default=(), repr=False)
-    rigid: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.intp), repr=False)
+    kept: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.intp), repr=False)
 
     @classmethod
-    def of(cls, levels: Sequence[IntArray], rigid: IntArray, before: FloatArray, now: FloatArray) -> Columns:
+    def of(
+        cls, levels: Sequence[IntArray], rigid: IntArray, measured: IntArray, before: FloatArray, now: FloatArray
+    ) -> Columns:
         """Return the columns of pairs (K, 2) of nodes, at points (N, 3) before and now.
 
         Edges to nodes of `rigid` (R,) keep their length. The length of others stays within `BOUNDS` of that before, or
@@ -62,14 +65,14 @@ class Columns:
             exact = np.isin(pairs[:, 0], rigid)
             lengths.append(np.column_stack([np.where(exact, own, low), np.where(exact, own, high)]))
         nodes = union(*(pairs[:, 0] for pairs in levels))
-        return cls(tuple(levels), tuple(lengths), np.intersect1d(nodes, rigid, assume_unique=True))
+        return cls(tuple(levels), tuple(lengths), np.intersect1d(nodes, union(rigid, measured), assume_unique=True))
 
     def without(self, nodes: IntArray) -> Columns:
         """Return the columns without some nodes (K,), which stay."""
         stay = [np.isin(pairs[:, 0], nodes) for pairs in self.pairs]
         pairs = tuple(pair[~rows] for pair, rows in zip(self.pairs, stay, strict=True))
         lengths = tuple(length[~rows] for length, rows in zip(self.lengths, stay, strict=True))
-        return Columns(pairs, lengths, np.setdiff1d(self.rigid, nodes, assume_unique=True))
+        return Columns(pairs, lengths, np.setdiff1d(self.kept, nodes, assume_unique=True))
 
     def closure(self, nodes: IntArray, size: int) -> IntArray:
         """Return sorted nodes (K,) with all nodes above them; `size` is the number of nodes of the mesh."""
@@ -318,7 +321,7 @@ class FreeNodes:
             for slide in self.slides
         )
         free = np.setdiff1d(self.free, stay, assume_unique=True)
-        return FreeNodes(free, slides, Columns.of(levels, rigid, before, points), images)
+        return FreeNodes(free, slides, Columns.of(levels, rigid, columns.measured, before, points), images)
 
 
 def _pieces(

@@ -56,6 +56,7 @@ def repair_cells(
     """Repair cells that are inverted, or whose quality is below a share of their type's least quality before.
 
     Nodes around them move until all cells of the region are as good as the worst was before, or nothing more is gained.
+    Nodes of the first layers stay. Those around cells that are inverted then may move, if fewer are afterwards.
     While cells miss the share, the next region is larger. Once no cell is inverted or misses the limit, no type of
     cells may lose more than `LOST` of its mean quality and of its 1st percentile in the whole repair.
 
@@ -75,18 +76,43 @@ def repair_cells(
 def _repair(
     points: FloatArray, affected: AffectedCells, freedom: FreeNodes, share: float, limit: float, progress: Progress
 ) -> RepairResult:
-    goal, every = QualityGoal.of(affected, freedom), freedom
     parts = zip(affected.mesh.cells, affected.rows, affected.orientation, strict=True)
     corners = CellCorners(affected.mesh.points, parts, ~affected.before.inverted)
-    freedom = _without_layers(points, corners, freedom, goal.misses(goal.scores(points), share))
+    wanted = share, limit, progress
+    kept, goal = freedom.columns.kept, QualityGoal.of(affected, freedom)
+    here, steps = _reach_levels(points, affected, corners, freedom.without_nodes(kept), wanted)
+    inverted = goal.misses(goal.scores(here), 0.0)
+    if len(kept) and inverted.any():
+        movable = np.bincount(freedom.nodes, minlength=len(points)) > 0
+        around = freedom.closure(corners.around(inverted, movable, RINGS[0]), len(points))
+        freed = freedom.without_nodes(np.setdiff1d(kept, around, assume_unique=True))
+        there, more = _reach_levels(here, affected, corners, freed, wanted)
+        steps += more
+        if goal.misses(goal.scores(there), 0.0).sum() < inverted.sum():
+            here = there
+    if len(freedom.images.nodes):
+        here = points + freedom.images.projected(here - points)
+    made = RepairResult.of(points, here, affected, freedom, share)
+    return replace(made, steps=steps)
+
+
+def _reach_levels(
+    points: FloatArray, affected: AffectedCells, corners: CellCorners, freedom: FreeNodes,
+    wanted: tuple[float, float, Progress],
+) -> tuple[FloatArray, int]:  # fmt: skip
+    """Bring cells to one level after the other; return the points (N, 3) and the steps.
+
+    `wanted` is the share and the limit of `repair_cells`, and what is called with the progress.
+    """
+    share, limit, progress = wanted
     goal = QualityGoal.of(affected, freedom)
     here, scores, steps, kept = points, goal.scores(points), 0, None
     start = scores
     for level, sizes, far in _levels(share, limit, len(points)):
         if level > limit and kept is None:
             kept = np.minimum(goal.spread(start), goal.spread(scores))
-        wanted = Target(level, sizes, far, kept, progress)
-        there, new_scores, count = _raise_quality(here, scores, corners, freedom, goal, wanted)
+        target = Target(level, sizes, far, kept, progress)
+        there, new_scores, count = _raise_quality(here, scores, corners, freedom, goal, target)
         steps += count
         reached = not goal.misses(new_scores, level).any()
         if reached or goal.least(new_scores) >= goal.least(scores):
@@ -98,28 +124,8 @@ def _repair(
         there, new_scores, count = _raise_quality(points, start, corners, freedom, goal, whole)
         steps += count
         if goal.rank(new_scores) > goal.rank(scores):
-            here, scores = there, new_scores
-    if len(freedom.images.nodes):
-        here = points + freedom.images.projected(here - points)
-    made = RepairResult.of(points, here, affected, every, share)
-    return replace(made, steps=steps)
-
-
-def _without_layers(points: FloatArray, corners: CellCorners, freedom: FreeNodes, spoiled: BoolArray) -> FreeNodes:
-    """Return free nodes without those of rigid layers, except around spoiled cells that have no other free node.
-
-    `spoiled` (C,) are the spoiled cells.
-    """
-    rigid = freedom.columns.rigid
-    if not len(rigid):
-        return freedom
-    movable = np.bincount(freedom.nodes, minlength=len(points)) > 0
-    others = movable.copy()
-    others[rigid] = False
-    helped, tetrahedra = np.zeros(len(spoiled), dtype=np.bool_), corners.of_cells(spoiled)
-    helped[tetrahedra.cells[others[tetrahedra.nodes].any(axis=1)]] = True
-    around = freedom.closure(corners.around(spoiled & ~helped, movable, RINGS[0]), len(points))
-    return freedom.without_nodes(np.setdiff1d(rigid, around, assume_unique=True))
+            here = there
+    return here, steps
 
 
 class Target(NamedTuple):

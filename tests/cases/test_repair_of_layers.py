@@ -20,7 +20,8 @@ def flap(w, angle, **more):
     return deflect(w.mesh, "flap_*", w.hinge, angle, **options)
 
 
-@pytest.mark.parametrize(("angle", "least"), [(20.0, 0.6), (30.0, 0.5), (-30.0, 0.5), (40.0, 0.2)])
+# Below the least qualities that a repair reaches while inner layers stay: .71, .35, .46 and .12 of those before.
+@pytest.mark.parametrize(("angle", "least"), [(20.0, 0.6), (30.0, 0.3), (-30.0, 0.4), (40.0, 0.1)])
 def test_a_flap_without_a_gap(hybrid_wing, angle, least):
     bare = flap(hybrid_wing, angle, repair="off", max_steps=1)
     assert bare.deflection.inverted > 5
@@ -39,7 +40,7 @@ def test_the_repair_moves_outer_layers_within_bounds_and_inner_ones_beside_spoil
     heights = [np.linalg.norm(np.diff(one.points[w.columns], axis=1), axis=2) for one in (bare, result)]
     before = np.linalg.norm(np.diff(w.mesh.points[w.columns], axis=1), axis=2)
     plan = result.deflection.plan.boxes[0]
-    rigid = np.isin(w.columns[:, 1:], plan.freedom(bare.points).columns.rigid)
+    rigid = np.isin(w.columns[:, 1:], plan.freedom(bare.points).columns.kept)
     assert rigid[:, 0].mean() > 0.5
     np.testing.assert_allclose(heights[1][rigid], heights[0][rigid], rtol=1e-9)
     low, high = np.minimum(0.5 * before, heights[0]), np.maximum(2.0 * before, heights[0])

@@ -4,13 +4,15 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.around import near_wall
-from sdm_deflect.deform.around.near_wall import AROUND, RIGID, Nearby, NearWall, RigidFollow, layer_sites
+from sdm_deflect.deform.around.near_wall import AROUND, MOST_RIGID, RIGID, Nearby, NearWall, RigidFollow, layer_sites
 from sdm_deflect.meshing.mesh.axis import Axis
 
 rng = np.random.default_rng(6)
 BOUNDARY = rng.random((60, 3))
 PARTS = [np.arange(0, 20), np.arange(20, 60)]
 POINTS = rng.uniform(-0.2, 1.2, (500, 3))
+# No point is of a layer.
+BARE = np.zeros(500, dtype=bool)
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +33,7 @@ def test_one_part_alone_has_no_next_one_and_no_part_no_node():
     assert np.isinf(alone.second).all()
     nothing = Nearby.of(POINTS, BOUNDARY, [])
     assert np.isinf(nothing.first).all()
-    assert len(NearWall.of(POINTS, BOUNDARY, nothing, [], 1.0).follow.rows) == 0
+    assert len(NearWall.of(POINTS, BOUNDARY, nothing, [], BARE, 1.0).follow.rows) == 0
 
 
 def test_points_that_are_carried_keep_their_place_beside_a_rigid_boundary(nearby):
@@ -48,7 +50,7 @@ def test_the_weight_is_one_beside_the_wall_and_then_weight_times_distance_falls_
     r = np.linspace(0.0, 1.3, 131)
     points = np.column_stack([r, 0.0 * r, 0.0 * r])
     parts = [np.zeros(1, dtype=np.intp)]
-    near = NearWall.of(points, wall, Nearby.of(points, wall, parts), parts, 1.0)
+    near = NearWall.of(points, wall, Nearby.of(points, wall, parts), parts, BARE[: len(points)], 1.0)
     rows, weight = near.follow.rows, near.weight
     assert np.array_equal(rows, np.flatnonzero(r < 1.0))
     assert (weight[r[rows] <= RIGID] == 1.0).all()
@@ -56,8 +58,23 @@ def test_the_weight_is_one_beside_the_wall_and_then_weight_times_distance_falls_
     np.testing.assert_allclose((weight * r[rows])[outer], RIGID * (1.0 - r[rows][outer]) / (1.0 - RIGID), atol=1e-12)
 
 
+@pytest.mark.parametrize(("top", "share"), [(0.15, RIGID), (0.3, 0.3), (0.8, MOST_RIGID)])
+def test_the_rigid_part_reaches_the_top_of_layers_up_to_half_of_the_reach(top, share):
+    wall, r = np.array([[0.0, 0.0, 0.0], [0.0, 3.0, 0.0]]), np.linspace(0.0, 1.0, 101)
+    points = np.column_stack([r, 0.0 * r, 0.0 * r])
+    points = np.vstack([points, points + wall[1]])
+    parts, stacked = [np.arange(2)], np.zeros(len(points), dtype=bool)
+    stacked[:101] = r <= top
+    near = NearWall.of(points, wall, Nearby.of(points, wall, parts), parts, stacked, 1.0)
+    weight, rows = np.zeros(len(points)), near.follow.rows
+    weight[rows] = near.weight
+    assert weight[:101][r <= share - 1e-9].min() > 1.0 - 1e-12
+    assert weight[:101][r > share + 1e-9].max() < 1.0
+    assert (weight[101:][r > RIGID + 1e-9] < 1.0).all(), "beside the other wall node nothing has changed"
+
+
 def test_points_follow_only_what_is_nearer_than_the_next_part(nearby):
-    near = NearWall.of(POINTS, BOUNDARY, nearby, PARTS, 0.25)
+    near = NearWall.of(POINTS, BOUNDARY, nearby, PARTS, BARE, 0.25)
     rows = near.follow.rows
     assert (nearby.first[rows] < np.minimum(0.25, nearby.second[rows])).all()
     left = np.setdiff1d(np.arange(500), rows)
@@ -67,7 +84,7 @@ def test_points_follow_only_what_is_nearer_than_the_next_part(nearby):
 
 
 def test_following_blends_between_the_interpolant_and_the_wall(nearby):
-    near = NearWall.of(POINTS, BOUNDARY, nearby, PARTS, 0.25)
+    near = NearWall.of(POINTS, BOUNDARY, nearby, PARTS, BARE, 0.25)
     rows, move = near.follow.rows, rng.normal(size=(60, 3))
     interpolated, none = rng.normal(size=(500, 3)), np.zeros((60, 3, 3))
     kept = interpolated.copy()
@@ -123,7 +140,7 @@ def test_a_field_that_the_boundary_shares_is_not_changed(nearby):
     """An interpolant that is the boundary's rigid motion stays what it is."""
     axis = Axis(np.zeros(3), np.array([0.0, 1.0, 1.0]))
     field = axis.displacement(POINTS, 12.0)
-    near = NearWall.of(POINTS, BOUNDARY, nearby, PARTS, 0.4)
+    near = NearWall.of(POINTS, BOUNDARY, nearby, PARTS, BARE, 0.4)
     turns = np.broadcast_to(axis.matrix(12.0) - np.eye(3), (60, 3, 3))
     np.testing.assert_allclose(near.following(field, axis.displacement(BOUNDARY, 12.0), turns), field, atol=1e-14)
 

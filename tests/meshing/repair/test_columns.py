@@ -11,6 +11,8 @@ from sdm_deflect.meshing.mesh.sliding import CylinderWall, Plane
 from sdm_deflect.meshing.repair.freedom import Columns, FreeNodes, Heights, Slide
 from tests.deform.blocks import grid
 
+NONE = np.empty(0, dtype=np.intp)
+
 
 def rng():
     return np.random.default_rng(3)
@@ -27,7 +29,7 @@ def found(hybrid_wing):
 
 def rigid(layers, points):
     """Columns all of whose nodes follow the wall rigidly."""
-    return Columns.of(layers.levels, np.arange(len(points)), points, points)
+    return Columns.of(layers.levels, np.arange(len(points)), NONE, points, points)
 
 
 def stack():
@@ -66,7 +68,7 @@ def test_columns_that_stay_keep_their_bits(found, hybrid_wing):
 def test_heights_of_outer_layers_stay_within_their_bounds(found, hybrid_wing):
     """Nodes that are not rigid go where they like, but edges keep half to twice the length before."""
     points = hybrid_wing.mesh.points
-    outer = Columns.of(found.pairs, found.pairs[0][:, 0], points, points)
+    outer = Columns.of(found.pairs, found.pairs[0][:, 0], NONE, points, points)
     nodes = outer.closure(outer.pairs[0][:, 0], len(points))
     places = points[nodes] + 2e-3 * rng().normal(size=(len(nodes), 3))
     Heights.of(outer, points, nodes).keep(places)
@@ -82,7 +84,7 @@ def test_heights_of_outer_layers_stay_within_their_bounds(found, hybrid_wing):
 def test_a_height_beyond_its_bounds_goes_no_farther():
     """A layer that the deflection stretched to three times its height may keep that, but not more."""
     before = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    columns = Columns.of([np.array([[1, 0]])], np.empty(0, dtype=np.intp), before, 3.0 * before)
+    columns = Columns.of([np.array([[1, 0]])], NONE, NONE, before, 3.0 * before)
     assert columns.lengths[0].tolist() == [[0.5, 3.0]]
     assert columns.without(np.array([1])).pairs[0].size == 0
 
@@ -94,7 +96,7 @@ def test_the_gradient_is_that_of_the_kept_places(rigidly):
     walls = np.flatnonzero(mesh.points[:, 2] == 0.0)
     layers = LayerColumns.of(affected, walls)
     some = np.arange(len(mesh.points)) if rigidly else layers.levels[0][:3, 0]
-    columns = Columns.of(layers.levels, some, mesh.points, mesh.points)
+    columns = Columns.of(layers.levels, some, NONE, mesh.points, mesh.points)
     assert [len(pairs) for pairs in columns.pairs] == [8, 8]
     nodes = np.flatnonzero(mesh.points[:, 2] > 0.0)
     heights, weights = Heights.of(columns, mesh.points, nodes), rng().normal(size=(len(nodes), 3))
