@@ -39,10 +39,16 @@ WORSE = 4.0
 # Nodes nearer than this share of the box's size are at the same place.
 SAME_PLACE = 1e-9
 
-# Largest relative change of a layer's height: half of a usual growth from layer to layer.
+# Largest relative change of a layer's height about which nothing is said: half of a usual growth from layer to layer.
 LAYER_CHANGE = 0.1
-# Share of columns that may change by more, such as those at a corner, and by how much.
-FEW, FEW_CHANGE = 0.005, 0.25
+# Largest one of a mesh that can be used: heights of a family of meshes differ by a factor of 1.5 from level to level
+# (gridding guidelines of the fourth AIAA drag prediction workshop, 2008).
+MOST_CHANGE = 0.5
+# Largest growth of the first layer: y+ grows with it, while a thinner one lowers it. A share of the columns, at least
+# one, may grow by up to `MOST_CHANGE`, such as those at a corner.
+GROWTH, FEW = 0.1, 0.005
+# Degrees between a cell's axis and where its wall would have carried it, up to which the column stands: cos 60 = .5.
+MOST_TILT = 60.0
 
 # Why layers change their heights, by a key that tells what helps.
 CAUSES = {
@@ -321,30 +327,43 @@ def _sliding(deflection: Deflection, unit: str) -> Iterator[Check]:
 
 
 def _layer_height(deflection: Deflection) -> Check:
-    """Check that the first layers kept their heights, but for a few columns."""
+    """Grade the first layers: as they were, changed and usable, or not.
+
+    The check has the value and the limit of what is worst: the growth of the first layer, the tilt, or any change.
+    """
     changes = [layer_change(box.plan, deflection.points) for box in deflection.boxes]
-    heights, tilts = (np.concatenate([getattr(change, name) for change in changes]) for name in ("changes", "tilts"))
+    heights, tilts, growth = (
+        np.concatenate([getattr(change, name) for change in changes]) for name in ("changes", "tilts", "growth")
+    )
     if not (over := len(heights)):
         where = "no layers of prisms or hexahedra on the moved walls; layers of tetrahedra are not measured"
-        return Check("layer_height", 0.0, LAYER_CHANGE, "", where, over=0)
-    value, many = float(heights.max()), int(np.count_nonzero(heights > LAYER_CHANGE))
+        return Check("layer_height", 0.0, MOST_CHANGE, "", where, over=0)
+    measured = {"change": heights, "tilt_deg": tilts, "first_layer_growth": growth}
     figures = {
         name: {"max": float(values.max()), "p99": float(np.percentile(values, 99.0))}
-        for name, values in (("change", heights), ("tilt_deg", tilts))
+        for name, values in measured.items()
     }
     where = f"{over} columns of {max(change.layers for change in changes)} layers; cells tilt by up to "
     where += "{max:.2g} degrees, 99 % by up to {p99:.2g}".format(**figures["tilt_deg"])
-    if not many:
-        return Check("layer_height", value, LAYER_CHANGE, "", where, over=over, figures=figures)
-    worst = int(np.argmax([change.changes.max(initial=0.0) for change in changes]))
-    box, row = deflection.boxes[worst], int(np.argmax(changes[worst].changes))
+    name, value, limit, unit = "changes", float(heights.max()), MOST_CHANGE, ""
+    told = f"layers changed by up to {value:.2g} in {np.count_nonzero(heights > LAYER_CHANGE)} of {over} columns"
+    thicker = int(np.count_nonzero(growth > GROWTH))
+    if thicker > max(1.0, FEW * over):
+        name, value, limit = "growth", float(growth.max()), GROWTH
+        told = f"the first layer, and y+ with it, grew by up to {value:.2g} in {thicker} of {over} columns"
+    elif value <= MOST_CHANGE and tilts.max() > MOST_TILT:
+        name, value, limit, unit = "tilts", float(tilts.max()), MOST_TILT, "degrees"
+        told = f"{np.count_nonzero(tilts > MOST_TILT)} of {over} columns lie down, by up to {value:.2g} degrees"
+    elif value <= LAYER_CHANGE:
+        return Check("layer_height", value, limit, unit, where, over=over, figures=figures)
+    worst = int(np.argmax([getattr(change, name).max(initial=0.0) for change in changes]))
+    box, row = deflection.boxes[worst], int(np.argmax(getattr(changes[worst], name)))
     nodes = box.plan.layers.nodes_of(int(changes[worst].faces[row]))
-    place = "({:.4g}, {:.4g}, {:.4g})".format(*box.plan.mesh.points[nodes].mean(axis=0))
-    told, cause = f"{many} of {over} columns changed by up to {value:.2g} at {place}", _cause(box, row, nodes)
-    few = many <= max(1.0, FEW * over)
+    cause = _cause(box, row, nodes)
+    told += " at ({:.4g}, {:.4g}, {:.4g})".format(*box.plan.mesh.points[nodes].mean(axis=0))
     return Check(
-        "layer_height", value, FEW_CHANGE if few else LAYER_CHANGE, "", f"{told}, where {CAUSES[cause]}; {where}",
-        over=over, figures=figures, reservation=told if few else "", cause=cause,
+        "layer_height", value, limit, unit, f"{told}, where {CAUSES[cause]}; {where}", over=over, figures=figures,
+        reservation=told if value <= limit else "", cause=cause,
         window=_window(box.plan.mesh.points[nodes], deflection.points[nodes]),
     )  # fmt: skip
 

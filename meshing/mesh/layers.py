@@ -125,6 +125,7 @@ class LayerChange:
     faces : (K,) rows of the wall faces, among `LayerColumns.faces`.
     least, most : (K,) least and largest ratio of a cell's height, along the wall face's normal, to its height before.
     tilts : (K,) largest angle, in degrees, by which a cell above the face turned against it.
+    growth : (K,) relative growth of the first layer's height; negative where it is thinner.
     """
 
     layers: int
@@ -132,6 +133,7 @@ class LayerChange:
     least: FloatArray = field(repr=False)
     most: FloatArray = field(repr=False)
     tilts: FloatArray = field(repr=False)
+    growth: FloatArray = field(repr=False)
 
     @property
     def changes(self) -> FloatArray:
@@ -149,11 +151,15 @@ class LayerChange:
         faces = columns.faces
         frames = _frames(before, faces, normal), _frames(after, faces, normal)
         heights, tilts = np.full((len(faces), 2), [np.inf, -np.inf]), np.zeros(len(faces))
-        for cells in (cells for layer in columns.cells for cells in layer):
-            _compare((before, after), frames, (cells.base, cells.top), cells.wall, heights, tilts)
+        growth = np.zeros(len(faces))
+        for k, layer in enumerate(columns.cells):
+            for cells in layer:
+                _compare((before, after), frames, (cells.base, cells.top), cells.wall, heights, tilts)
+            if not k:
+                growth = heights[:, 1] - 1.0
         over = np.logical_and.reduceat(walls[faces.nodes], faces.offsets[:-1]) if len(faces) else np.zeros(0, np.bool_)
         rows = np.flatnonzero(over & np.isfinite(heights[:, 0]))
-        return cls(len(columns.cells), rows, heights[rows, 0], heights[rows, 1], tilts[rows])
+        return cls(len(columns.cells), rows, heights[rows, 0], heights[rows, 1], tilts[rows], growth[rows])
 
 
 @compiled_exactly

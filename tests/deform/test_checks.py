@@ -199,31 +199,45 @@ def raised(deflection, w, share, columns):
     return Deflection.at(deflection.plan, points)
 
 
-@pytest.mark.parametrize(("share", "some", "verdict"), [
-    (0.05, slice(100, None), "passed"),
-    (0.15, slice(100, None), "FAILED"),
-    (0.6, [100], "poor"),
-    (1.4, [100], "FAILED"),
+@pytest.mark.parametrize(("share", "some", "verdict", "limit"), [
+    (0.05, slice(100, None), "passed", 0.5),
+    (-0.15, slice(100, None), "poor", 0.5),
+    (0.15, slice(100, None), "FAILED", 0.1),
+    (1.4, [100], "poor", 0.5),
+    (2.4, [100], "FAILED", 0.5),
 ])  # fmt: skip
-def test_heights_of_layers_are_graded(layered, share, some, verdict):
-    """A column has four corners: one raised by .6 raises its cells by .15, and those around."""
+def test_heights_of_layers_are_graded(layered, share, some, verdict, limit):
+    """A column has four corners: one raised by 1.4 raises its cells by .35, and those around.
+
+    A first layer that grows in many columns fails, one that becomes thinner does not.
+    """
     w, deflection = layered
     check = named(raised(deflection, w, share, some))["layer_height"]
-    assert check.verdict == verdict
+    assert (check.verdict, check.limit) == (verdict, limit)
     assert check.over > 1000
-    assert check.figures["change"]["max"] == check.value
+    assert check.figures["first_layer_growth" if limit == 0.1 else "change"]["max"] == check.value
     assert (check.window is None) == (check.value <= 0.1)
     if check.window:
         low, high = check.window
         raised_nodes = w.mesh.points[w.columns[some, 0]]
         assert ((raised_nodes > low) & (raised_nodes < high)).all(axis=1).any()
     if verdict == "poor":
-        assert 0.1 < check.value < 0.25 == check.limit
-        assert re.fullmatch(r"\d of \d+ columns changed by up to 0\.1\d at \(.*\)", check.reservation)
+        told = r"layers changed by up to 0\.[13]5 in \d+ of \d+ columns at \(.*\)"
+        assert re.fullmatch(told, check.reservation)
         assert total_verdict([check]) == f"passed, with {check.reservation}"
     if verdict == "FAILED":
         assert check.cause == "gap"
         assert "another wall is near" in check.where
+
+
+def test_columns_that_lie_down_fail_although_their_cells_keep_their_heights(layered):
+    w, deflection = layered
+    points, nodes = deflection.points.copy(), w.columns[100:]
+    points[nodes[:, 1:], 1] += 2.0 * np.linalg.norm(points[nodes[:, 1:]] - points[nodes[:, :1]], axis=2)
+    check = named(Deflection.at(deflection.plan, points))["layer_height"]
+    assert (check.verdict, check.limit, check.unit) == ("FAILED", 60.0, "degrees")
+    assert check.value == pytest.approx(np.degrees(np.arctan(2.0)), abs=2.0)
+    assert re.match(r"\d+ of \d+ columns lie down, by up to 6\d degrees at", check.where)
 
 
 def test_without_following_walls_the_cause_is_named(hybrid_wing):

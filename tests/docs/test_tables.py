@@ -2,7 +2,7 @@
 
 from sdm_deflect.cases.aircraft.guide_meshes import GUIDE, mesh_name
 from sdm_deflect.cases.aircraft.registry import CASES
-from sdm_deflect.deform.checks import FEW, FEW_CHANGE, LAYER_CHANGE
+from sdm_deflect.deform.checks import FEW, GROWTH, LAYER_CHANGE, MOST_CHANGE, MOST_TILT
 from sdm_deflect.meshing.formats.registration import REGISTERED
 from tests.docs.commands import ROOT
 
@@ -17,8 +17,9 @@ def test_the_table_of_formats_has_every_suffix():
 def test_the_table_of_checks_has_the_limits_of_layers():
     text = (DOCS / "quality.md").read_text(encoding="utf-8")
     row = next(line for line in text.splitlines() if "`layer_height`" in line)
-    for share, word in ((LAYER_CHANGE, "within"), (FEW, "up to"), (FEW_CHANGE, "within")):
-        assert f"{word} {100.0 * share:g} %" in row
+    for share in (LAYER_CHANGE, MOST_CHANGE, GROWTH, FEW):
+        assert f" {100.0 * share:g} %" in row
+    assert f"{MOST_TILT:g} degrees" in row
 
 
 def test_the_table_of_meshes_is_that_of_the_package():
