@@ -184,9 +184,8 @@ def verdict_figures(checks: Sequence[Check]) -> Json:
 def warnings_of(plan: Plan) -> tuple[str, ...]:
     """Return sentences on probable mistakes, although every check may hold."""
     notes = [note for note in (*plan.mesh.notes, *plan.reflections) if isinstance(note, Warned)]
-    texts = (text for box in plan.boxes for text in box.boundary.warnings)
-    crowded = (str(box.crowding) for box in plan.boxes if box.crowding)
-    return tuple(dict.fromkeys([*notes, *texts, *crowded]))
+    texts = (text for box in plan.boxes for text in box.warnings)
+    return tuple(dict.fromkeys([*notes, *texts]))
 
 
 def _figures(reached: ReachedShare) -> Json:

@@ -31,7 +31,7 @@ from sdm_deflect.meshing.repair.freedom import FreeNodes
 
 from .boundary import PrescribedMotion
 from .job import Amounts, Job, by_job, pose_of, poses_of, prepare
-from .region import ON_FACE, BoxNodes, check_disjoint
+from .region import ON_FACE, BoxNodes, check_disjoint, squeezed
 from .sites import Sites
 from .step import Start
 
@@ -215,6 +215,12 @@ class BoxPlan:
     def edge(self) -> float:
         """Median edge of the moving surfaces, or of the walls with which they are joined if that is smaller."""
         return self.sites.finer_edge(self.boundary, self.parts)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Signs that a setting is wrong, or that something has no room, as sentences."""
+        crowded = (str(self.crowding),) if self.crowding else ()
+        return (*self.boundary.warnings, *squeezed(self.boundary, self.region.zones), *crowded)
 
     @cached_property
     def crowding(self) -> "Crowding | None":

@@ -1,15 +1,16 @@
 """The nodes in the box, and what must not be there."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from time import perf_counter
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, union
 from sdm_deflect.base.errors import InputError, short_list
-from sdm_deflect.deform.box.automatic import BoxScene, Chosen
+from sdm_deflect.deform.box.automatic import GROWTH, Automatic, BoxScene, Chosen
 from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.confined import inside
 from sdm_deflect.deform.surface.motions import TRACK_UNIT
@@ -157,6 +158,27 @@ def _obstacles(boundary: PrescribedMotion, zones: tuple[Zone, ...]) -> IntArray:
     return np.concatenate([nodes[(nodes >= zone.start) & (nodes < zone.stop)] for zone in zones])
 
 
+def squeezed(boundary: PrescribedMotion, zones: Sequence[str]) -> Iterator[str]:
+    """Yield a sentence on each patch without a role that is so near that an automatic box has to end before it.
+
+    Near is within `GROWTH` largest displacements of the moving surface; `zones` are the names of those that deform.
+    """
+    if not isinstance(boundary.job.box, Automatic):
+        return
+    mesh, moving = boundary.mesh, boundary.mesh.points[boundary.nodes]
+    largest = float(np.linalg.norm(boundary.displacement(boundary.job.amounts), axis=1).max())
+    obstacles = _obstacles(boundary, tuple(zone for zone in mesh.zones if zone.name in zones))
+    apart = cKDTree(moving).query(mesh.points[obstacles], distance_upper_bound=GROWTH * largest)[0]
+    for patch in mesh.patches:
+        least = float(apart[np.isin(obstacles, patch.nodes)].min(initial=np.inf))
+        if least < np.inf:
+            names = short_list(surface.label for surface in boundary.surfaces)
+            yield (
+                f"{patch.name} is {least:.3g} from {names}, which moves by up to {largest:.3g}, and has no role: the "
+                f"box ends before it, and squeezes cells; {_remedy(mesh, patch, ON_FACE * boundary.size)}"
+            )
+
+
 def check_moving(boundary: PrescribedMotion, hexahedron: Hexahedron, all_amounts: Sequence[Amounts]) -> None:
     """Raise if a moving node starts or ends outside the box."""
     start = boundary.mesh.points[boundary.nodes]
@@ -209,7 +231,7 @@ def _remedy(mesh: Mesh, patch: Patch, tol: float) -> str:
             sides = " and ".join(dict.fromkeys(pair.patches))
             return f"the sides of {sides} do not match, so it can only stay: name it in fixed"
     points = mesh.points[patch.nodes]
-    plane = np.linalg.matrix_rank(points - points[0], tol) < 3
+    plane = np.linalg.matrix_rank(points - points[0], tol) < (2 if mesh.plane else 3)
     return f"name it in fixed{f' or slide ({patch.name}:plane)' if plane else ''}"
 
 

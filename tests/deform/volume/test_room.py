@@ -1,10 +1,11 @@
-"""Layers in a gap between two walls: rigid to their top where there is room; where there is none, the run says so."""
+"""Room between two walls: layers are rigid to their top where there is some; where there is none, the run says so."""
 
 import numpy as np
 import pytest
 
 from sdm_deflect import Mesh, Patch, deflect
 from sdm_deflect.meshing.mesh.cells import Cells
+from tests.deform.plates import plate
 
 # Radii of the inner and the outer wall, number of cells around, and of cells between the two stacks.
 INNER, OUTER, AROUND, BETWEEN = 1.0, 1.3, 30, 6
@@ -49,3 +50,16 @@ def test_layers_without_room_are_named_with_the_room_there_is():
     with pytest.warns(UserWarning, match=said):
         result = turned(0.13)
     assert changes(result).value > 0.01
+
+
+def test_a_patch_without_a_role_to_which_the_box_gives_way_is_named():
+    """Within three displacements, as far as an automatic box reaches at least, are sides at 50 degrees, not at 10."""
+    beside = (
+        r"bottom is 0.75 from hole, which moves by up to 0.299, and has no role: .* in fixed or slide \(bottom:plane\)"
+    )
+    with pytest.warns(UserWarning, match=beside):
+        deflect(plate(), "hole", [0.0, 0.0], 50.0, fixed="rest", repair="off")
+    with pytest.warns(UserWarning, match="rest is 0.75 from hole, .* squeezes cells; name it in fixed$"):
+        deflect(plate(), "hole", [0.0, 0.0], 50.0, fixed="bottom", repair="off")
+    assert deflect(plate(), "hole", [0.0, 0.0], 10.0).passed
+    assert deflect(plate(), "hole", [0.0, 0.0], 50.0, fixed=["bottom", "rest"]).passed
