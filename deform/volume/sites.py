@@ -165,15 +165,28 @@ class Sites:
 
 
 def _on_sides(boundary: PrescribedMotion, nodes: IntArray, points: FloatArray) -> BoolArray:
-    """Return which of the nodes (K,), at points (K, 3), are on a fixed plane patch with all others on one side."""
-    on_side, near = np.zeros(len(nodes), dtype=np.bool_), PLANE_TOLERANCE * boundary.size
+    """Return which of the nodes (K,), at points (K, 3), are on a fixed plane patch with all others on one side.
+
+    Nodes on one line lie in many planes: then the plane is that of the whole patch.
+    """
+    mesh, on_side, near = boundary.mesh, np.zeros(len(nodes), dtype=np.bool_), PLANE_TOLERANCE * boundary.size
     for name in boundary.fixed:
-        on_patch = np.isin(nodes, boundary.mesh.patch(name).nodes)
-        if np.count_nonzero(on_patch) > 2:
-            heights = Plane.fitted(points[on_patch], boundary.mesh.normal).distance(points)
-            if np.abs(heights[on_patch]).max() <= near and ((heights >= -near).all() or (heights <= near).all()):
-                on_side |= on_patch
+        patch = mesh.patch(name).nodes
+        on_patch = np.isin(nodes, patch)
+        if np.count_nonzero(on_patch) <= 2:
+            continue
+        for places in (points[on_patch], mesh.points[patch]):
+            if mesh.plane or not _on_line(places, near):
+                heights = Plane.fitted(places, mesh.normal).distance(points)
+                if np.abs(heights[on_patch]).max() <= near and ((heights >= -near).all() or (heights <= near).all()):
+                    on_side |= on_patch
+                break
     return on_side
+
+
+def _on_line(points: FloatArray, near: float) -> bool:
+    """Return whether points (K, 3), at least two, are within about `near` of one line."""
+    return bool(np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1] <= near)
 
 
 def _edges(boundary: PrescribedMotion, known: IntArray) -> IntArray:

@@ -1,5 +1,7 @@
 """Where displacements are known: every node once, zero sites apart from them, and not too many of either."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
@@ -159,6 +161,22 @@ def test_a_held_symmetry_plane_joins_no_walls(hybrid_wing):
     assert np.isin(moving, wall).all()
     assert len(rest) > 20
     assert not np.isin(rest, wall).any()
+
+
+def test_nodes_of_a_side_on_one_line_are_on_the_plane_of_the_whole_side(block):
+    """Three nodes on a line lie in many planes; those of a wall that is no plane are on none."""
+    names = tuple(name for name in block.names if name != "body")
+    boundary = box_plan(block, job(("body",), box=[[-2.5, -2.5, -2.5], [2.5, 2.5, 2.5]], fixed=names)).boundary
+    side, body = block.on("z-"), block.on("body")
+    row = side[(block.points[side, 1] == 0.0)]
+    assert len(row) > 2
+    nodes = np.concatenate([row, body])
+    on_side = places._on_sides(boundary, nodes, block.points[nodes])
+    assert np.array_equal(on_side, np.isin(nodes, row))
+    edge = Mesh(block.points, block.cells, (*block.patches, Patch("edge", (), row)), name="edge")
+    alone = box_plan(edge, job(("body",), box=[[-2.5, -2.5, -2.5], [2.5, 2.5, 2.5]], fixed=(*names, "edge"))).boundary
+    only = replace(alone, fixed=("edge",))
+    assert not places._on_sides(only, nodes, block.points[nodes]).any()
 
 
 def test_walls_that_do_not_touch_are_parts_of_their_own(block):
