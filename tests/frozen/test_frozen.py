@@ -1,8 +1,9 @@
 """The points of every kind of deflection stay what they were on fixed meshes.
 
 They were kept by the first version that chooses equal centres on every processor (`sdm_deflect.base.ties`). The version
-before chose others among equally good ones: its points were within 1.5 tolerances of these. Each ``.npz`` holds the
-rows of the nodes that moved and where they were; `mesh_*.npz` the meshes of the cases.
+before chose others among equally good ones: its points were within 1.5 tolerances of these. Those of `wing_blended`
+and `wing_sliding` are younger: layers are rigid farther from their wall, which moved nodes by up to 2e-4. Each
+``.npz`` holds the rows of the nodes that moved and where they were; `mesh_*.npz` the meshes of the cases.
 """
 
 from dataclasses import replace
