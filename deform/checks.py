@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from sdm_deflect.base import threads
 from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, distinct, union
 from sdm_deflect.base.errors import short_list
+from sdm_deflect.base.ties import first_largest
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.surface import OnPatches
 from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection, fell_poor
@@ -356,13 +357,14 @@ def _layer_height(deflection: Deflection) -> Check:
         told = f"{np.count_nonzero(tilts > MOST_TILT)} of {over} columns lie down, by up to {value:.2g} degrees"
     elif value <= LAYER_CHANGE:
         return Check("layer_height", value, limit, unit, where, over=over, figures=figures)
-    worst = int(np.argmax([getattr(change, name).max(initial=0.0) for change in changes]))
-    box, row = deflection.boxes[worst], int(np.argmax(getattr(changes[worst], name)))
+    worst = first_largest(np.array([getattr(change, name).max(initial=0.0) for change in changes]))
+    box, row = deflection.boxes[worst], first_largest(getattr(changes[worst], name))
     nodes = box.plan.layers.nodes_of(int(changes[worst].faces[row]))
-    cause = _cause(box, row, nodes)
+    cause = _cause(box, name, row, nodes)
+    because = f"{CAUSES[cause]}; {box.plan.crowding}" if cause == "gap" and box.plan.crowding else CAUSES[cause]
     told += " at ({:.4g}, {:.4g}, {:.4g})".format(*box.plan.mesh.points[nodes].mean(axis=0))
     return Check(
-        "layer_height", value, limit, unit, f"{told}, where {CAUSES[cause]}; {where}", over=over, figures=figures,
+        "layer_height", value, limit, unit, f"{told}, where {because}; {where}", over=over, figures=figures,
         reservation=told if value <= limit else "", cause=cause,
         window=_window(box.plan.mesh.points[nodes], deflection.points[nodes]),
     )  # fmt: skip
@@ -374,12 +376,15 @@ def _window(before: FloatArray, after: FloatArray) -> tuple[tuple[float, ...], t
     return tuple((both.min(axis=0) - size).tolist()), tuple((both.max(axis=0) + size).tolist())
 
 
-def _cause(box: BoxDeflection, row: int, nodes: IntArray) -> str:
-    """Return why the column in a row of `LayerChange` over a face's nodes changed: a key of `CAUSES`."""
-    plan = box.plan
-    if layer_change(plan, box.exact).changes[row] <= LAYER_CHANGE:
+def _cause(box: BoxDeflection, name: str, row: int, nodes: IntArray) -> str:
+    """Return why the column in a row of `LayerChange` over a face's nodes changed: a key of `CAUSES`.
+
+    `name` is the measure that is too large: ``"changes"``, ``"growth"`` or ``"tilts"``.
+    """
+    plan, limit = box.plan, {"changes": LAYER_CHANGE, "growth": GROWTH, "tilts": MOST_TILT}[name]
+    if getattr(layer_change(plan, box.exact), name)[row] <= limit:
         return "rounding"
-    if box.repaired and layer_change(plan, box.interpolated).changes[row] <= LAYER_CHANGE:
+    if box.repaired and getattr(layer_change(plan, box.interpolated), name)[row] <= limit:
         return "repair"
     if not plan.job.near_wall:
         return "following"

@@ -52,7 +52,7 @@ CHECKS = {
     "surface_to_rigid_cad": "all nodes from the surface's CAD faces turned rigidly, and back; the limit is predicted",
     "rigid_cad_predicted": "the same in each part, from what is predicted without the mesh's own law",
     "site_error": "error at the data sites: the fit ends as soon as it is below the limit; surface nodes are exact",
-    "layer_height": "largest change of a height of the first layers, as a share of it",
+    "layer_height": "first layers: largest change of a height as a share of it, or growth of the first, or tilt",
     "trailing_edge_angle": "trailing edge from the angle that was asked",
     "hinge_offset": "hinge edges from where fixed hinge edges must be beside a wedge turned rigidly",
     "cylindricity": "nodes of the fuselage panel from the cylinder",

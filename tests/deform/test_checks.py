@@ -238,6 +238,7 @@ def test_columns_that_lie_down_fail_although_their_cells_keep_their_heights(laye
     assert (check.verdict, check.limit, check.unit) == ("FAILED", 60.0, "degrees")
     assert check.value == pytest.approx(np.degrees(np.arctan(2.0)), abs=2.0)
     assert re.match(r"\d+ of \d+ columns lie down, by up to 6\d degrees at", check.where)
+    assert check.cause == "gap"
 
 
 def test_without_following_walls_the_cause_is_named(hybrid_wing):
