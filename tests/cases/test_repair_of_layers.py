@@ -1,4 +1,4 @@
-"""Wings with layers, turned so far that cells would invert: all are mended, and inner layers keep their heights."""
+"""Wings with layers, turned so far that cells would invert: all are mended, and the repair moves no inner layer."""
 
 import numpy as np
 import pytest
@@ -26,9 +26,9 @@ def test_a_flap_without_a_gap(hybrid_wing, angle, least):
     bare = flap(hybrid_wing, angle, repair="off", max_steps=1)
     assert bare.deflection.inverted > 5
     result = flap(hybrid_wing, angle, repair="auto", max_steps=1, min_quality=least)
-    failed = [check for check in result.checks if not check.passed]
-    assert {check.name for check in failed} <= {"layer_height"}
-    assert {check.cause for check in failed} <= {"shear", "repair"}
+    assert result.passed
+    before, after = (next(c.value for c in one.checks if c.name == "layer_height") for one in (bare, result))
+    assert 0.1 < after == pytest.approx(before, rel=1e-9), "the repair has left the measured layers alone"
     assert result.deflection.inverted == 0
     assert min(shares(result).values()) > least
     assert len(result.deflection.boxes[0].repaired.moved) > 0
@@ -51,6 +51,7 @@ def test_the_repair_moves_outer_layers_within_bounds_and_inner_ones_beside_spoil
     assert np.array_equal(bare.points[walls], result.points[walls])
 
 
+@pytest.mark.filterwarnings("ignore:far_field is 0.8 from")
 @pytest.mark.parametrize("x", [0.25, 0.7])
 def test_a_whole_wing_turns_by_sixty_degrees(hybrid_wing, x):
     hinge, options = [[x, 0, 0], [x, 1, 0]], {"slide": "symmetry:plane", "max_steps": 1}
