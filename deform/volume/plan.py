@@ -216,7 +216,7 @@ class BoxPlan:
         """Median edge of the moving surfaces, or of the walls with which they are joined if that is smaller."""
         return self.sites.finer_edge(self.boundary, self.parts)
 
-    @property
+    @cached_property
     def warnings(self) -> tuple[str, ...]:
         """Signs that a setting is wrong, or that something has no room, as sentences."""
         crowded = (str(self.crowding),) if self.crowding else ()

@@ -169,8 +169,9 @@ def squeezed(boundary: PrescribedMotion, zones: Sequence[str]) -> Iterator[str]:
     largest = float(np.linalg.norm(boundary.displacement(boundary.job.amounts), axis=1).max())
     obstacles = _obstacles(boundary, tuple(zone for zone in mesh.zones if zone.name in zones))
     apart = cKDTree(moving).query(mesh.points[obstacles], distance_upper_bound=GROWTH * largest)[0]
-    for patch in mesh.patches:
-        least = float(apart[np.isin(obstacles, patch.nodes)].min(initial=np.inf))
+    near, apart = obstacles[apart < np.inf], apart[apart < np.inf]
+    for patch in mesh.patches if len(near) else ():
+        least = float(apart[np.isin(near, patch.nodes)].min(initial=np.inf))
         if least < np.inf:
             names = short_list(surface.label for surface in boundary.surfaces)
             yield (

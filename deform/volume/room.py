@@ -49,8 +49,8 @@ class Crowding:
             for cells in layer:
                 number[cells.top] = k
         wall = plan.sites.known[nearby.node[worst]]
-        names = (*boundary.moving, *boundary.fixed)
-        patch = next(name for name in names if wall in boundary.mesh.patch(name).nodes)
+        names = (*boundary.moving, *boundary.mesh.names)
+        patch = next((name for name in names if wall in boundary.mesh.patch(name).nodes), "a wall")
         place = boundary.mesh.points[nodes[worst]].tolist()
         thickness = float(nearby.first[nearby.node == nearby.node[worst]].max())
         gap = float(nearby.first[worst] + nearby.second[worst])

@@ -78,18 +78,19 @@ def _repair(
 ) -> RepairResult:
     parts = zip(affected.mesh.cells, affected.rows, affected.orientation, strict=True)
     corners = CellCorners(affected.mesh.points, parts, ~affected.before.inverted)
-    wanted = share, limit, progress
-    kept, goal = freedom.columns.kept, QualityGoal.of(affected, freedom)
+    wanted, kept = (share, limit, progress), freedom.columns.kept
     here, steps = _reach_levels(points, affected, corners, freedom.without_nodes(kept), wanted)
-    inverted = goal.misses(goal.scores(here), 0.0)
-    if len(kept) and inverted.any():
-        movable = np.bincount(freedom.nodes, minlength=len(points)) > 0
-        around = freedom.closure(corners.around(inverted, movable, RINGS[0]), len(points))
-        freed = freedom.without_nodes(np.setdiff1d(kept, around, assume_unique=True))
-        there, more = _reach_levels(here, affected, corners, freed, wanted)
-        steps += more
-        if goal.misses(goal.scores(there), 0.0).sum() < inverted.sum():
-            here = there
+    if len(kept):
+        goal = QualityGoal.of(affected, freedom)
+        inverted = goal.misses(goal.scores(here), 0.0)
+        if inverted.any():
+            movable = np.bincount(freedom.nodes, minlength=len(points)) > 0
+            around = freedom.closure(corners.around(inverted, movable, RINGS[0]), len(points))
+            freed = freedom.without_nodes(np.setdiff1d(kept, around, assume_unique=True))
+            there, more = _reach_levels(here, affected, corners, freed, wanted)
+            steps += more
+            if goal.misses(goal.scores(there), 0.0).sum() < inverted.sum():
+                here = there
     if len(freedom.images.nodes):
         here = points + freedom.images.projected(here - points)
     made = RepairResult.of(points, here, affected, freedom, share)
