@@ -227,7 +227,11 @@ class BoxPlan:
         """Measured layers that have no room in a gap; None if all have."""
         from .room import Crowding
 
-        return Crowding.of(self)
+        nodes = np.intersect1d(self.layers.measured, self.region.inside, assume_unique=True)
+        if not len(nodes) or not self.job.near_wall:
+            return None
+        mesh, names = self.boundary.mesh, (*self.boundary.moving, *self.boundary.mesh.names)
+        return Crowding.of(mesh, self.layers, nodes, self.nearby(nodes), self.sites.known, self.reach, names)
 
     def nearby(self, nodes: IntArray) -> Nearby:
         """Return the moving and fixed nodes that are nearest to some nodes (M,), and the next part."""

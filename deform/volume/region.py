@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, union
 from sdm_deflect.base.errors import InputError, short_list
-from sdm_deflect.deform.box.automatic import GROWTH, Automatic, BoxScene, Chosen
+from sdm_deflect.deform.box.automatic import Automatic, BoxScene, Chosen
 from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.confined import inside
 from sdm_deflect.deform.surface.motions import TRACK_UNIT
@@ -24,6 +24,8 @@ from .job import Amounts, Section
 POSES = 4
 # Nodes this near to a face of the box are on it; a share of the moving surfaces' size.
 ON_FACE = 1e-6
+# A patch without a role that is nearer than this share of the moving surfaces' size squeezes the box.
+NARROW = 0.1
 # Boxes that overlap by less than this share of a box's size only touch.
 TOUCHING = 1e-9
 
@@ -161,22 +163,21 @@ def _obstacles(boundary: PrescribedMotion, zones: tuple[Zone, ...]) -> IntArray:
 def squeezed(boundary: PrescribedMotion, zones: Sequence[str]) -> Iterator[str]:
     """Yield a sentence on each patch without a role that is so near that an automatic box has to end before it.
 
-    Near is within `GROWTH` largest displacements of the moving surface; `zones` are the names of those that deform.
+    `zones` are the names of those that deform.
     """
     if not isinstance(boundary.job.box, Automatic):
         return
-    mesh, moving = boundary.mesh, boundary.mesh.points[boundary.nodes]
-    largest = float(np.linalg.norm(boundary.displacement(boundary.job.amounts), axis=1).max())
+    mesh, tree = boundary.mesh, cKDTree(boundary.mesh.points[boundary.nodes])
     obstacles = _obstacles(boundary, tuple(zone for zone in mesh.zones if zone.name in zones))
-    apart = cKDTree(moving).query(mesh.points[obstacles], distance_upper_bound=GROWTH * largest)[0]
+    apart = tree.query(mesh.points[obstacles], distance_upper_bound=NARROW * boundary.size)[0]
     near, apart = obstacles[apart < np.inf], apart[apart < np.inf]
     for patch in mesh.patches if len(near) else ():
         least = float(apart[np.isin(near, patch.nodes)].min(initial=np.inf))
         if least < np.inf:
             names = short_list(surface.label for surface in boundary.surfaces)
             yield (
-                f"{patch.name} is {least:.3g} from {names}, which moves by up to {largest:.3g}, and has no role: the "
-                f"box ends before it, and squeezes cells; {_remedy(mesh, patch, ON_FACE * boundary.size)}"
+                f"{patch.name} is {least:.3g} from {names} and has no role: the box ends before it, and squeezes "
+                f"cells; {_remedy(mesh, patch, ON_FACE * boundary.size)}"
             )
 
 

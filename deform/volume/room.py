@@ -1,15 +1,15 @@
 """Room for layers in a gap between two walls that may move differently."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sdm_deflect.base.arrays import IntArray
 from sdm_deflect.base.ties import clearly_less, first_largest
-from sdm_deflect.deform.around.near_wall import MOST_RIGID
-
-if TYPE_CHECKING:
-    from .plan import BoxPlan
+from sdm_deflect.deform.around.near_wall import MOST_RIGID, Nearby
+from sdm_deflect.meshing.mesh.layers import LayerColumns
+from sdm_deflect.meshing.mesh.mesh import Mesh
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,30 +32,36 @@ class Crowding:
     room: float
 
     @classmethod
-    def of(cls, plan: "BoxPlan") -> "Crowding | None":
-        """Return what does not fit in a box; None if all measured layers do."""
-        columns, boundary = plan.layers, plan.boundary
-        nodes = np.intersect1d(columns.measured, plan.region.inside, assume_unique=True)
-        if not len(nodes) or not plan.job.near_wall:
-            return None
-        nearby = plan.nearby(nodes)
-        need = nearby.needed(np.ones(len(nodes), dtype=np.bool_), plan.reach)
-        tight = clearly_less(MOST_RIGID, need) & (nearby.second < plan.reach)
+    def of(
+        cls, mesh: Mesh, columns: LayerColumns, nodes: IntArray, nearby: Nearby, walls: IntArray, reach: float,
+        names: Sequence[str],
+    ) -> "Crowding | None":  # fmt: skip
+        """Return what does not fit among nodes of measured layers; None if all do.
+
+        Parameters
+        ----------
+        mesh, columns : The mesh and its layers.
+        nodes : (M,) the nodes.
+        nearby : The nodes of walls, rows of `walls`, that are nearest to them.
+        reach : Distance up to which nodes follow walls.
+        names : Patches, in whose order the wall is named.
+        """
+        need = nearby.needed(np.ones(len(nodes), dtype=np.bool_), reach)
+        tight = clearly_less(MOST_RIGID, need) & (nearby.second < reach)
         if not tight.any():
             return None
         worst = first_largest(np.where(tight, need, 0.0))
-        number = np.zeros(len(boundary.mesh.points), dtype=np.intp)
+        number = np.zeros(len(mesh.points), dtype=np.intp)
         for k, layer in reversed([*enumerate(columns.cells, 1)]):
             for cells in layer:
                 number[cells.top] = k
-        wall = plan.sites.known[nearby.node[worst]]
-        names = (*boundary.moving, *boundary.mesh.names)
-        patch = next((name for name in names if wall in boundary.mesh.patch(name).nodes), "a wall")
-        place = boundary.mesh.points[nodes[worst]].tolist()
+        wall = walls[nearby.node[worst]]
+        patch = next((name for name in names if wall in mesh.patch(name).nodes), "a wall")
+        x, y, z = mesh.points[nodes[worst]].tolist()
         thickness = float(nearby.first[nearby.node == nearby.node[worst]].max())
         gap = float(nearby.first[worst] + nearby.second[worst])
         layers = np.unique(number[nodes[tight]]).tolist()
-        return cls(patch, tuple(layers), tuple(place), thickness, MOST_RIGID / (1.0 + MOST_RIGID) * gap)
+        return cls(patch, tuple(layers), (x, y, z), thickness, MOST_RIGID / (1.0 + MOST_RIGID) * gap)
 
     def __str__(self) -> str:
         """Return it as a sentence with what helps."""

@@ -51,7 +51,6 @@ def test_the_repair_moves_outer_layers_within_bounds_and_inner_ones_beside_spoil
     assert np.array_equal(bare.points[walls], result.points[walls])
 
 
-@pytest.mark.filterwarnings("ignore:far_field is 0.8 from")
 @pytest.mark.parametrize("x", [0.25, 0.7])
 def test_a_whole_wing_turns_by_sixty_degrees(hybrid_wing, x):
     hinge, options = [[x, 0, 0], [x, 1, 0]], {"slide": "symmetry:plane", "max_steps": 1}

@@ -109,7 +109,6 @@ def gaps(mesh, points):
     return np.linalg.norm(points[order[pair]] - points[order[pair + 1]], axis=1)
 
 
-@pytest.mark.filterwarnings("ignore:.* is 0.75 from hole")
 def test_the_nodes_of_a_slit_stay_together_in_a_repair(tmp_path):
     """The repair moved the two nodes of a pair apart by nearly as much as the surface moved, and no check saw it."""
     make, inside, above, surface, given, _ = SLITS["plane"]
