@@ -276,29 +276,31 @@ def test_run_prints_verdict_and_json(sdm, aileron_mesh, tmp_path):
 def test_interrupt_leaves_previous_results(tmp_path, request_to_end):
     folder = tmp_path / "results"
     folder.mkdir()
-    (folder / "metrics.json").write_text("previous")
+    earlier = {"case.toml", "metrics.json"}  # by its settings a folder is known as an earlier run
+    for name in earlier:
+        (folder / name).write_text("previous")
     environment = {**os.environ, "SDM_DEFLECT_CACHE": str(tmp_path / "empty")}
-    words = [sys.executable, "-m", "cases", "run", "aileron", "--out", str(folder)]
+    words = [sys.executable, "-m", "sdm_deflect", "run", "aileron", "--out", str(folder)]
     # A test run in the background of a shell ignores interrupts, and its children would, too.
     with subprocess.Popen(
         words, env=environment, stderr=subprocess.PIPE, stdout=subprocess.PIPE,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as process:  # fmt: skip
-        descendants = wait_until_meshing(process.pid)
+        descendants = wait_until_meshing(process)
         process.send_signal(request_to_end)
         _, said = process.communicate(timeout=120)
     assert process.returncode == 128 + request_to_end
     assert said.decode().endswith("interrupted; earlier results are as they were\n")
-    assert (folder / "metrics.json").read_text() == "previous"
-    assert [path.name for path in folder.iterdir()] == ["metrics.json"]
+    assert {path.name: path.read_text() for path in folder.iterdir()} == dict.fromkeys(earlier, "previous")
     assert psutil.wait_procs(descendants, timeout=5)[1] == []
 
 
-def wait_until_meshing(pid: int) -> list[psutil.Process]:
+def wait_until_meshing(process: subprocess.Popen[bytes]) -> list[psutil.Process]:
     """Wait until the mesher's subprocess runs; return the processes below one."""
     deadline = time.monotonic() + 300.0
     while True:
-        found = psutil.Process(pid).children(recursive=True)
+        assert process.poll() is None, process.stderr and process.stderr.read().decode()
+        found = psutil.Process(process.pid).children(recursive=True)
         for child in found:
             with suppress(psutil.Error):  # it has ended
                 if "meshing.generate" in " ".join(child.cmdline()):
