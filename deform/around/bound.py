@@ -102,13 +102,13 @@ class ConstrainedNodes(Modifier):
 
 
 def held_directions(own: IntArray, normals: Sequence[FloatArray]) -> FloatArray | None:
-    """Return three directions (3, 3) at right angles, with as many normals (3,) of planes as are so; None for x, y, z.
+    """Return three directions (3, 3) at right angles, normals of planes among them; None if they are x, y and z.
 
     Normals are taken in their order. One that is neither along nor across those before is left out.
 
     Parameters
     ----------
-    own : Those of x, y and z, by number, that stay as they are.
+    own : Numbers of the coordinate axes that stay directions.
     normals : Unit vectors.
     """
     taken = [np.eye(3)[c] for c in own]
@@ -150,7 +150,7 @@ class ConstraintAtStep(ModifierAtStep):
     free: Images = field(repr=False)
 
     def sites(self, known: FloatArray, last: bool) -> Sequence[DataSites]:
-        """Return the bound nodes as data sites in the last pass; in the first one nodes of planes, along the normal."""
+        """Return the data sites: in the first pass nodes of planes, along the normal alone; in the last all of them."""
         rows, columns = self.of.sampled, self.of.components
         if not last:
             return self._on_planes
@@ -161,7 +161,7 @@ class ConstraintAtStep(ModifierAtStep):
 
     @cached_property
     def _on_planes(self) -> Sequence[DataSites]:
-        """Sites of zero displacement, direction by direction, at nodes of planes along or across the directions."""
+        """Zero sites at nodes of planes: one set for each direction that a plane holds."""
         directions, held = self.of.directions, [list[IntArray]() for _ in range(3)]
         for shape, nodes in self.shapes:
             row = along(directions, shape.normal) if isinstance(shape, Plane) else None

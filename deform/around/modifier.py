@@ -97,7 +97,7 @@ class Modifier:
 
     @property
     def held(self) -> set[int]:
-        """Directions, of those of the first pass, that nodes at rest or on planes hold without zero sites."""
+        """Directions of the first pass that nodes of this modifier hold without zero sites; by default none."""
         return set()
 
     def on_box(self, hexahedron: Hexahedron, sites: FloatArray, spacing: float) -> FloatArray:

@@ -36,12 +36,12 @@ class Crowding:
         cls, mesh: Mesh, columns: LayerColumns, nodes: IntArray, nearby: Nearby, walls: IntArray, reach: float,
         names: Sequence[str],
     ) -> "Crowding | None":  # fmt: skip
-        """Return what does not fit among nodes of measured layers; None if all do.
+        """Return the measured layers that do not fit; None if all do.
 
         Parameters
         ----------
         mesh, columns : The mesh and its layers.
-        nodes : (M,) the nodes.
+        nodes : (M,) nodes of measured layers.
         nearby : The nodes of walls, rows of `walls`, that are nearest to them.
         reach : Distance up to which nodes follow walls.
         names : Patches, in whose order the wall is named.
