@@ -29,7 +29,7 @@ from sdm_deflect.cases.settings.job_settings import BY_NAME, IN_PYTHON, settings
 from sdm_deflect.cases.settings.jobs import jobs_of, swept
 from sdm_deflect.cases.settings.keywords import Options
 from sdm_deflect.deform.box.automatic import Automatic
-from sdm_deflect.deform.checks import Check, checks_of
+from sdm_deflect.deform.checks import Check, Grade, checks_of, grade, verdict
 from sdm_deflect.deform.loop import run
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.surface.shapes import AnyShape
@@ -125,8 +125,8 @@ class Result:
 
     @property
     def passed(self) -> bool:
-        """True if every check holds."""
-        return all(check.passed for check in self.checks)
+        """True if every check holds: the mesh can be used."""
+        return self.grade != "FAILED"
 
     @property
     def quality(self) -> tuple[Quality, ...]:
@@ -266,10 +266,13 @@ class Result:
     @property
     def title(self) -> str:
         """Surface, mesh, angle and verdict, and the reached share of the angle if it is less than all."""
-        unit, failed = self.plan.unit, [c.name for c in self.checks if not c.passed]
-        verdict = f"FAILED: {', '.join(failed)}" if failed else "all checks passed"
-        text = "; ".join([verdict, *short_turns(self.plan, self.deflection.amounts)])
-        return f"{', '.join(self.plan.patches)} of {self.plan.mesh.name} at {self.angle:+g} {unit}: {text}"
+        text = "; ".join([verdict(self.checks), *short_turns(self.plan, self.deflection.amounts)])
+        return f"{', '.join(self.plan.patches)} of {self.plan.mesh.name} at {self.angle:+g} {self.plan.unit}: {text}"
+
+    @property
+    def grade(self) -> Grade:
+        """The verdict in a word: passed; usable, which `checks` say why; or FAILED."""
+        return grade(self.checks)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -395,7 +398,7 @@ def plan(
         (result,) = _run(mesh, jobs, (), progress)
         if not result.passed:
             raise InputError(result.title)
-        motion = MeshMotion.of_one_amount(result.deflection, ())
+        motion = MeshMotion.of_one_amount(result.deflection, result.checks)
     whole = motion.plan.mesh if motion.plan else None
     return motion.of_whole(_coordinates(whole)) if whole and whole.whole else motion
 

@@ -14,7 +14,7 @@ from sdm_deflect.base.threads import Progress, silent
 from sdm_deflect.base.unpacking import damaged
 from sdm_deflect.cases.report.data import RUN, ReportData, as_text
 from sdm_deflect.cases.run.metrics import Json
-from sdm_deflect.deform.checks import tally
+from sdm_deflect.deform.checks import tally, verdict
 from sdm_deflect.meshing.mesh.mesh import Mesh
 
 from .finished import read_run
@@ -211,6 +211,7 @@ def _mesh(blocks: Sequence[Json]) -> Iterator[Row]:
 
 def _verdict(runs: Sequence[ComparedRun]) -> Iterator[Row]:
     checks = [run.data.checks for run in runs]
+    yield Row("verdict", tuple(map(verdict, checks)))
     yield Row("checks passed", tuple(map(tally, checks)))
     yield Row(
         "failed", tuple(", ".join(check.name for check in of_run if not check.passed) or "none" for of_run in checks)

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 from sdm_deflect.base.arrays import FloatArray
 from sdm_deflect.base.errors import InputError, MeshFileError, shortened
 from sdm_deflect.base.threads import Progress, silent
-from sdm_deflect.cases.run.inspection import NAMES, extent, reach
+from sdm_deflect.cases.run.inspection import extent, reach
 from sdm_deflect.deform.volume.controls import Wanted
 from sdm_deflect.meshing.mesh.cells import Patch
 from sdm_deflect.meshing.mesh.mesh import Mesh
-from sdm_deflect.meshing.mesh.quality import Quality, by_shape, find_orientation
+from sdm_deflect.meshing.mesh.quality import PLURALS, Quality, by_shape, find_orientation
 from sdm_deflect.meshing.mesh.standard import parts_of
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ class FileMesh(Mesh):
         for block in self.cells:
             for shape, _, typed, _ in parts_of(block):
                 shapes[shape] += len(typed)
-        counts = "".join(f", {count} {NAMES[shape]}" for shape, count in shapes.items())
+        counts = "".join(f", {count} {PLURALS[shape]}" for shape, count in shapes.items())
         width = max(map(len, self.names), default=0)
         rows = (
             f"{patch.name:<{width}} {len(patch):>9} faces{reach(extent(self.points[patch.nodes]))}"

@@ -14,7 +14,7 @@ from sdm_deflect.base.errors import short_list
 from sdm_deflect.base.ties import first_largest
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.surface import OnPatches
-from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection, fell_poor
+from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection, fell_poor, poor_below
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 from sdm_deflect.deform.volume.submesh import boundary_in_file
 from sdm_deflect.meshing.mesh import polyhedra
@@ -26,7 +26,7 @@ from sdm_deflect.meshing.mesh.images import plane_of
 from sdm_deflect.meshing.mesh.layers import LayerChange
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.precision import EVERY_BIT
-from sdm_deflect.meshing.mesh.quality import inverted_of
+from sdm_deflect.meshing.mesh.quality import PLURALS, inverted_of
 from sdm_deflect.meshing.mesh.standard import type_of
 
 # Largest change of a coordinate by rounding, as a share of an edge's length.
@@ -61,7 +61,8 @@ CAUSES = {
 }
 
 Judgement = Literal["at most", "at least", "information"]
-Verdict = Literal["passed", "poor", "FAILED", "information", "not applicable"]
+Grade = Literal["passed", "usable", "FAILED"]
+Verdict = Grade | Literal["information", "not applicable"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +80,7 @@ class Check:
     over : number of nodes or cells measured; with none the check is not applicable.
     nodes, distances : (K,) nodes and the value at each, if a map of them is worth drawing.
     figures : measured value of each part, by name.
-    reservation : what is not good although the check passes, as in "passed, with poor cells"; empty without any.
+    reservation : what is not good although the check passes, such as "36 of 30,926 tetrahedra poor"; else empty.
     cause : why it is so, a key of `CAUSES`; empty if unknown.
     window : least and largest coordinates around the worst place, before and after, if it is worth a picture.
     """
@@ -115,7 +116,7 @@ class Check:
         """The result in a word or two."""
         if not self.is_judged:
             return "information" if self.over else "not applicable"
-        return "FAILED" if not self.passed else "poor" if self.reservation else "passed"
+        return "FAILED" if not self.passed else "usable" if self.reservation else "passed"
 
     def as_dict(self) -> dict[str, Any]:
         """Return the check for JSON; values that are not finite are null."""
@@ -134,13 +135,26 @@ class Check:
         }
 
 
-def verdict(checks: Sequence[Check]) -> str:
-    """Return the verdict on all checks as a text."""
+def reservations(checks: Iterable[Check]) -> tuple[str, ...]:
+    """Return what is not good of a mesh although its checks pass, each once."""
+    return tuple(dict.fromkeys(check.reservation for check in checks if check.is_judged and check.reservation))
+
+
+def grade(checks: Sequence[Check]) -> Grade:
+    """Return the verdict on all checks in a word: a usable mesh is not as good as one should be."""
+    if not all(check.passed for check in checks):
+        return "FAILED"
+    return "usable" if reservations(checks) else "passed"
+
+
+def verdict(checks: Sequence[Check], mesh: str = "this mesh") -> str:
+    """Return the verdict on all checks of a mesh as a text."""
     judged = [check for check in checks if check.is_judged]
     if failed := [check.name for check in judged if not check.passed]:
-        return f"FAILED: {len(failed)} of {len(judged)} checks: {', '.join(dict.fromkeys(failed))}"
-    told = dict.fromkeys(check.reservation for check in judged if check.reservation)
-    return f"passed, with {' and '.join(told)}" if told else "all validations passed"
+        names = ", ".join(dict.fromkeys(failed))
+        return f"FAILED: do not use {mesh}; {len(failed)} of {len(judged)} checks: {names}"
+    told = reservations(judged)
+    return f"usable, with {' and '.join(told)}" if told else "all validations passed"
 
 
 def tally(checks: Sequence[Check]) -> str:
@@ -522,11 +536,15 @@ def _quality_checks(deflection: Deflection) -> Iterator[Check]:
     Cells that were inverted or of quality 0 before are left out.
     """
     for of, (old, new) in zip(deflection.quality, deflection.least, strict=True):
-        where = f"{of.measure} of {new.cells} cells ({of.shape}), {old.quality:.3f} before"
+        where = f"{of.measure} of {new.cells:,} {PLURALS[of.shape]}, {old.quality:.3f} before"
         if new.cells < of.cells:
             where += f", without {of.cells - new.cells} that were inverted or flat before"
-        limit = deflection.plan.job.repair.min_quality * old.quality if old.cells else 0.0
-        poor = "poor cells" if fell_poor(old, new) else ""
+        limit, poor = deflection.plan.job.repair.min_quality * old.quality if old.cells else 0.0, ""
+        if fell_poor(old, new):
+            below = poor_below(old.quality)
+            count = deflection.plan.affected.count_below(deflection.points, of.shape, below)
+            poor = f"{count} of {new.cells:,} {PLURALS[of.shape]} poor"
+            where += f"; {count} below {below:.3g}"
         yield Check(
             f"quality_min:{of.shape}", new.quality, limit, "", where, "at least", over=new.cells, reservation=poor
         )

@@ -31,7 +31,7 @@ from sdm_deflect.meshing.mesh.cells import bounded
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.precision import EVERY_BIT, Precision
 
-from .checks import Check, checks_of
+from .checks import Check, checks_of, reservations
 from .motion_fields import write_motion
 from .plan_file import Measured, StoredPlan, read_plan, write_plan
 
@@ -114,8 +114,8 @@ class MeshMotion:
         )
 
     @classmethod
-    def of_one_amount(cls, deflection: Deflection, failed: Sequence[str]) -> "MeshMotion":
-        """Return the motion that serves the amounts of an unrounded deflection alone; `failed` names its failed checks.
+    def of_one_amount(cls, deflection: Deflection, checks: Sequence[Check]) -> "MeshMotion":
+        """Return the motion that serves the amounts of an unrounded deflection alone, with its checks.
 
         The first surface that moves has two fields; with the undeflected mesh they add up exactly to the deflected one.
         """
@@ -130,7 +130,7 @@ class MeshMotion:
         first = next((i for i, amount in enumerate(deflection.amounts) if amount), 0)
         least = min((quality.min for quality in deflection.quality), default=nan)
         error = max(box.site_error for box in deflection.boxes)
-        measured = Measured(deflection.amounts[first], least, deflection.inverted, error, tuple(failed))
+        measured = Measured(deflection.amounts[first], least, deflection.inverted, error, *_judgement(checks))
         moved = np.flatnonzero((deflection.points != start).any(axis=1))
         move = deflection.points[moved] - start[moved]
         whole = np.stack([move, deflection.points[moved] - (start[moved] + move)])
@@ -379,8 +379,7 @@ class MeshMotion:
                 deflection = self.deflection(pose)
                 box = deflection.boxes[next(b for b, box in enumerate(plan.boxes) if box is self.snapshots[i].box)]
                 least = min((quality.min for quality in box.quality), default=nan)
-                failed = tuple(check.name for check in checks_of(deflection) if not check.passed)
-                rows.append(Measured(amount, least, box.inverted, box.site_error, failed))
+                rows.append(Measured(amount, least, box.inverted, box.site_error, *_judgement(checks_of(deflection))))
             measured.append(tuple(rows))
         return replace(self, measured=tuple(measured))
 
@@ -433,6 +432,15 @@ class MeshMotion:
                 out.append(f"{control.name} = {amount:g} {control.unit}: {among}; failed: {failed}")
         return tuple(out)
 
+    def reservations(self, amounts: Amounts) -> tuple[str, ...]:
+        """Return what was not good, although checks passed, at the measured amounts around those of each surface."""
+        out = []
+        for amount, rows in zip(amounts, self.measured, strict=bool(self.measured)):
+            low = max((row.amount for row in rows if row.amount <= amount), default=amount)
+            high = min((row.amount for row in rows if row.amount >= amount), default=amount)
+            out += [text for row in rows if row.amount in (low, high) for text in row.reservations]
+        return tuple(dict.fromkeys(out))
+
     def is_measured(self, amounts: Amounts) -> bool:
         """Return whether at most one surface is away from where it stood during the checks."""
         return sum(amount != other for amount, other in zip(amounts, self.amounts, strict=True)) <= 1
@@ -464,6 +472,11 @@ class MeshMotion:
 
     def __repr__(self) -> str:
         return f"<MeshMotion: {'; '.join(self.lines)}>"
+
+
+def _judgement(checks: Sequence[Check]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the names of failed checks, and what is not good although checks pass."""
+    return tuple(check.name for check in checks if not check.passed), reservations(checks)
 
 
 def _check_unmirrored(plan: Plan) -> None:

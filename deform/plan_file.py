@@ -24,8 +24,8 @@ from sdm_deflect.deform.volume.places import PlaceTable, PlanBox
 from sdm_deflect.meshing.mesh.cells import LARGEST, bounded
 from sdm_deflect.meshing.mesh.thin import MidPlane
 
-FILE = "plan of sdm-deflect, 3"
-EARLIER = ("plan of sdm-deflect, 1", "plan of sdm-deflect, 2")
+FILE = "plan of sdm-deflect, 4"
+EARLIER = tuple(f"plan of sdm-deflect, {version}" for version in range(1, 4))
 # Functions of the amount by their names in a file.
 KINDS: dict[str, Any] = {"turn": Turn, "powers": Powers, "fixed": Fixed, "places": Places}
 # Arrays of the file beside places, fields and boxes.
@@ -43,6 +43,7 @@ class Measured:
     inverted : number of these cells that are newly inverted.
     site_error : largest error at a data site of the box, a length.
     failed : names of the failed checks of the whole mesh.
+    reservations : what is not good of it although its checks pass, such as ``"36 of 30,926 tetrahedra poor"``.
     """
 
     amount: float
@@ -50,6 +51,7 @@ class Measured:
     inverted: int
     site_error: float
     failed: tuple[str, ...]
+    reservations: tuple[str, ...]
 
 
 class StoredPlan(NamedTuple):

@@ -7,6 +7,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from sdm_deflect.cases.report.colours import XYZ
 from sdm_deflect.cases.report.pictures import write_png
 from sdm_deflect.cases.run.output import write_table
 from studies.measure import DEFAULT, GMRES, GROWN, REPETITIONS, Measured, Result
@@ -17,8 +18,8 @@ SETTING = ("columns", "angle_deg", "initial_surface", "initial_hexahedron", "n_a
 RESULTS = ("iterations", "centers", "seconds", "max_error")
 FIELDS = ("source", *SETTING, "sites", *RESULTS, "converged", "repetitions")
 CURVE = ("columns", "angle_deg", "iteration", "centers", "max_residual", "seconds")
-COLOURS = {"x": "#0072b2", "y": "#d55e00", "z": "#009e73", "xyz": "0.6"}
-LOOP_COLOURS = {"grown": "#0072b2", "gmres": "#d55e00", "default": "#009e73"}
+COLOURS = dict(zip("xyz", XYZ, strict=True)) | {"xyz": "0.6"}
+LOOP_COLOURS = dict(zip(("grown", "gmres", "default"), XYZ, strict=True))
 PAPER = {"color": "black", "marker": "s", "ls": "--", "lw": 1.2, "ms": 4}
 
 

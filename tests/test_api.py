@@ -101,7 +101,7 @@ def test_a_notebook_of_one_cell(tmp_path):
     tables = [data["text/html"] for data in shown if "text/html" in data]
     assert "<iframe srcdoc=" in tables.pop()
     assert len(tables) == 3
-    assert "flap of naca.msh at -10 deg: all checks passed" in tables[0]
+    assert "flap of naca.msh at -10 deg: all validations passed" in tables[0]
     assert "site_error" in tables[2]
     assert "mean ratio" in tables[2]
     assert "FAILED" not in "".join(tables)
@@ -132,7 +132,7 @@ def test_settings_take_effect(block, result):
         sd.deflect(block, "body", HINGE, 10.0, min_quality=2)
     strict = sd.deflect(block, "body", HINGE, 10.0, min_quality=1.0)
     assert not strict.passed
-    assert "FAILED: quality_min:hexahedron" in strict.title
+    assert "FAILED: do not use this mesh; 1 of 6 checks: quality_min:hexahedron" in strict.title
 
 
 def test_results_come_in_the_order_asked_for(block):

@@ -15,7 +15,18 @@ from matplotlib.tri import Triangulation
 from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.base.numbers import apart
 from sdm_deflect.base.schema import Range, Setting, settings_in
-from sdm_deflect.cases.report.data import METRES, Box, FitRows, MovedSurface, ReportData, Rows, as_text, before_repair
+from sdm_deflect.cases.report import colours
+from sdm_deflect.cases.report.data import (
+    METRES,
+    Box,
+    FitRows,
+    MovedSurface,
+    ReportData,
+    Rows,
+    SettingRow,
+    as_text,
+    before_repair,
+)
 from sdm_deflect.cases.report.pictures import Exhibit, save_figure
 from sdm_deflect.cases.report.slices import triangles_of
 from sdm_deflect.cases.run.metrics import amounts
@@ -26,8 +37,9 @@ from sdm_deflect.meshing.generate.parameters import FAR_FIELD
 from .case import Case
 from .job import BLOCK
 from .metrics import case_toml
+from .registry import CASES, case_named
 
-MAP = "viridis"
+MAP = colours.DISPLACEMENT
 # Smallest drawn distance (m), and least ratio of the largest one to it on the colour scale.
 LEAST, TOP = 1e-17, 1e2
 # Distances (m) are shown in mm if the largest is above this.
@@ -36,6 +48,8 @@ SEEN = 1e-6
 ROUNDING = 1e-12
 # The checks whose distances each map shows.
 COMPARED = {"cad_map": ("surface_to_cad", "root_on_cylinder"), "rigid_cad_map": ("surface_to_rigid_cad",)}
+# Settings of a case that a report shows first, with those that differ.
+SAID = ("name", "angle", "scale", "strategy")
 DEFLECTED, RIGID = "the deflected CAD, built again", "its CAD faces turned rigidly"
 
 
@@ -166,17 +180,22 @@ def _side(axes: Axes, flat: FloatArray, triangles: IntArray, distance: FloatArra
 
 
 def parameter_tables(case: Case) -> dict[str, Rows]:
-    """Return every parameter of a case with unit and meaning, by table as in case.toml."""
+    """Return every parameter of a case with unit and meaning, by table as in case.toml.
+
+    Usual are those of the registered case; the name and the angle of a case count as its own.
+    """
     tables: dict[str, Rows] = {"case": []}
+    usual = case_named(case.name, case.scale) if case.name in CASES else case
     for name, setting in settings_in(Case).items():
-        value = setting.of(case)
+        value, other = setting.of(case), setting.of(usual)
         if is_dataclass(value):
-            tables[name] = [_row(value, described) for described in settings_in(type(value)).values()]
+            tables[name] = [_row(value, other, described) for described in settings_in(type(value)).values()]
         else:
-            tables["case"].append(_row(case, setting))
+            tables["case"].append(_row(case, usual, setting))
     return tables
 
 
-def _row(table: Any, setting: Setting) -> tuple[str, str, str, str]:
-    within = setting.note(Range)
-    return setting.name, as_text(setting.of(table)), within.unit if within else "", setting.doc.text
+def _row(table: Any, usual: Any, setting: Setting) -> SettingRow:
+    within, value = setting.note(Range), setting.of(table)
+    differs = setting.name in SAID or value != setting.of(usual)
+    return SettingRow(setting.name, as_text(value), within.unit if within else "", setting.doc.text, differs)

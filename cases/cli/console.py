@@ -2,17 +2,20 @@
 
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING
 
 import numpy as np
 from rich import box
-from rich.console import Console, Group
+from rich.console import Console, ConsoleOptions, Group
 from rich.table import Table
 from rich.text import Text
 
 from sdm_deflect.base.arrays import union
 from sdm_deflect.base.errors import printable, short_list
-from sdm_deflect.cases.run.inspection import NAMES
+from sdm_deflect.cases.run.advice import advice, wider_settings
 from sdm_deflect.cases.run.metrics import (
     Json,
     amounts,
@@ -25,21 +28,24 @@ from sdm_deflect.cases.run.metrics import (
     notes_of,
     repair_text,
     short_turns,
+    signed,
     surface_figures,
     travels,
     warnings_of,
     way_of,
 )
 from sdm_deflect.deform.checks import Check, Verdict, verdict
-from sdm_deflect.deform.surface.tail_root import Root
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
-from sdm_deflect.meshing.mesh.quality import Quality
+from sdm_deflect.meshing.mesh.quality import PLURALS, Quality
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.run.deflect_file import Outcome, PoseSummary
 
     from .examination import Finding
 
+ARROW = "\N{RIGHTWARDS ARROW}"
+# Most letters of a label with the space behind it, in the lines below a table.
+INDENT = 16
 # Width of a table in a file or a pipe, unless the environment variable COLUMNS gives another.
 WIDTH = 160
 
@@ -105,46 +111,85 @@ def plan_table(plan: Plan) -> Group:
         count = len(np.intersect1d(patch.nodes, inside, assume_unique=True))
         table.add_row(plain(patch.name), plain(_part(plan, patch.name)), str(len(patch.nodes)), str(count))
     turns = [f"{name} by {text}" for name, text in amounts(plan, plan.largest)]
+    texts = [*turns, *_lines(plan), *short_turns(plan, plan.largest)]
     return Group(
-        *warning_texts(warnings_of(plan)), table, *_texts([*turns, *_lines(plan), *short_turns(plan, plan.largest)])
+        *warning_texts(warnings_of(plan)), table, Labelled(list(_motion_rows(plan, whole=True))), *_texts(texts)
     )
 
 
 def result_table(done: "Outcome", whole: bool) -> Group:
-    """Return verdict, warnings, motion, quality and files; with `whole` also all checks, the box and the fit."""
-    ordered = sorted(done.poses, key=lambda summary: summary.amounts)
-    tables, texts = _of_one_pose(done, ordered[0], whole) if len(ordered) == 1 else _of_many_poses(done, ordered)
-    texts = [*_lines(done.plan, whole), *texts, *(f"note: {text}" for text in done.notes)]
-    texts += [f"lost in this format: {text}" for text in done.lost]
-    if whole:
+    """Return warnings, motion, quality, files and the verdict; with `whole` also all checks, the box and the fit."""
+    ordered, plan = sorted(done.poses, key=lambda summary: summary.amounts), done.plan
+    tables, rows = _of_one_pose(done, ordered[0], whole) if len(ordered) == 1 else _of_many_poses(done, ordered)
+    texts = _lines(plan) if whole else []
+    if whole and ordered:
         further = [summary.seconds for summary in done.poses[1:]]
         mean = f", {sum(further) / len(further):.2f} s for each further one" if further else ""
         texts.append(f"deflected in {done.poses[0].seconds:.2f} s{mean}")
-    if done.files:
-        unfit = _unfit(done)
-        texts.append(f"wrote {short_list(map(str, (*done.files, *done.reports)))}{unfit}")
-    turns = short_turns(done.plan, done.plan.largest)
-    warned = warnings_of(done.plan)
-    last = "; ".join([done.verdict + counted(warned), *turns])
-    last += "" if done.passed else _made_at(done.plan)
-    return Group(*warning_texts(warned, last), *tables, *_texts([*texts, *_advice(done), last]))
+    rows = [*_motion_rows(plan, whole), *rows, *map(_noted, done.notes)]
+    rows += [("lost", f"in this format: {text}") for text in done.lost]
+    rows += [("wrote", short_list(map(str, done.files)))] if done.files else []
+    rows += [("report", short_list(map(str, map(page_of, done.reports))))] if done.reports else []
+    checks, turns = [check for summary in ordered for check in summary.checks], short_turns(plan, plan.largest)
+    advised = advice(checks, wider_settings(plan), any(plan.largest))
+    rows += [("advice", text) for text in ([] if done.grade == "passed" else advised)]
+    warned = warnings_of(plan)
+    last = "; ".join([done.verdict + counted(warned), *(_turns(turns) if done.grade == "passed" else ())])
+    last += "" if done.passed else _made_at(plan)
+    return Group(*warning_texts(warned, last), *tables, *_texts(texts), Labelled(rows), Labelled([("", last)]))
 
 
-def _advice(done: "Outcome") -> list[str]:
-    """Return advice for a tail whose mesh failed."""
-    roots = [moving.motion for moving, _ in done.plan.moving if isinstance(moving.motion, Root)]
-    if done.passed or not roots:
-        return []
-    wider = 2.0 * max(root.width for root in roots)
-    return [f"advice: give the root more room on its body: --panel {wider:g}, a finer body there, or a smaller angle"]
+def _noted(note: str) -> tuple[str, str]:
+    """Return a note with its label: that of a plan, or another."""
+    label, colon, text = note.partition(": ")
+    return (label, text) if colon and label == "plan" else ("note", note)
 
 
-def _unfit(done: "Outcome") -> str:
-    """Return a sentence on which meshes must not be used."""
-    bad = [str(file) for file, summary in zip(done.files, done.poses, strict=False) if not summary.passed]
-    if len(done.poses) == 1 and bad:
-        return "; do not use the mesh as it is"
-    return f"; do not use {short_list(bad)} as {'they are' if bad[1:] else 'it is'}" if bad else ""
+def page_of(folder: Path) -> Path:
+    """Return the page in the folder of a report."""
+    return folder / "report.html"
+
+
+def _turns(sentences: Sequence[str]) -> Sequence[str]:
+    """Return a sentence on the surfaces that turn by less than their angle, if there are any."""
+    several = f"{len(sentences)} surfaces turn by less than their angle on average"
+    return [several] if len(sentences) > 1 else sentences
+
+
+@dataclass(frozen=True, slots=True)
+class Labelled:
+    """Rows of a label and a text, whose further lines are indented as the first."""
+
+    rows: Sequence[tuple[str, str]]
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Text]:
+        indent = min(max((len(label) + 2 for label, _ in self.rows if label), default=0), INDENT)
+        for label, text in self.rows:
+            room = max(options.max_width - indent, INDENT)
+            bound = text.replace(" %", "\N{NO-BREAK SPACE}%")  # a number stays with its sign
+            lines = wrap(bound, room, break_on_hyphens=False, break_long_words=False)
+            if len(label) + 2 > indent and label:
+                yield _unwrapped(label)
+                label = ""
+            for i, line in enumerate(lines):
+                yield _unwrapped(f"{'' if i else label:<{indent}}{line}".replace("\N{NO-BREAK SPACE}", " "))
+
+
+def _unwrapped(line: str) -> Text:
+    text = plain(line)
+    text.no_wrap, text.overflow = True, "ignore"
+    return text
+
+
+def _motion_rows(plan: Plan, whole: bool) -> Iterator[tuple[str, str]]:
+    """Yield for each surface how far it moves, what share of its angle it reaches, and how it was cut out."""
+    reached = dict(motions(plan, plan.largest, whole))
+    cut, at = dict(cuts(plan, plan.largest)), dict(_slot_rows(plan))
+    surfaces = surface_figures(plan, plan.largest)
+    for name, travel in travels(plan, plan.largest):
+        amount = signed(surfaces[name]["amount"], surfaces[name]["unit"])
+        texts = [f"{amount}: moves by up to {travel}", *(some[name] for some in (reached, cut, at) if name in some)]
+        yield from zip([name] + [""] * len(texts), texts, strict=False)
 
 
 def _made_at(plan: Plan) -> str:
@@ -156,16 +201,16 @@ def _made_at(plan: Plan) -> str:
     return "".join(f"; the mesh was made at {text}" for text in made)
 
 
-def _of_one_pose(done: "Outcome", summary: "PoseSummary", whole: bool) -> tuple[list[Table], list[str]]:
-    """Return the checks of a single pose, or those that failed, and lines on quality, repair and fit."""
+def _of_one_pose(done: "Outcome", summary: "PoseSummary", whole: bool) -> tuple[list[Table], list[tuple[str, str]]]:
+    """Return the checks of a single pose, or those that failed, and rows on quality, repair and fit."""
     title, repair = f"{_title(done)}, {_amounts(summary.amounts)} {_unit(done)}", repair_text(summary.figures)
-    texts = [repair] if repair else []
+    rows = [("repair", repair)] if repair else []
     if not whole:
         failed = failed_checks(summary)
-        return [check_table(failed, title)] * bool(failed), [*_quality_lines(done.plan.before, summary.quality), *texts]
-    fits = [f"{name} {fit_text(figures)}" for name, figures in summary.figures.get("deflections", {}).items()]
+        return [check_table(failed, title)] * bool(failed), [*_quality_rows(done.plan.before, summary.quality), *rows]
+    fits = [(name, fit_text(figures)) for name, figures in summary.figures.get("deflections", {}).items()]
     tables = [check_table(summary.checks, title), quality_table(done.plan.before, summary.quality)]
-    return [*tables, *face_table(summary.figures)], [*texts, *(fits or [fit_text(summary.figures)])]
+    return [*tables, *face_table(summary.figures)], [*rows, *(fits or [("fit", fit_text(summary.figures))])]
 
 
 def failed_checks(summary: "PoseSummary") -> list[Check]:
@@ -173,11 +218,11 @@ def failed_checks(summary: "PoseSummary") -> list[Check]:
     return [check for check in summary.checks if not check.passed]
 
 
-def _of_many_poses(done: "Outcome", ordered: Sequence["PoseSummary"]) -> tuple[list[Table], list[str]]:
-    """Return a table with a row for each pose, the checks of those that failed, and lines on repairs."""
+def _of_many_poses(done: "Outcome", ordered: Sequence["PoseSummary"]) -> tuple[list[Table], list[tuple[str, str]]]:
+    """Return a table with a row for each pose, the checks of those that failed, and rows on repairs."""
     named = [(f"{_amounts(summary.amounts)} {_unit(done)}", summary) for summary in ordered]
     failed = [check_table(failed_checks(summary), name) for name, summary in named if not summary.passed]
-    repairs = [f"{name}: {text}" for name, summary in named if (text := repair_text(summary.figures))]
+    repairs = [("repair", f"{name}: {text}") for name, summary in named if (text := repair_text(summary.figures))]
     return [sweep_table(ordered, _title(done), done.plan.mesh.plane), *failed] if ordered else [], repairs
 
 
@@ -199,17 +244,18 @@ def quality_table(before: Sequence[Quality], after: Sequence[Quality]) -> Table:
     table = _table("cells with a node in the box: before, after", ("type", "measure"), headings)
     for old, new in zip(before, after, strict=True):
         pairs = [f"{a:.3f}, {b:.3f}" for a, b in ((old.min, new.min), (old.p01, new.p01), (old.mean, new.mean))]
-        table.add_row(NAMES[old.shape], old.measure, str(old.cells), *pairs, f"{old.inverted}, {new.inverted}")
+        table.add_row(PLURALS[old.shape], old.measure, str(old.cells), *pairs, f"{old.inverted}, {new.inverted}")
     return table
 
 
-def _quality_lines(before: Sequence[Quality], after: Sequence[Quality]) -> Iterator[str]:
-    """Yield the quality of the affected cells of each type before and after."""
-    yield from ["quality of the cells with a node in the box, before to after:"] * bool(after)
-    for old, new in zip(before, after, strict=True):
-        pairs = (("least", old.min, new.min), ("1 %", old.p01, new.p01), ("mean", old.mean, new.mean))
-        figures = ", ".join(f"{name} {a:.3f} to {b:.3f}" for name, a, b in pairs)
-        yield f"  {new.cells} {NAMES[new.shape]}: {figures}{f', {new.inverted} inverted' if new.inverted else ''}"
+def _quality_rows(before: Sequence[Quality], after: Sequence[Quality]) -> Iterator[tuple[str, str]]:
+    """Yield the quality of the affected cells before and after: a heading, and a row for each type."""
+    if after:
+        yield "", f"{'worst':<15}{'1 %':<15}{'mean':<15}"
+    for i, (old, new) in enumerate(zip(before, after, strict=True)):
+        pairs = (f"{a:.3f} {ARROW} {b:.3f}" for a, b in ((old.min, new.min), (old.p01, new.p01), (old.mean, new.mean)))
+        counted = f"{new.cells:,} {PLURALS[new.shape]}{f', {new.inverted} inverted' if new.inverted else ''}"
+        yield "" if i else "cells", "".join(f"{pair:<15}" for pair in pairs) + counted
 
 
 def face_table(figures: Json) -> list[Table]:
@@ -245,7 +291,7 @@ def sweep_table(poses: Sequence["PoseSummary"], title: str, plane: bool) -> Tabl
         error = max(fit["max_error"] for box in boxes for fit in box["adaptation"].values())
         least = min((quality.min for quality in pose.quality), default=float("nan"))
         figures = (f"{least:.3f}", f"{error:.1e}", f"{pose.figures['steps']}")
-        table.add_row(_amounts(pose.amounts), *figures, _word("passed" if pose.passed else "FAILED"), moved)
+        table.add_row(_amounts(pose.amounts), *figures, _word(pose.grade), moved)
     return table
 
 
@@ -270,23 +316,16 @@ def _word(verdict: Verdict) -> Text:
     return Text(verdict, style="bold" if verdict == "FAILED" else "")
 
 
-def _lines(plan: Plan, whole: bool = True) -> list[str]:
+def _lines(plan: Plan) -> list[str]:
     boxes = (line for box in plan.boxes for line in _box_lines(box))
-    at = f" at {_amounts(plan.largest)} {plan.unit}" if len(plan.poses) > 1 else ""
-    return [
-        *(f"{name}: {text}" for name, text in cuts(plan, plan.largest)),
-        *(f"{name}{at} moves by up to {travel}" for name, travel in travels(plan, plan.largest)),
-        *(f"{name}{at}: {text}" for name, text in motions(plan, plan.largest)),
-        *_slot_rows(plan),
-        *((*boxes, *(f"note: {note}" for note in notes_of(plan))) if whole else ()),
-    ]
+    return [*boxes, *(f"note: {note}" for note in notes_of(plan))]
 
 
-def _slot_rows(plan: Plan) -> list[str]:
-    """Return the settings of slots as rows of a track, for a sweep over them."""
+def _slot_rows(plan: Plan) -> list[tuple[str, str]]:
+    """Return surfaces with the settings of their slots as rows of a track, for a sweep over them."""
     tracks = ((name, figures.get("track")) for name, figures in surface_figures(plan, plan.largest).items())
     rows = ((name, ",".join(f"{value:.9g}" for value in row)) for name, row in tracks if row)
-    return [f"{name}: as a row of --track (parameter,angle,dx,dy): {row}" for name, row in rows]
+    return [(name, f"as a row of --track (parameter,angle,dx,dy): {row}") for name, row in rows]
 
 
 def _box_lines(plan: BoxPlan) -> list[str]:

@@ -49,8 +49,10 @@ EXAMPLES = {
             "--angle 12 --motion blended",
             "--surface rudder --fixed fin --hinge 0.94642,0,0.2133 0.87672,0,0.0955 --angle 15 --motion blended",
             "--surface tail_left --motion root --on fuselage_panel_left --fixed fuselage --fixed fuselage_rear "
+            "--fixed ventral_left "
             "--hinge 0.86842,-0.2228,-0.01163 0.86842,-0.06598,-0.01163 --angle 12",
             "--surface tail_right --motion root --on fuselage_panel_right --fixed fuselage --fixed fuselage_rear "
+            "--fixed ventral_right "
             "--hinge 0.86842,0.06598,-0.01163 0.86842,0.2228,-0.01163 --angle 12",
         ),
     ),
@@ -214,10 +216,7 @@ def apply(
     lines = [f"{file}: {moved} of {points} points moved" for file, points, moved in done.files]
     if done.missing:
         lines.append(f"{done.missing} of {done.places} places of {plan} are in none of these meshes")
-    if not done.measured:
-        lines.append("not measured: the surfaces were measured one at a time; sdm quality judges the cells")
-    lines += [f"FAILED: {text}; do not use the mesh as it is" for text in done.faults]
-    options.print_either(as_json, {**asdict(done), "files": files}, *lines)
+    options.print_either(as_json, {**asdict(done), "files": files, "verdict": done.verdict}, *lines, done.verdict)
     return options.code_of(not done.faults)
 
 
@@ -291,7 +290,7 @@ def example(folder: Path, fighter: bool, layers: bool) -> None:
         beside.write_bytes(lzma.decompress(files("sdm_deflect.cases").joinpath(f"{mesh.name}.xz").read_bytes()))
     about, commands = EXAMPLES[mesh.name]
     click.echo(f"wrote {', '.join(map(str, (mesh, *settings)))}: {about}. Next:")
-    for words in (*commands, *(f"--config {out}" for out in settings)):
+    for words in (*(f"--config {out}" for out in settings), *commands):
         click.echo(f"sdm deflect {mesh} {words}")
 
 

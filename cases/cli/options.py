@@ -202,7 +202,7 @@ def print_tables(*tables: Any) -> None:
 
     out = console()
     for table in tables:
-        out.print(plain(table) if isinstance(table, str) else table, soft_wrap=isinstance(table, str))
+        out.print(plain(table) if isinstance(table, str) else table, soft_wrap=isinstance(table, str), crop=False)
 
 
 def print_either(as_json: bool, figures: Any, *tables: Any) -> None:

@@ -66,22 +66,24 @@ def run(
     if as_json:
         click.echo((folder / "metrics.json").read_text(encoding="utf-8"), nl=False)
     else:
-        options.print_tables(case_table(result, folder))
+        options.print_tables(case_table(result, folder, verbose))
     return options.code_of(result.passed)
 
 
-def case_table(run: "Run", folder: Path) -> "Group":
+def case_table(run: "Run", folder: Path, whole: bool) -> "Group":
     """Return the `result_table` of a case in a folder, with the figures that only cases have."""
     from sdm_deflect.cases.run.deflect_file import Outcome, PoseSummary
+    from sdm_deflect.deform.checks import tally
 
-    from .console import result_table, rigid_lines
+    from .console import page_of, result_table, rigid_lines
 
     notes = [f"{run.case.title}, {run.case.scale}, {run.case.strategy}", run.guide, *rigid_lines(run.checks)]
+    notes += [] if whole else [f"{tally(run.checks)} checks passed (--verbose: each)"]
     for state, quality in (("slides", run.deflection.quality[0]), ("is pinned", run.pinned)) if run.pinned else ():
         share = f"{percent(quality.below_0_4, 3)} below 0.4, {quality.inverted} inverted"
         notes.append(f"least quality inside if the Chimera face {state}: {quality.min:.3f}, {share}")
-    summary = PoseSummary.of(run.deflection, run.checks)
-    return result_table(Outcome(run.deflection.plan, (summary,), (folder,), (), (), tuple(notes)), whole=True)
+    summary, pages = PoseSummary.of(run.deflection, run.checks), (folder,) if page_of(folder).exists() else ()
+    return result_table(Outcome(run.deflection.plan, (summary,), (folder,), pages, (), tuple(notes)), whole)
 
 
 @click.command()

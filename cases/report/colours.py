@@ -15,6 +15,8 @@ PALETTE = dict(
 )
 MOVES, STAYS, EDGE, CELLS, BOX, WORSE = (PALETTE[name] for name in ("moves", "stays", "edge", "cells", "box", "worse"))
 INK, SOFT, BAD = PALETTE["ink"], PALETTE["soft"], PALETTE["bad"]
+# Of the directions x, y and z.
+XYZ = MOVES, WORSE, INK
 # Darkest ends of scales: of what is worse, of what moves, and of what is better.
 DARKEST, NAVY, BETTER = "#6b1503", "#0b2c52", "#0a6b4f"
 

@@ -15,10 +15,11 @@ import numpy as np
 from sdm_deflect.base.arrays import FloatArray, IntArray
 from sdm_deflect.base.errors import InputError
 from sdm_deflect.base.unpacking import damaged, read_arrays
-from sdm_deflect.cases.run.metrics import Json, width_setting
+from sdm_deflect.cases.run.advice import narrower_setting, wider_setting
+from sdm_deflect.cases.run.metrics import Json, signed
 from sdm_deflect.cases.run.output import text_of
 from sdm_deflect.deform.box.hexahedron import Hexahedron
-from sdm_deflect.deform.checks import Check
+from sdm_deflect.deform.checks import Check, Grade, grade
 from sdm_deflect.deform.mesh_motion import MeshMotion, control_name, panels_of
 from sdm_deflect.deform.rbf.data_sites import DIRECTIONS
 from sdm_deflect.deform.surface.surface import name_of
@@ -34,8 +35,6 @@ from sdm_deflect.meshing.mesh.standard import parts_of
 
 from .near import with_near_cells
 
-# Name, value, unit and meaning of settings.
-Rows = list[tuple[str, str, str, str]]
 # What a folder is not whose files are damaged.
 RUN = "whole folder of a run"
 # Margin around a box of what slices show, by its size.
@@ -44,6 +43,19 @@ AROUND = 0.13
 WIDE = 0.9
 # Patches larger than this multiple of the moving and fixed ones together are hidden at first.
 LARGER = 3.0
+
+
+class SettingRow(NamedTuple):
+    """A setting: its name, value, unit and meaning, and whether it differs from the usual one."""
+
+    name: str
+    value: str
+    unit: str
+    meaning: str
+    differs: bool
+
+
+Rows = list[SettingRow]
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,12 +127,13 @@ class MovedSurface:
 
     Attributes
     ----------
-    name : name of the surface, or else of its patches.
+    name, label : name of the surface, or else of its patches, and names of the patches, as figures have them.
     amount, unit : its amount, in degrees or as a share of a table.
     patches : names of its patches.
     nodes : (K,) its nodes.
     axis : its hinge, None without one.
-    width : name of the setting of a blended width beside it, ``"strip"`` or ``"panel"``, or empty.
+    wider : the setting that blends it over a larger width, such as ``--strip 0.3``; empty without one.
+    narrower : the setting that blends it over a smaller width; empty without one.
     control : name of the surface in a plan.
     panel : those of its patches that follow its root on the body.
     place : what a track's amount means in words, its angle and its shift; empty for other motions.
@@ -132,7 +145,9 @@ class MovedSurface:
     patches: tuple[str, ...]
     nodes: IntArray = field(repr=False)
     axis: Axis | None = None
-    width: str = ""
+    wider: str = ""
+    narrower: str = ""
+    label: str = ""
     control: str = ""
     panel: tuple[str, ...] = ()
     place: str = ""
@@ -179,7 +194,9 @@ class Box:
                 patches=surface.patches,
                 nodes=surface.nodes,
                 axis=moving.motion.axis,
-                width=width_setting(moving.motion, plan.mesh.plane),
+                wider=wider_setting(moving.motion, plan.mesh.plane),
+                narrower=narrower_setting(moving.motion, plan.mesh.plane),
+                label=surface.label,
                 control=control_name(moving, surface),
                 panel=panels_of(moving, surface),
                 place=_place(law, amount) if isinstance(law, TrackLaw) else "",
@@ -197,6 +214,14 @@ class Box:
             tolerance=plan.sites.tolerance,
             fits=fits,
         )
+
+
+class ProposedHinge(NamedTuple):
+    """A hinge of a patch, as `sdm quality` proposes it: two points, as words of the command line, and their places."""
+
+    patch: str
+    text: str
+    ends: tuple[tuple[float, ...], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,6 +245,7 @@ class ReportData:
     interpolated : (N, 3) before a repair moved nodes, None if none did.
     motion : plan that moves the mesh to other amounts, or None.
     moves : command that moves the mesh, with AMOUNTS to replace.
+    hinges, beside : of a mesh in which nothing moves: proposed hinges, and the patches that meet each patch.
     checks : the verdict; empty until the mesh is judged.
     figures : the content of metrics.json; empty until then.
     """
@@ -242,6 +268,8 @@ class ReportData:
     interpolated: FloatArray | None = field(default=None, repr=False)
     motion: MeshMotion | None = field(default=None, repr=False)
     moves: str = ""
+    hinges: tuple[ProposedHinge, ...] = ()
+    beside: dict[str, tuple[str, ...]] = field(default_factory=dict)
     checks: tuple[Check, ...] = ()
     figures: Json = field(default_factory=dict, repr=False)
 
@@ -268,7 +296,12 @@ class ReportData:
     @property
     def passed(self) -> bool:
         """True if every check passed."""
-        return all(check.passed for check in self.checks)
+        return self.grade != "FAILED"
+
+    @property
+    def grade(self) -> Grade:
+        """The verdict in a word."""
+        return grade(self.checks)
 
     @cached_property
     def after(self) -> tuple[tuple[Quality, ...], ...]:
@@ -296,12 +329,6 @@ class ReportData:
     def with_verdict(self, checks: tuple[Check, ...], figures: Json) -> "ReportData":
         """Return the data with the verdict and the content of metrics.json."""
         return replace(self, checks=checks, figures=figures)
-
-
-def signed(amount: float, unit: str) -> str:
-    """Return an amount with its sign and unit, as pages show it: ``+15°``, ``−0.5 of the table``."""
-    number = f"{amount:+g}".replace("-", "\N{MINUS SIGN}")
-    return f"{number}\N{DEGREE SIGN}" if unit == "deg" else f"{number} {unit}"
 
 
 def _place(law: TrackLaw, amount: float) -> str:
@@ -432,9 +459,12 @@ def _check(row: Json) -> Check:
     return Check(**values | {"value": nan if row["value"] is None else row["value"]})
 
 
-def rows_of(settings: Mapping[str, Any]) -> Rows:
-    """Return settings as rows of a table, without units and meanings."""
-    return [(name, as_text(value), "", "") for name, value in settings.items()]
+def rows_of(settings: Mapping[str, Any], usual: Mapping[str, Any]) -> Rows:
+    """Return settings as rows of a table, beside the `usual` ones; without units and meanings."""
+    return [
+        SettingRow(name, as_text(value), "", "", name not in usual or usual[name] != value)
+        for name, value in settings.items()
+    ]
 
 
 def as_text(value: Any) -> str:

@@ -7,16 +7,22 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sdm_deflect.base.arrays import FloatArray
-from sdm_deflect.meshing.mesh.quality import MEASURES
+from sdm_deflect.deform.volume.deflection import POOR
+from sdm_deflect.meshing.mesh.quality import MEASURES, PLURALS
 
+from .colours import BAD, INK, MOVES, PALETTE, SOFT, WORSE, XYZ
 from .data import Box, ReportData, qualities
 
 # Lines of the directions x, y, z; dashes and markers tell them apart without colour.
-STYLES = (
-    {"color": "#1a73c9", "ls": "-", "marker": "o"},
-    {"color": "#d1350f", "ls": "--", "marker": "s"},
-    {"color": "#333333", "ls": ":", "marker": "^"},
+STYLES = tuple(
+    {"color": colour, "ls": dash, "marker": marker}
+    for colour, dash, marker in zip(XYZ, ("-", "--", ":"), "os^", strict=True)
 )
+# Number of boxes and types from which on one panel has a row for each, and its inches: in all, of a row, of the axis.
+MANY, ROW_WIDE, ROW, ROW_FOOT = 3, 9.2, 0.42, 1.0
+STATISTICS = ("worst cell", "1 %", "mean")
+# A difference of quality that a reader sees.
+SEEN = 5e-4
 # Inches to the left, to the right, below and above each panel.
 MARGINS = 0.75, 0.12, 0.52, 0.32
 # Residuals below this share of the tolerance are drawn there: an axis of logarithms has no zero.
@@ -64,12 +70,52 @@ def convergence(data: ReportData) -> tuple[Figure, str]:
 
 
 def quality(data: ReportData) -> tuple[Figure, str]:
-    """Plot the quality of cells that touch each hexahedron, by type; return the figure with a description."""
+    """Plot the quality of cells that touch each hexahedron, by type; return the figure with a description.
+
+    Many types and boxes have a row each in one panel, few a histogram each.
+    """
     states = list(data.states.values())
     parts = [(box, *pair) for box in data.boxes for pair in qualities(box.affected, states).items()]
+    if len(parts) >= MANY:
+        return _rows([(_named(box, shape), values[0], values[-1]) for box, shape, values in parts])
     figure, axes = panels(len(parts))
     texts = [_histogram(data, panel, *part) for panel, part in zip(axes, parts, strict=True)]
     return figure, "Histograms of the quality of cells before and after the deflection. " + " ".join(texts)
+
+
+def _named(box: Box, shape: str) -> str:
+    """Return the name of a box, with the type of its cells if they are no tetrahedra."""
+    return box.name if shape == "tetra" else f"{box.name}, {PLURALS[shape]}"
+
+
+def _rows(parts: list[tuple[str, FloatArray, FloatArray]]) -> tuple[Figure, str]:
+    """Draw worst, 1 % and mean quality before and after, a row for each name; return the figure and a description."""
+    least = min(0.0, *(float(values.min()) for _, *both in parts for values in both))
+    figure = Figure(figsize=(ROW_WIDE, ROW * len(parts) + ROW_FOOT), layout="constrained")
+    axes, texts = figure.subplots(), []
+    axes.axvspan(least, POOR, color=PALETTE["warn-ground"], lw=0)
+    for y, (name, *both) in enumerate(parts):
+        before, after = ((values.min(), np.percentile(values, 1.0), values.mean()) for values in both)
+        for k, (old, new) in enumerate(zip(before, after, strict=True)):
+            colour = WORSE if k == 0 and new < old - SEEN else MOVES
+            axes.plot((old, new), (y, y), color=colour, lw=2.5)
+            axes.plot(old, y, "o", ms=7, mfc="white", mec=SOFT, mew=1.5)
+            axes.plot(new, y, "o", ms=6, color=colour)
+            if k < 2:
+                shown = {"color": BAD if colour == WORSE else INK, "fontsize": 9, "ha": "right", "va": "center"}
+                axes.annotate(f"{new:.3f}", (min(old, new), y), xytext=(-8, 0), textcoords="offset points", **shown)
+            if not y:
+                axes.annotate(
+                    STATISTICS[k], (new, y), xytext=(0, 12), textcoords="offset points", ha="center", fontsize=9
+                )
+        texts.append(f"{name}: worst {before[0]:.3f} before, {after[0]:.3f} after.")
+    axes.set_yticks(range(len(parts)), [name for name, *_ in parts], weight="bold")
+    axes.set(xlim=(least, 1.0), ylim=(len(parts) - 0.5, -0.9))
+    axes.set_xlabel("quality of the cells at each box (1: regular, 0: flat); open: before, filled: after; shaded: poor")
+    axes.spines[["left", "right", "top"]].set_visible(False)
+    axes.tick_params(axis="y", length=0)
+    axes.grid(axis="x", alpha=0.3)
+    return figure, "Worst, 1 % and mean quality of the cells before and after. " + " ".join(texts)
 
 
 def _histogram(data: ReportData, axes: Axes, box: Box, shape: str, values: FloatArray) -> str:
@@ -79,13 +125,14 @@ def _histogram(data: ReportData, axes: Axes, box: Box, shape: str, values: Float
     bars(axes, after, bins, "deflected", color="#8bb8e6", fill=True)
     bars(axes, before, bins, "undeflected", color="black", lw=1.4)
     if len(values) > 2:
-        bars(axes, values[1], bins, "deflected, before the repair", color="#1a73c9", lw=1.4, ls="--")
+        bars(axes, values[1], bins, "deflected, before the repair", color=MOVES, lw=1.4, ls="--")
     if data.quality_limit is not None and shape == "tetra":
         axes.axvline(data.quality_limit, color="0.35", lw=1, ls="--", label=f"limit {data.quality_limit:g}")
     label = f"{MEASURES[shape]} of a cell"
     axes.set(xlabel=label, ylabel="cells (log above 1)", yscale="symlog", xlim=(bins[0], bins[-1]))
-    name = box.name if shape == "tetra" else f"{box.name}, {shape}"
-    axes.set_title(f"{name}: smallest {before.min():.3f} before, {after.min():.3f} after", fontsize="medium")
+    axes.set_title(
+        f"{_named(box, shape)}: smallest {before.min():.3f} before, {after.min():.3f} after", fontsize="medium"
+    )
     axes.legend(loc="upper left", fontsize="small")
     axes.grid(alpha=0.3)
     return (

@@ -196,7 +196,7 @@ def job_data(
     moves = "; ".join(f"{surface.name} by {surface.amount_text}" for box in boxes for surface in box.surfaces)
     shown = in_view(mesh, (*plan.patches, *plan.stays))
     places, nested = mesh.points[mesh.on(*shown)], loads(settings)
-    tables = {f"surface[{i}]": rows_of(row) for i, row in enumerate(nested.pop("surface", []))}
+    tables = {f"surface[{i}]": rows_of(row, {}) for i, row in enumerate(nested.pop("surface", []))}
     return ReportData(
         title=f"{mesh.name}: {moves}",
         subject=mesh.name,
@@ -214,7 +214,7 @@ def job_data(
         settings_file=SETTINGS,
         repeat=shlex.join(["sdm", "deflect", _source(nested, folder), "--config", str(Path(folder, SETTINGS))]),
         moves=shlex.join(["sdm", "apply", str(Path(folder, PLAN)), "--angle=AMOUNTS", _source(nested, folder)]),
-        tables={"settings": rows_of(nested), **tables},
+        tables={"settings": rows_of(nested, table_of(JobOptions(), JobOptions)), **tables},
         middle=0.5 * (places.min(axis=0) + places.max(axis=0)),
         drawn=shown,
         hidden=tuple(name for name in mesh.names if name not in shown),

@@ -1,12 +1,17 @@
 """The page of an undeflected mesh, whose patches can be turned and clicked."""
 
-from collections.abc import Iterator
+import shlex
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from sdm_deflect.base.files import fresh, permitted_as
+from sdm_deflect.cases.run.inspection import hinges_of
+from sdm_deflect.deform.surface.hinges import ends_text
 from sdm_deflect.meshing.mesh.mesh import Mesh
 
-from .data import MESH_UNITS, ReportData, diagonal
+from .data import MESH_UNITS, ProposedHinge, ReportData, diagonal
 from .page import HERE, picture, templates
 from .scene3d import turnable
 
@@ -33,15 +38,32 @@ def page_of(mesh: Mesh) -> str:
         length=MESH_UNITS,
         settings="",
         settings_file="",
-        repeat="",
+        repeat=shlex.quote(mesh.source or "MESH"),
         tables={},
         middle=mesh.points.mean(axis=0),
         drawn=shown,
         hidden=tuple(name for name in mesh.names if name not in shown),
+        hinges=tuple(_hinges(mesh)),
+        beside={name: tuple(_beside(mesh, name, shown)) for name in shown},
     )
     template = templates(HERE).get_template("mesh.html")
     seen = picture(data, turnable(data, most_triangles=MOST_TRIANGLES))
     return template.render(seen, cells=sum(mesh.cell_counts), patches=list(_patches(mesh)))
+
+
+def _hinges(mesh: Mesh) -> Iterator[ProposedHinge]:
+    """Yield the hinges that `sdm quality` proposes."""
+    for name, hinges in hinges_of(mesh).items():
+        for ends in hinges:
+            yield ProposedHinge(name, ends_text(ends), tuple(tuple(end) for end in ends))
+
+
+def _beside(mesh: Mesh, name: str, names: Sequence[str]) -> Iterator[str]:
+    """Yield those of other patches that share a node with a patch: they stay, and it is blended between them."""
+    own = mesh.patch(name).nodes
+    return (
+        other for other in names if other != name and np.isin(mesh.patch(other).nodes, own, assume_unique=True).any()
+    )
 
 
 def write_mesh_page(mesh: Mesh, out: Path) -> None:

@@ -10,19 +10,20 @@ from io import BytesIO
 from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, TemplateError
-from markupsafe import Markup
+from markupsafe import Markup, escape
 from PIL import Image
 
 from sdm_deflect.base.errors import InputError
-from sdm_deflect.base.numbers import apart
+from sdm_deflect.base.numbers import apart, percent
 from sdm_deflect.base.unpacking import damaged
-from sdm_deflect.cases.run.metrics import Json, face_rows, kernel_text
+from sdm_deflect.cases.run.advice import advice
+from sdm_deflect.cases.run.metrics import REACHED, Json, face_rows, kernel_text, repair_text
 from sdm_deflect.cases.run.output import surroundings, versions
 from sdm_deflect.deform.checks import verdict
 from sdm_deflect.meshing.mesh.quality import Quality
 
 from .data import ReportData, measure_in_words
-from .pictures import Exhibit, Gallery
+from .pictures import SHARPER, Exhibit, Gallery
 from .scene3d import pack, turnable
 
 HERE = "sdm_deflect.cases.report"
@@ -30,8 +31,6 @@ HERE = "sdm_deflect.cases.report"
 LIBRARY = "three.min.js.gz"
 # Bytes of a page. Of a larger one some pictures stay in the folder `figures`, and the page names them.
 LARGEST = 4_000_000
-# Largest bytes of a picture that stays a PNG in the page: text is sharper so, and a WebP would save little.
-SMALL = 40_000
 CHECKS = {
     "slid_on_surfaces": "nodes of fixed surfaces that the repair moved, from the undeflected surface",
     "outside_moved": "largest displacement outside the boxes",
@@ -65,28 +64,6 @@ OF_PATCHES = {
     "on": "nodes of a sliding patch from its shape",
     "periodic": "nodes of a periodic pair from the images of their partners, over the largest coordinate",
     "plane": "nodes on the sides of a case one cell thick from their partners' images and their side, the same",
-}
-WIDER = "a wider one"
-LARGER_BOX = ("a smaller angle", "a larger --margin")
-# What to try where a check of the deflected mesh fails, by its cause or its name.
-# `WIDER` stands for the widths of its surfaces.
-REMEDIES = {
-    "inverted_cells": (*LARGER_BOX, WIDER),
-    "surfaces_crossed": ("a smaller angle", "a hinge farther from the other surface"),
-    "quality_min": (*LARGER_BOX, "--repair always"),
-    "non_orthogonality_max": LARGER_BOX,
-    "skewness_max": LARGER_BOX,
-    "shear": (WIDER, "a smaller angle"),
-    "gap": ("a smaller angle", "thinner layers", "an overset block"),
-    "repair": ("--repair off",),
-    "following": ("near_wall = true",),
-}
-# What helps where a check of the settings, the patches or the file fails.
-OTHER_REMEDIES = {
-    "left_behind": "Name the other patch or zone, too.",
-    "nodes_parted": "Name both patches in fixed, or pair them by --periodic.",
-    "site_error": "Raise max_centers, or the tolerance.",
-    "rounding": "Write a format of double precision.",
 }
 STATES = {
     "before": "undeflected",
@@ -129,7 +106,8 @@ def page(data: ReportData, gallery: Gallery) -> str:
     data = data.near
     jinja = templates(HERE)
     jinja.filters |= {"apart": apart, "degrees": degrees, "pixels": pixels, "meaning": meaning, "kernel": kernel_text}
-    jinja.filters["verdict"], jinja.filters["remedies"] = verdict, remedies
+    jinja.filters |= {"verdict": verdict, "remedies": remedies, "turns": turns, "first_sentence": first_sentence}
+    jinja.filters |= {"failures": failures, "coded": coded, "repair": repair_text}
     shown = {
         **picture(data, turnable(data)),
         "figures": data.figures,
@@ -187,34 +165,49 @@ def read(package: str, *name: str) -> Markup:
 
 
 def inline(exhibit: Exhibit) -> str:
-    """Return a picture as a data address; large ones as WebP, which takes half of their bytes."""
-    content = exhibit.path.read_bytes()
-    if len(content) <= SMALL:
-        return "data:image/png;base64," + b64encode(content).decode("ascii")
+    """Return a picture as a data address, as WebP without loss: lines and letters stay sharp in fewer bytes."""
     packed = BytesIO()
     with Image.open(exhibit.path) as image:
-        image.convert("RGB").save(packed, "webp", quality=82, method=6)
+        image.convert("RGB").save(packed, "webp", lossless=True, quality=100, method=4)
     return "data:image/webp;base64," + b64encode(packed.getvalue()).decode("ascii")
 
 
 def pixels(exhibit: Exhibit) -> tuple[int, int]:
-    """Return width and height of a picture, so that the page does not jump while it loads."""
+    """Return width and height of a picture in the page, which does not jump then while it loads."""
     with Image.open(exhibit.path) as image:
-        return image.size
+        width, height = image.size
+    return round(width / SHARPER), round(height / SHARPER)
 
 
-def remedies(data: ReportData) -> tuple[str, ...]:
-    """Return the advice for failed checks, each once; none for an undeflected mesh, because no setting helps it."""
-    failed = [check.cause or check.name.partition(":")[0] for check in data.checks if not check.passed]
-    moved = any(surface.amount for surface in data.surfaces)
-    widths = [
-        f"a wider --{name}" for name in dict.fromkeys(surface.width for surface in data.surfaces if surface.width)
-    ]
-    advice = [OTHER_REMEDIES[name] for name in failed if name in OTHER_REMEDIES]
-    for name in failed if moved else ():
-        options = [text for word in REMEDIES.get(name, ()) for text in (widths if word == WIDER else [word])]
-        advice += [f"Try {', '.join(options[:-1])}{' or ' if options[1:] else ''}{options[-1]}."] if options else []
-    return tuple(dict.fromkeys(advice))
+def remedies(data: ReportData) -> Iterator[str]:
+    """Return advice for checks that failed or have a reservation."""
+    wider = dict.fromkeys(surface.wider for surface in data.surfaces if surface.wider)
+    return advice(data.checks, tuple(wider), any(surface.amount for surface in data.surfaces))
+
+
+def turns(data: ReportData) -> Iterator[str]:
+    """Yield a sentence for each surface that turns by clearly less than its angle on average."""
+    for surface in data.surfaces:
+        reached = (data.figures.get("motion") or {}).get(surface.label) or {}
+        if surface.amount and reached.get("mean", 1.0) < REACHED:
+            narrower = f" Narrower ends: {surface.narrower}." if surface.narrower else ""
+            where = f"{surface.amount_text} in the middle and by less towards its ends: " * bool(reached["full"])
+            yield f"{surface.name} turns by {where}{percent(reached['mean'])} on average.{narrower}"
+
+
+def failures(text: str) -> str:
+    """Return from a verdict how many checks failed, and which."""
+    return text.partition("; ")[2].replace(" checks: ", " checks failed: ")
+
+
+def coded(text: str) -> Markup:
+    """Return a text whose words between backticks, and options, are shown as code."""
+    return Markup(re.sub(r"`([^`]+)`|(--[\w-]+(?: [\d.]+\d)?)", r"<code>\1\2</code>", str(escape(text))))
+
+
+def first_sentence(text: str) -> str:
+    """Return a description without its numbers, which stand in tables."""
+    return text.partition(". ")[0].removesuffix(".") + "."
 
 
 def degrees(text: str) -> str:

@@ -22,10 +22,11 @@ LARGEST = 300_000
 LADDER = ((110, 1), (110, 4), (95, 4), (80, 4), (65, 4))
 # Dots per inch of a picture for a paper.
 SHOWN = 300
-# Dots per inch of a picture for a page that may be printed.
-SHARP = 92
-# Dots per inch of sections, which have fine lines.
-FINE = 110
+# Dots per inch of plots and of sections, which have fine lines, as a page shows them; pixels for one of the
+# page: screens and paper have more.
+PLAIN, FINE, SHARPER = 92, 110, 1.55
+# Colours of a picture: with fewer, scales show steps.
+COLOURS = 64
 # Colours (0 to 255) from which on white was meant.
 WHITE = 252
 # Part of the page, name of a surface, figure, and what it shows in words.
@@ -104,8 +105,8 @@ def save_figure(folder: Path, part: str, name: str, figure: Figure, alternative:
     """Write a figure of one part of the page, such as of one surface, into a folder."""
     harmless = re.sub(r"[^\w.+-]", "_", f"{part}_{name}" if name else part)
     path = folder / f"{harmless}.png"
-    pixels = pixels_of(figure, FINE if part == "slices" else SHARP).quantize(
-        160, method=ImageFile.Quantize.FASTOCTREE, dither=ImageFile.Dither.NONE
+    pixels = pixels_of(figure, round(SHARPER * (FINE if part == "slices" else PLAIN))).quantize(
+        COLOURS, method=ImageFile.Quantize.FASTOCTREE, dither=ImageFile.Dither.NONE
     )
     pixels.putpalette([shade if shade < WHITE else 255 for shade in pixels.getpalette() or ()])
     pixels.save(path, "png", optimize=True)

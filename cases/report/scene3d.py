@@ -41,8 +41,6 @@ FLAT = 1e-3
 # Share of the largest displacement that the tip of a surface has at least, at which its label stands. The tip of a
 # swept tail moves less than the ends of its root.
 FAR = 0.35
-# Largest number of patches that have a label in the picture of a mesh in which nothing moves: more cover one another.
-MOST_LABELS = 8
 # Number of amounts at which a page stores a track's functions; it interpolates between them.
 SAMPLES = 501
 # Edges at which faces turn by more degrees stay as they are in thinned patches.
@@ -148,9 +146,13 @@ def turnable(data: ReportData, most_cells: int = 0, most_triangles: int = MOST_T
             "displacement": colours.shades(colours.DISPLACEMENT),
             "change": colours.shades(colours.CHANGE),
             "changes": [colours.CHANGES.vmin, colours.CHANGES.vmax],
+            "lost": colours.LOST,
         },
         "measure": measure_in_words(data.boxes),
-        "failed": [check.name for check in data.checks if not check.passed],
+        "grade": data.grade if data.checks else "",
+        "source": data.repeat,
+        "hinges": [hinge._asdict() for hinge in data.hinges],
+        "beside": data.beside,
         "plane": data.mesh.plane,
         "unit": data.length.shown,
         "factor": data.length.factor,
@@ -168,7 +170,7 @@ def _crossed(data: ReportData) -> FloatArray:
 def labels(data: ReportData, parts: list[Json]) -> Iterator[Json]:
     """Yield the name of each surface, its amount in words, and the patch and row of the node at its tip.
 
-    Where nothing moves, the largest patches have labels.
+    Where nothing moves, all patches have labels, small ones first: the page leaves out those that would cover others.
     """
     nodes = {part["own"]: np.frombuffer(b64decode(part["nodes"]), "<u4") for part in parts}
     for surface in data.surfaces:
@@ -178,7 +180,7 @@ def labels(data: ReportData, parts: list[Json]) -> Iterator[Json]:
             place = {"own": name, "row": int(np.searchsorted(nodes[name], node))}
             yield {"name": surface.name, "control": surface.control, "amount": surface.amount_text, **place}
     shown = [] if data.surfaces else [part["own"] for part in parts if not part["hidden"]]
-    for name in sorted(shown, key=lambda name: -diagonal(data.mesh.points[nodes[name]]))[:MOST_LABELS]:
+    for name in sorted(shown, key=lambda name: diagonal(data.mesh.points[nodes[name]])):
         places = data.mesh.points[nodes[name]]
         row = int(np.argmin(np.linalg.norm(places - places.mean(axis=0), axis=1)))
         yield {"name": name, "control": "", "amount": "", "own": name, "row": row}
@@ -262,7 +264,7 @@ def dots(data: ReportData) -> Iterator[Json]:
     sites = [data.mesh.points[box.sites] for box in data.boxes]
     yield _dots("sites", "sites on the surface", sites, colours.WORSE)
     yield _dots("sites", "sites of zero displacement", [box.zero for box in data.boxes], colours.NAVY)
-    for direction, colour in zip("xyz", (colours.MOVES, colours.WORSE, colours.INK), strict=True):
+    for direction, colour in zip("xyz", colours.XYZ, strict=True):
         centres = [box.fits.centres[direction] for box in data.boxes if direction in box.fits.centres]
         if centres:
             yield _dots("centres", f"centres for {direction}", centres, colour)
@@ -351,7 +353,7 @@ def views(data: ReportData) -> Iterator[Json]:
         for surface in box.surfaces if len(data.surfaces) > 1 else ():
             yield _view(data, surface.name, every[i]) | {"patches": list(surface.patches), "box": i}
     drawn = np.vstack([data.mesh.points[data.mesh.on(*data.drawn)], *every])
-    yield _view(data, "everything", drawn) | {"patches": [], "box": None}
+    yield _view(data, "everything", drawn) | {"patches": [] if data.boxes else list(data.drawn), "box": None}
 
 
 def _corners_shown(data: ReportData, box: Box) -> FloatArray:

@@ -33,11 +33,15 @@ BOX_EDGES = np.array(hexahedron.EDGES)
 AXES = "xyz"
 # Largest distance of a section's nodes from it, as a share of the span.
 BESIDE = 0.03
-# Half the width of a panel, in chords of what moves: the whole surface with as much again around it, and its hinge or
-# trailing edge, where single cells of a coarse mesh can be told apart.
+# Half the width of a panel, in chords of what moves: the whole surface with as much again around it, and the worst
+# cell, where single cells of a coarse mesh can be told apart.
 WHOLE, CLOSE = 0.95, 0.35
 # Width over height of a panel, and the inches of a panel's width, of the margins around it, and of the legend.
-RATIO, WIDE, SIDE, HEAD, FOOT = 1.5, 4.7, 0.6, 0.56, 0.5
+RATIO, WIDE, SIDE, HEAD, FOOT = 1.5, 4.7, 0.6, 0.56, 0.62
+# Share of a panel's height from which on the number of its worst cell stands below the cell.
+LOWER = 0.85
+# Least distance of a section from the ends of a box, by its width.
+INSIDE = 1e-3
 # Quality below which a cell is outlined: three times what is poor in a check, so that cells on the way there show.
 POOR = 0.3
 # Number of surfaces from which on each has the section of the whole surface alone: pages stay small.
@@ -102,35 +106,35 @@ def directions(points: FloatArray, surface: MovedSurface) -> tuple[int, int]:
 
 
 def planes(data: ReportData, box: Box, surface: MovedSurface) -> tuple[CutPlane, ...]:
-    """Return sections at half span: of the whole surface, around the hinge, and around the trailing edge.
+    """Return the section at half span of the whole surface, and one through the worst cell near it.
 
-    The section of a plane mesh is its plane. The trailing edge is at the node of the section that moves farthest. A
-    motion without a hinge has no section around one. If layers changed, the last section is at their largest change.
-    Where many surfaces moved, each has the first section alone.
+    The section of a plane mesh is its plane. If layers changed, a further section is at their largest change. Where
+    many surfaces moved, each has the first section alone.
     """
     points = data.mesh.points[surface.nodes]
     span, chordwise = (2, 0) if data.mesh.plane else directions(data.mesh.points, surface)
     half = float(points[:, span].min() + points[:, span].max()) / 2
     off = np.abs(points[:, span] - half)
     near = np.flatnonzero(off <= off.min() + BESIDE * np.ptp(points[:, span]))
-    ends = np.array([points[near], data.points[surface.nodes[near]]])
+    both = np.vstack([points[near], data.points[surface.nodes[near]]])
     chord = float(np.ptp(points[near, chordwise])) or float(np.ptp(points, axis=0).max())
-    edge = ends[:, np.argmax(np.linalg.norm(ends[1] - ends[0], axis=1))]
-    both = ends.reshape(-1, 3)
     what = "the plane" if data.mesh.plane else "section at half span"
     cuts = [CutPlane(span, half, what, _window((both.min(axis=0), both.max(axis=0)), WHOLE * chord, span))]
-    if len(data.surfaces) < MANY:
-        if surface.axis is not None:
-            along = surface.axis.direction[span]
-            hinge = surface.axis.point + (half - surface.axis.point[span]) / (along or np.inf) * surface.axis.direction
-            cuts.append(CutPlane(span, half, "at the hinge", _window((hinge, hinge), CLOSE * chord, span)))
-        low, high = edge.min(axis=0), edge.max(axis=0)
-        cuts.append(CutPlane(span, half, "at the trailing edge", _window((low, high), CLOSE * chord, span)))
+    if len(data.surfaces) < MANY and box.affected.count:
+        cell = data.points[box.affected.worst(data.points)].mean(axis=0)
+        station = half if data.mesh.plane else _within(box, float(cell[span]), span)
+        cuts.append(CutPlane(span, station, "at the worst cell", _window((cell, cell), CLOSE * chord, span)))
     for window in (np.array(check.window) for check in data.checks if check.window):
         if box.hexahedron.contains(window.mean(axis=0)[None]).all():
             station = half if data.mesh.plane else float(window[:, span].mean())
             cuts.append(CutPlane(span, station, "where layers changed most", window))
     return tuple(cuts)
+
+
+def _within(box: Box, station: float, axis: int) -> float:
+    """Return the station nearest to one at which a plane cuts a box: cells at it reach beyond."""
+    low, high = (float(end(box.hexahedron.corners[:, axis])) for end in (np.min, np.max))
+    return min(max(station, low + INSIDE * (high - low)), high - INSIDE * (high - low))
 
 
 def _window(ends: tuple[FloatArray, FloatArray], least: float, span: int) -> FloatArray:
@@ -248,7 +252,12 @@ def _mark(axes: Axes, place: FloatArray, quality: float) -> None:
     x, y = place
     axes.plot(x, y, "o", ms=17, mfc="none", mec=colours.WORSE, mew=1.6)
     looks = {"fontsize": 9, "weight": "bold", "color": colours.BAD, "textcoords": "offset points"}
-    note = axes.annotate(f"{quality:.3f}", (x, y), xytext=(11, 9), annotation_clip=True, **looks)
+    low, top = axes.get_ylim()
+    below = y > low + LOWER * (top - low)  # above it the title begins
+    note = axes.annotate(
+        f"{quality:.3f}", (x, y), xytext=(11, -9 if below else 9), va="top" if below else "bottom",
+        annotation_clip=True, **looks,
+    )  # fmt: skip
     note.set_bbox({"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0})
 
 

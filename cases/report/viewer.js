@@ -235,7 +235,7 @@
       for (let i = c; i < points.length; i += 3) { low = Math.min(low, points[i]); high = Math.max(high, points[i]); }
       return high - low;
     }));
-    let amounts = own.slice();
+    let amounts = own.slice(), chosen = ""; // the patch that was clicked, in a mesh in which nothing moves
     function segments(points, pairs) {
       const geometry = new THREE.BufferGeometry();
       geometry.setAttribute("position", points);
@@ -339,9 +339,9 @@
       patch.frame.material.color.set(hue(data.plane && patch.surface ? "moves" : "edge", where));
       if (shaded) patch.mesh.geometry.setAttribute("color", shades(distances(patch, at(patch)), data.colours.displacement, [0, farthest()]));
       patch.mesh.material.vertexColors = shaded;
-      patch.mesh.material.color.set(shaded ? "#ffffff" : hue(patch.surface ? "moves" : "stays", where));
+      patch.mesh.material.color.set(shaded ? "#ffffff" : hue(patch.surface || chosen === patch.own ? "moves" : "stays", where));
       if (patch.panel && !shaded) patch.mesh.material.color.lerp(new THREE.Color(hue("stays", where)), 0.65);
-      if (!shaded && !boxes.length) patch.mesh.material.color.multiplyScalar(1 - 0.09 * (row % 3)); // neighbours differ where nothing moves
+      if (!shaded && !boxes.length && chosen !== patch.own) patch.mesh.material.color.multiplyScalar(1 - 0.09 * (row % 3)); // neighbours differ where nothing moves
       patch.mesh.material.needsUpdate = true;
       patch.mesh.visible = visible && !data.plane;
       patch.wire.visible = visible && control("lines").checked && !data.plane;
@@ -354,7 +354,7 @@
     // Fill the triangles around the cells of a group that are below the threshold and in the section.
     function outside(group, threshold, change, table, [low, high]) {
       const values = group.quality[state], before = group.quality.undeflected, points = at(group), cut = cutter(group);
-      const rows = group.faces.length / group.corners, most = rows * group.table.length;
+      const rows = group.faces.length / group.corners, most = rows * group.table.length, whole = section()[0] >= 0;
       if (!group.mesh.geometry.getAttribute("position")) {
         for (const name of ["position", "color"]) group.mesh.geometry.setAttribute(name, positions(new Float32Array(3 * most)));
       }
@@ -362,8 +362,8 @@
       let filled = 0;
       for (let row = 0; row < rows; row += 1) {
         const cell = group.cell ? group.cell[row] : row, first = row * group.corners;
-        if (values[cell] >= threshold || !cut(first, group.corners)) continue;
         const value = change ? values[cell] - before[cell] : values[cell];
+        if ((change && !whole ? value > -data.colours.lost : values[cell] >= threshold) || !cut(first, group.corners)) continue;
         const colour = 3 * Math.max(0, Math.min(255, Math.round(255 * (value - low) / (high - low || 1))));
         for (let t = 0; t < group.table.length; t += 3) {
           for (let k = 0; k < 3; k += 1) {
@@ -401,13 +401,13 @@
       }
       const [scale, range] = change ? [data.colours.change, data.colours.changes] : [data.colours.shades, data.colours.range];
       for (const group of groups) {
-        group.mesh.visible = control("cells").checked && count > 0;
+        group.mesh.visible = control("cells").checked && (change || count > 0);
         group.mesh.material.vertexColors = true;
         if (group.mesh.visible) outside(group, threshold, change, colours(scale), range);
       }
       control("bar").hidden = true;
       if (coloured() === "displacement") bar("displacement, " + data.unit, data.colours.displacement, [0, farthest()]);
-      else if (control("cells").checked && count) bar(change ? "change of " + data.measure : data.measure, scale, range);
+      else if (control("cells").checked && (change || count)) bar(change ? "change of " + data.measure : data.measure, scale, range);
     }
 
     // A small cross in a corner says where x, y and z are.
@@ -478,7 +478,8 @@
         for (let i = 0; i < patch.edges.length; i += 2) d += `M${seen(patch.edges[i])}L${seen(patch.edges[i + 1])}`;
         layer.append(element("path", { class: patch.surface ? "moves" : "stays", d }));
       }
-      for (const label of lowest ? [] : named) {
+      const first = named.filter((one) => one.own === chosen);
+      for (const label of lowest ? [] : [...first, ...named.filter((one) => one.own !== chosen)]) {
         if (!shownPatches.has(label.patch.name)) continue;
         const points = at(label.patch), [x, y] = onScreen(points.subarray(3 * label.row, 3 * label.row + 3));
         if (x < 0 || y < 0 || x > wide || y > high) continue;
@@ -486,6 +487,7 @@
         const left = Math.min(Math.max(6, right ? x + 8 : x - 8 - width), wide - width - 6);
         let base = y < high / 2 ? y - 22 : y + 34;
         const apart = (one) => left > one[0] + one[2] || left + width < one[0] || Math.abs(base - one[1]) >= LINE;
+        if (!boxes.length && !taken.every(apart)) continue; // its name is in the list of patches
         for (let k = 0; k < 12 && !taken.every(apart); k += 1) base += y < high / 2 ? -LINE : LINE;
         base = Math.min(Math.max(base, 16), high - 30);
         taken.push([left, base, width]);
@@ -627,13 +629,35 @@
       });
       const own = Array.from(patch.points.subarray(3 * node, 3 * node + 3), (value) => Number((value / data.factor).toPrecision(6)));
       if (ends.length > 1) ends.splice(0);
-      ends.push({ place: Array.from(patch.points.subarray(3 * node, 3 * node + 3)), text: own.join(",") });
-      control("picked").textContent = `${patch.own}, undeflected node at ${own.join(",")}${ends.length > 1 ? `; ${hinge()}` : "; click a second node"}`;
-      control("copy-hinge").hidden = ends.length < 2;
-      control("picked").closest("details").open = true;
+      ends.push({ place: Array.from(patch.points.subarray(3 * node, 3 * node + 3)), text: own.join(","), patch: patch.own });
+      control("picked").textContent = `${patch.own}, undeflected node at ${own.join(",")}${ends.length > 1 ? "" : "; click a second node"}`;
+      hingeTold();
+      choose(ends.length > 1 ? ends[0].patch : patch.own);
+    }
+    function choose(name) {
+      chosen = boxes.length ? "" : name;
+      patches.forEach(surface);
       redraw();
     }
+    // The command that turns the patch of the first click about the hinge; a report has one of its own.
+    const words = (name) => (/^[\w.+-]+$/.test(name) ? name : `'${name.replaceAll("'", "'\\''")}'`);
     const hinge = () => `--hinge ${ends.map((one) => one.text).join(" ")}`;
+    function hingeTold() {
+      const whole = ends.length > 1, command = control("hinge-command"), beside = data.beside[whole ? ends[0].patch : ""] || [];
+      command.hidden = control("copy-hinge").hidden = !whole;
+      if (whole) {
+        command.textContent = boxes.length ? hinge() : [`sdm deflect ${data.source} --surface ${words(ends[0].patch)}`,
+          ...beside.map((name) => `--fixed ${words(name)}`), hinge(), `--angle 10${beside.length ? " --motion blended" : ""}`].join(" \\\n  ");
+      }
+      control("picked").closest("details").open = true;
+    }
+    function proposed({ patch, text, ends: places }) {
+      ends.splice(0, ends.length, ...places.map((place, i) => ({ place: place.map((value) => data.factor * value), text: text.split(" ")[i] || text, patch })));
+      if (text.split(" ").length < 2) ends.splice(1);
+      control("picked").textContent = `${patch}: the line at which its skin goes on`;
+      hingeTold();
+      choose(patch);
+    }
     // Points and line of the hinge, and an arrow that turns as a positive angle does, to the scale of the hinge.
     function hinged(layer) {
       const group = element("g", { class: "picked" }), places = ends.map((one) => one.place), seen = places.map(onScreen);
@@ -650,7 +674,7 @@
           element("path", { d: path([turnedBy(252, 0.75), turnedBy(270), turnedBy(252, 1.25)]) }),
           element("text", { x: turnedBy(0)[0] + 8, y: turnedBy(0)[1] }, "a positive angle turns so"));
       }
-      seen.forEach(([cx, cy], i) => group.append(element("circle", { class: "dot", cx, cy, r: 5 }), element("text", { x: cx + 9, y: cy - 8 }, String(i + 1))));
+      seen.forEach(([cx, cy], i) => group.append(element("circle", { class: "dot", cx, cy, r: 5 }), element("text", { x: cx - 9, y: cy - 8, "text-anchor": "end" }, String(i + 1))));
     }
 
     // The cell of lowest quality: where it is, its size, and how good it was before.
@@ -706,19 +730,19 @@
       draw();
     }
 
-    // The verdict on the mesh that is seen, and its least quality; null where the checks were not measured.
-    function judge(failed) {
-      const chip = control("verdict");
+    // The verdict on the mesh that is seen, and its least quality. The page's head has that on the mesh of the run.
+    const SIGNS = { passed: "\u2713", usable: "!", FAILED: "\u2717" };
+    function judge(grade, words) {
+      const chip = control("verdict"), least = control("least");
       if (!chip) return;
-      const words = failed === null ? "checks not measured here" : failed.length ? `\u2717 failed: ${failed.join(", ")}` : "\u2713 all checks passed";
-      chip.textContent = words;
-      chip.classList.toggle("passed", failed !== null && !failed.length);
-      chip.classList.toggle("failed", failed !== null && failed.length > 0);
-      const least = (name) => groups.reduce((found, group) => group.quality[name].reduce((one, value) => Math.min(one, value), found), Infinity);
-      const [now, before] = [least("deflected"), least("undeflected")];
-      control("least").textContent = Number.isFinite(now) ? now.toFixed(3).replace("-", "\u2212") : "";
+      chip.hidden = !words;
+      chip.textContent = words ? `${SIGNS[grade] || ""} ${words}`.trim() : "";
+      for (const one of [chip, least]) for (const name of Object.keys(SIGNS)) one.classList.toggle(name, name === grade);
+      const [now, before] = [leastOf("deflected"), leastOf("undeflected")];
+      least.textContent = Number.isFinite(now) ? now.toFixed(3).replace("-", "\u2212") : "";
       control("least-before").textContent = Number.isFinite(now) ? `least quality of a cell; ${before.toFixed(3).replace("-", "\u2212")} before` : "";
     }
+    const leastOf = (name) => groups.reduce((found, group) => group.quality[name].reduce((one, value) => Math.min(one, value), found), Infinity);
 
     // Sliders: each surface has one; the others stay where they are.
     const sliders = (() => {
@@ -753,15 +777,17 @@
         });
         const one = turned[active], away = turned.filter((_, i) => i !== active && amounts[i] !== data.turn.stands[i]);
         const [k, share] = around(one.measured, amounts[active]), two = [one.measured[k], one.measured[k + 1]];
-        const near = share === 0 ? two.slice(0, 1) : share === 1 ? two.slice(1) : two, failed = [...new Set(near.flatMap((row) => row.failed))];
-        const most = (name) => Math.max(...near.map((row) => row[name])), inverted = most("inverted");
-        const place = near.length > 1 ? `measured at ${signed(two[0].amount, one.unit)} and ${signed(two[1].amount, one.unit)}` : "measured here";
+        const near = share === 0 ? two.slice(0, 1) : share === 1 ? two.slice(1) : two;
+        const every = (name) => [...new Set(near.flatMap((row) => row[name]))], failed = every("failed"), told = every("reservations");
+        const inverted = Math.max(...near.map((row) => row.inverted)), off = Math.max(...near.map((row) => row.site_error)) > one.tolerance;
+        const place = near.length > 1 ? `Measured at ${signed(two[0].amount, one.unit)} and ${signed(two[1].amount, one.unit)}` : "Measured here";
+        const grade = failed.length ? "FAILED" : told.length ? "usable" : "passed";
+        const words = { FAILED: `FAILED: ${failed.join(", ")}`, usable: `usable, with ${told.join(" and ")}`, passed: "all validations passed" }[grade];
         control("measured").textContent = away.length
-          ? `Checks were measured with one surface away, and ${away.map((other) => other.name).join(", ")} moved as well; the least quality is of this mesh.`
-          : `${one.name} at ${signed(amounts[active], one.unit)}: ${place}, ${[
-            inverted ? `${inverted} newly inverted cells` : "no newly inverted cell",
-            `error at the sites ${percent(most("site_error") / one.tolerance)}\u00a0% of the tolerance (must stay below 100)`].join(", ")}.`;
-        judge(away.length ? null : failed);
+          ? `Checks are known for one surface at a time; here ${away.length + 1} are moved. Least quality: of this mesh.`
+          : `${place}: ${inverted ? `${inverted} cells are` : "no cell is"} inside out, ${off ? "not fitted" : "fitted"} within the tolerance.`;
+        if (isOwn(amounts)) judge(data.grade, "");
+        else judge(...(away.length ? ["", "checks not measured here"] : [grade, words]));
         const wanted = turned.map((each, i) => `${each.name}=${Number(amounts[i].toPrecision(12))}`).join(",");
         control("command").textContent = data.turn.command.replace("AMOUNTS", turned.length > 1 ? wanted : wanted.slice(wanted.lastIndexOf("=") + 1));
         const [low, high] = one.range, x = LEFT + (amounts[active] - low) / (high - low) * (RIGHT - LEFT);
@@ -871,7 +897,8 @@
       control("threshold").addEventListener("input", () => { control("cells").checked = true; draw(); });
       control("place").addEventListener("input", () => { if (control("axis").value !== "none") draw(); });
       control("worst").addEventListener("click", worst);
-      control("copy-hinge").addEventListener("click", () => navigator.clipboard.writeText(hinge()).catch(() => {}));
+      control("copy-hinge").addEventListener("click", () => navigator.clipboard.writeText(control("hinge-command").textContent).catch(() => {}));
+      for (const button of document.querySelectorAll("[data-hinge]")) button.addEventListener("click", () => proposed(data.hinges[button.dataset.hinge]));
       for (const one of document.querySelectorAll("input[name=state]")) {
         one.addEventListener("change", () => {
           state = one.id.slice("scene-".length);
@@ -886,18 +913,22 @@
         colour.style.background = `var(--${patch.surface ? "moves" : "stays"})`;
         box.addEventListener("change", () => { shownPatches[box.checked ? "add" : "delete"](patch.name); draw(); });
         label.append(box, colour, patch.name);
+        label.addEventListener("pointerenter", () => { if (!boxes.length) choose(patch.own); });
         control("patches").append(label);
       }
       controls.addEventListener("change", redraw);
       new ResizeObserver(() => { if (plot.clientWidth) sized(); }).observe(plot);
     }
 
+    // Poor cells are those somewhat better than the worst: so few that one sees where they are.
+    if (groups.length) control("threshold").value = Math.min(0.3, Math.max(0.1, 1.5 * leastOf("deflected")));
+    control("cells").checked = Boolean(data.grade) && data.grade !== "passed";
     offered();
     first();
     inked(document.documentElement);
     draw();
     if (turned.length) sliders.offered();
-    else judge(data.failed);
+    else judge(data.grade, "");
   }
 
   // The page's policy allows the library because it knows its digest: nothing else runs.

@@ -37,6 +37,7 @@ class Applied:
     places, missing : number of the plan's places, and of those that are in none of the meshes.
     amounts, ranges, passed : of each surface by its name; the amounts that passed are None if none did.
     faults : sentences on amounts that did not pass.
+    reservations : what was not good around these amounts, although checks passed.
     measured : whether at most one surface is away from its base amount, as in all measurements.
     """
 
@@ -47,7 +48,17 @@ class Applied:
     ranges: dict[str, Any]
     passed: dict[str, tuple[float, float] | None]
     faults: tuple[str, ...]
+    reservations: tuple[str, ...]
     measured: bool
+
+    @property
+    def verdict(self) -> str:
+        """The verdict on the amounts, as it was measured when the plan was made."""
+        if self.faults:
+            return f"FAILED: do not use this mesh; {'; '.join(self.faults)}"
+        if not self.measured:
+            return "not measured: the surfaces were measured one at a time; sdm quality judges the cells"
+        return f"usable, with {' and '.join(self.reservations)}" if self.reservations else "all validations passed"
 
 
 def apply_plan(
@@ -97,8 +108,8 @@ def apply_plan(
     ranges = {control.name: (control.low, control.high) for control in motion.controls}
     named = dict(zip(ranges, pose, strict=True))
     passed = {name: motion.passed(i) for i, name in enumerate(ranges)}
-    measured = motion.is_measured(pose)
-    return Applied(tuple(files), places, missing, named, ranges, passed, motion.faults(pose), measured)
+    judged = motion.faults(pose), motion.reservations(pose), motion.is_measured(pose)
+    return Applied(tuple(files), places, missing, named, ranges, passed, *judged)
 
 
 def plan_to_case(path: Path, case: Path, progress: Progress = silent) -> tuple[Path, ...]:

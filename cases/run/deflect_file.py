@@ -10,7 +10,7 @@ from sdm_deflect.base.errors import InputError, short_list
 from sdm_deflect.base.files import permitted_as
 from sdm_deflect.base.states import check_unchanged, hold_open
 from sdm_deflect.base.threads import HERE, Progress, Runner, Stage
-from sdm_deflect.deform.checks import Check, verdict
+from sdm_deflect.deform.checks import Check, Grade, grade, verdict
 from sdm_deflect.deform.loop import run
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.job import Amounts, Job
@@ -60,7 +60,12 @@ class PoseSummary:
     @property
     def passed(self) -> bool:
         """True if every check holds."""
-        return all(check.passed for check in self.checks)
+        return self.grade != "FAILED"
+
+    @property
+    def grade(self) -> Grade:
+        """The verdict in a word."""
+        return grade(self.checks)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,7 +86,7 @@ class Outcome:
     @property
     def passed(self) -> bool:
         """True if every check of every pose holds; of a plan alone, if it does so over its whole range."""
-        return all(summary.passed for summary in self.poses) and bool(self.poses or not self.shortfalls)
+        return self.grade != "FAILED"
 
     @property
     def shortfalls(self) -> tuple[str, ...]:
@@ -91,13 +96,21 @@ class Outcome:
     @property
     def verdict(self) -> str:
         """The verdict on all meshes, and on the plan if it did not pass over its whole range."""
-        of_meshes = verdict([check for summary in self.poses for check in summary.checks])
+        bad = [file.name for file, summary in zip(self.files, self.poses, strict=False) if not summary.passed]
+        checks = [check for summary in self.poses for check in summary.checks]
+        of_meshes = verdict(checks, short_list(bad) if len(self.poses) > 1 else "this mesh")
         if not self.shortfalls:
             return of_meshes
         of_plan = f"plan: {'; '.join(self.shortfalls)}"
         if not self.poses:
             return f"FAILED: {of_plan}"
-        return f"{'the mesh passed' if self.passed else of_meshes}; {of_plan}"
+        return f"{'the mesh passed' if self.grade == 'passed' else of_meshes}; {of_plan}"
+
+    @property
+    def grade(self) -> Grade:
+        """The verdict in a word: of all meshes, or of a plan alone."""
+        of_meshes = grade([check for summary in self.poses for check in summary.checks])
+        return of_meshes if self.poses or not self.shortfalls else "FAILED"
 
 
 def read_needed(wanted: OutputFiles, jobs: Sequence[Job], progress: Progress, runner: Runner = HERE) -> Mesh:
@@ -190,7 +203,7 @@ def _rows(plan: Plan, wanted: OutputFiles, summaries: Sequence[PoseSummary]) -> 
 def _of_one_amount(deflection: Deflection, checks: Sequence[Check]) -> "MeshMotion":
     from sdm_deflect.deform.mesh_motion import MeshMotion
 
-    return MeshMotion.of_one_amount(deflection, [check.name for check in checks if not check.passed])
+    return MeshMotion.of_one_amount(deflection, checks)
 
 
 def _notes(wanted: OutputFiles, motion: "MeshMotion | None", older: Sequence[str]) -> list[str]:

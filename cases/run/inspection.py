@@ -1,6 +1,6 @@
 """Points, cells, patches and quality of a mesh file of any format."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from itertools import repeat
 from pathlib import Path
@@ -16,24 +16,15 @@ from sdm_deflect.deform.surface.hinges import candidates, ends_text
 from sdm_deflect.meshing.formats.registry import read
 from sdm_deflect.meshing.mesh.cells import Polyhedra
 from sdm_deflect.meshing.mesh.mesh import MARK, Mesh
-from sdm_deflect.meshing.mesh.quality import by_shape, check_most, find_orientation
+from sdm_deflect.meshing.mesh.quality import PLURALS, by_shape, check_most, find_orientation
 from sdm_deflect.meshing.mesh.selection import Part, with_selections
-from sdm_deflect.meshing.mesh.standard import POLYHEDRON
 
 Json = dict[str, Any]
 
 NOTHING: Mapping[str, str] = {}
 # Components of a patch that are listed.
 MOST = 50
-NAMES = {
-    "triangle": "triangles",
-    "quad": "quadrilaterals",
-    "tetra": "tetrahedra",
-    "hexahedron": "hexahedra",
-    "wedge": "prisms",
-    "pyramid": "pyramids",
-    POLYHEDRON: "polyhedra",
-}
+QUALITY_TITLES = ("cells", "measure", "worst", "1 %", "mean", "below 0.2", "below 0.4", "inverted")
 # Share of a patch's size within which two hinges are one line.
 SAME_LINE = 0.01
 # Names of zones that are listed.
@@ -45,9 +36,9 @@ def inspect(path: Path, select: Mapping[str, str] = NOTHING, slot: tuple[str, ..
     figures = file_figures(path, select, slot)
     plane = ", two-dimensional" if figures["plane"] else ""
     lines = [
-        f"{figures['file']}: {figures['points']} points, {figures['cells']} cells{plane}",
+        f"{figures['file']}: {figures['points']:,} points, {figures['cells']:,} cells{plane}",
         *_zone_lines(figures["zones"], figures["blocks"]),
-        *map(_quality_line, figures["quality"]),
+        *_columns(QUALITY_TITLES, map(_quality_row, figures["quality"])),
         *([_face_line(figures["face_quality"])] if figures["face_quality"] else ()),
         *(["the file counts the nodes of cells left-handed; judged accordingly"] if figures["left_handed"] else ()),
         *figures["notes"],
@@ -79,17 +70,31 @@ def _slot_line(slot: Json) -> str:
     return f"slot: {lengths} of {slot['chord']:.6g}, the extent of both elements along x"
 
 
+def _columns(titles: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:
+    """Yield a table as lines: the first column begins on the left, all others end on the right."""
+    table = [titles, *rows]
+    wide = [max(map(len, column)) for column in zip(*table, strict=True)]
+    for first, *others in table if len(table) > 1 else ():
+        cells = (f"{text:>{width}}" for text, width in zip(others, wide[1:], strict=True))
+        yield "  ".join((f"{first:<{wide[0]}}", *cells))
+
+
+def _extent_row(name: str, count: int, extent: list[list[float]]) -> list[str]:
+    """Return a name, a number of faces and the extents along x, y and z, each as one number where it has none."""
+    ends = zip(*extent, strict=True) if extent else [()] * 3
+    texts = (list(dict.fromkeys(f"{round(x, 12) + 0.0:.4g}" for x in pair)) for pair in ends)
+    return [name, f"{count:,}", *(" \N{HORIZONTAL ELLIPSIS} ".join(some) for some in texts)]
+
+
 def _patch_lines(figures: Json) -> Iterator[str]:
-    if figures["patches"]:
-        yield "patches (faces, extent):"
-    for name, count in figures["patches"].items():
-        yield f"  {name} {count}{reach(figures['extents'][name])}"
+    rows = [_extent_row(name, count, figures["extents"][name]) for name, count in figures["patches"].items()]
+    yield from _columns(("patch", "faces", *"xyz"), rows)
     for name, count in figures["components"].items():
         yield f"{name} has {count} connected components" + (f", the largest {MOST}" if count > MOST else "")
     if figures["parts"]:
         yield "parts of patches (faces, extent):"
     for part in figures["parts"]:
-        yield f"  {part['name']} {part['faces']}{reach([part['low'], part['high']])}"
+        yield f"  {part['name']} {part['faces']:,}{reach([part['low'], part['high']])}"
 
 
 def file_figures(path: Path, select: Mapping[str, str] = NOTHING, slot: tuple[str, ...] = ()) -> Json:
@@ -143,11 +148,11 @@ def file_figures(path: Path, select: Mapping[str, str] = NOTHING, slot: tuple[st
         "left_handed": min(signs) < 0.0,
         "notes": list(mesh.notes),
         "slot": _slot(mesh, slot),
-        "hinges": _hinges(mesh),
+        "hinges": hinges_of(mesh),
     }
 
 
-def _hinges(mesh: Mesh) -> dict[str, list[Json]]:
+def hinges_of(mesh: Mesh) -> dict[str, list[list[list[float]]]]:
     """Return the hinges of patches; if two patches meet at a line, it is the hinge of the smaller."""
     lines = {name: list(candidates(mesh, [name])) for name in mesh.names}
     size = {
@@ -212,12 +217,11 @@ def reach(extent: list[list[float]]) -> str:
     return ", " * bool(extent) + " to ".join(f"({', '.join(f'{x:.4g}' for x in corner)})" for corner in extent)
 
 
-def _quality_line(quality: Json) -> str:
-    return (
-        f"{quality['cells']} {NAMES[quality['shape']]}, {quality['inverted']} inverted; {quality['measure']} "
-        f"min {quality['min']:.3f}, 1 % {quality['p01']:.3f}, mean {quality['mean']:.3f}, "
-        f"{percent(quality['below_0_2'], 3)} below 0.2, {percent(quality['below_0_4'], 3)} below 0.4"
-    )
+def _quality_row(quality: Json) -> list[str]:
+    counts = [f"{quality['cells']:,} {PLURALS[quality['shape']]}", quality["measure"]]
+    values = [f"{quality[key]:.3f}" for key in ("min", "p01", "mean")]
+    shares = [percent(quality[key], 2) for key in ("below_0_2", "below_0_4")]
+    return [*counts, *values, *shares, f"{quality['inverted']:,}"]
 
 
 def _face_quality(mesh: Mesh) -> Json | None:

@@ -11,16 +11,14 @@ from rich.table import Table
 
 from sdm_deflect.base.errors import InputError, short_list
 from sdm_deflect.base.threads import Progress
+from sdm_deflect.deform.checks import verdict
 from sdm_deflect.deform.loop import run
 from sdm_deflect.deform.options import LARGEST_ANGLE, RepairMode
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.job import Job, by_job, in_proportion
 from sdm_deflect.deform.volume.plan import Plan
-from sdm_deflect.meshing.mesh.cells import Polyhedra
 from sdm_deflect.meshing.mesh.mesh import Mesh
-from sdm_deflect.meshing.mesh.polyhedra import nodes_of
 from sdm_deflect.meshing.mesh.precision import EVERY_BIT, Precision
-from sdm_deflect.meshing.mesh.quality import quality_and_inverted
 
 from .output import lacks, write_table
 
@@ -48,6 +46,7 @@ class Trial:
     reason : why there is no mesh: a surface leaves its box, or a tail's root leaves the fuselage.
     fault : why the mesh is not acceptable; empty if it is.
     failed : names of all checks that fail.
+    verdict : on the mesh, as text; empty without a mesh.
     """
 
     angle: float
@@ -57,6 +56,7 @@ class Trial:
     reason: str = ""
     fault: str = ""
     failed: tuple[str, ...] = ()
+    verdict: str = ""
 
 
 # Is called with each trial, as soon as it is made.
@@ -122,7 +122,7 @@ class Search:
 
         def told(mode: RepairMode, trial: Trial) -> None:
             made.append((mode, trial))
-            said = trial.fault or f"all checks hold, least quality {trial.quality_min:.3f}"
+            said = trial.fault or f"{trial.verdict}; least quality {trial.quality_min:.3f}"
             tried(f"repair {mode}, {trial.angle:+.4g} {self.unit}: {said}")
 
         try:
@@ -157,7 +157,10 @@ class Search:
         faults = [f"{check.name} {check.value:.3g}, limit {check.limit:.3g}: {check.where}" for check in failed]
         if faults or least < self.threshold:
             faults.append(f"least quality {least:.3f} {where}")
-        return Trial(angle, least, steps, where, "", "; ".join(faults), tuple(check.name for check in failed))
+        return Trial(
+            angle, least, steps, where, "", "; ".join(faults), tuple(check.name for check in failed),
+            verdict(judged.checks),
+        )  # fmt: skip
 
     def _limit(self, repair: RepairMode, sign: float, still: Trial, progress: Progress, told: Told) -> Limit:
         """Increase the amount in steps until cells invert or there is no mesh; then bisect between good and bad ones.
@@ -223,15 +226,7 @@ def search_of(mesh: Mesh, jobs: Sequence[Job], resolution: float = 0.0, precisio
 
 def where_worst(deflection: Deflection) -> str:
     """Return the patches at the worst cell of a single box, as text."""
-    mesh, affected = deflection.plan.mesh, deflection.plan.affected
-    worst = []
-    for block, rows, orientation in zip(mesh.cells, affected.rows, affected.orientation, strict=True):
-        if len(rows):
-            quality, _ = quality_and_inverted(deflection.points, block, rows, orientation)
-            row = int(rows[np.argmin(quality)])
-            nodes = nodes_of(block, row) if isinstance(block, Polyhedra) else block.nodes[row]
-            worst.append((float(quality.min()), nodes))
-    _, nodes = min(worst, key=lambda pair: pair[0])
+    mesh, nodes = deflection.plan.mesh, deflection.plan.affected.worst(deflection.points)
     names = [patch.name for patch in mesh.patches if np.isin(nodes, patch.nodes).any()]
     if not names:
         return "of a cell within the flow"
@@ -248,14 +243,15 @@ def write_limits(limits: tuple[Limit, ...], search: Search, folder: Path) -> Tab
     if not lacks("report"):
         _draw(limits, search).savefig(folder / "limit.png", dpi=110, metadata={"Software": None})
     asked = f", and the least quality is {search.threshold:g} or more" if search.threshold else ""
-    table = Table(title=f"{search.title}: largest deflections at which all checks hold{asked}", title_justify="left")
+    table = Table(title=f"{search.title}: largest deflections at which no check fails{asked}", title_justify="left")
     for heading in ("repair", f"largest, {search.unit}", "smallest quality there", "steps", "amounts tried"):
         table.add_column(heading, justify="right")
-    table.add_column("what ends it")
+    for heading in ("verdict there", "what ends it"):
+        table.add_column(heading)
     for limit in limits:
         least, tried = f"{limit.at.quality_min:.3f}", str(len(limit.trials))
         end = limit.end or "nothing: no surface turns farther"
-        table.add_row(limit.repair, f"{limit.angle:+.4g}", least, str(limit.at.steps), tried, end)
+        table.add_row(limit.repair, f"{limit.angle:+.4g}", least, str(limit.at.steps), tried, limit.at.verdict, end)
     return table
 
 

@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -13,16 +13,16 @@ from sdm_deflect.base.ties import first_largest
 from sdm_deflect.deform.checks import Check, verdict
 from sdm_deflect.deform.rbf.data_sites import DIRECTIONS
 from sdm_deflect.deform.rbf.fitting import KERNELS, ORDERS
-from sdm_deflect.deform.surface.blended import Blended
-from sdm_deflect.deform.surface.motions import TRACK_UNIT, Motion, MotionLaw, Moving
+from sdm_deflect.deform.surface.motions import TRACK_UNIT, MotionLaw, Moving
 from sdm_deflect.deform.surface.reached_share import ReachedShare
-from sdm_deflect.deform.surface.tail_root import Root
 from sdm_deflect.deform.volume.deflection import BoxDeflection, Deflection
 from sdm_deflect.deform.volume.job import Amounts
 from sdm_deflect.deform.volume.plan import BoxPlan, Plan
 from sdm_deflect.meshing.mesh.mesh import REGION, Warned
 from sdm_deflect.meshing.mesh.quality import SEVERE, SKEW, Quality
 from sdm_deflect.meshing.mesh.selection import point_text
+
+from .advice import strip_of
 
 Json = dict[str, Any]
 # Mean turn over the span, as a share of the angle, below which there is a warning.
@@ -156,18 +156,15 @@ def repair_figures(deflection: Deflection) -> Json | None:
 
 
 def repair_text(figures: Json) -> str:
-    """Return a sentence on the repair in a deflection's figures; empty without one."""
+    """Return a text on the repair in a deflection's figures; empty without one."""
     repair = figures["repair"]
     if not repair:
         return ""
-    states = repair["quality"], figures["quality_inside"]["after"]
-    before, after = (min(quality["min"] for quality in state.values()) for state in states)
-    inverted = [sum(quality["inverted"] for quality in state.values()) for state in states]
-    return (
-        f"repair: {repair['spoiled']} cells were below its target, {repair['left']} are; {inverted[0]} were inverted, "
-        f"{inverted[1]} are; worst cell {before:.3f} to {after:.3f}; {repair['moved']} nodes moved in "
-        f"{repair['seconds']:.2f} s"
-    )
+    after = figures["quality_inside"]["after"].values()
+    inverted = repair["inverted_before"], sum(quality["inverted"] for quality in after)
+    counts = [("to mend", repair["spoiled"], repair["left"]), *([("inverted", *inverted)] if any(inverted) else ())]
+    told = [f"{before} cell{'s' * (before != 1)} {word}, {after or 'none'} left" for word, before, after in counts]
+    return f"{'; '.join(told)}; {repair['moved']:,} nodes moved"
 
 
 def by_shape(qualities: Sequence[Quality]) -> Json:
@@ -204,16 +201,9 @@ def short_turns(plan: Plan, pose: Amounts) -> tuple[str, ...]:
     for name, reached in _reaches(plan, pose):
         if reached and reached.mean < REACHED:
             turns, its = ("turn", "their") if "," in name else ("turns", "its")
-            why = " (--strip)" * (width_setting(motion[name], plan.mesh.plane) == "strip")
+            why = " (--strip)" * (bool(strip_of(motion[name], plan.mesh.plane)))
             sentences.append(f"{name} {turns} by {percent(reached.mean)} of {its} angle on average{why}")
     return tuple(sentences)
-
-
-def width_setting(motion: Motion, plane: bool) -> Literal["", "panel", "strip"]:
-    """Return the setting of the width that is blended beside a surface; empty without one, or if it is chosen."""
-    if isinstance(motion, Root):
-        return "panel"
-    return "strip" if isinstance(motion, Blended) and not motion.rib.turn and not plane else ""
 
 
 def notes_of(plan: Plan) -> tuple[str, ...]:
@@ -278,6 +268,12 @@ def _track_row(moving: Moving, law: MotionLaw, amount: float) -> Json:
     return {"track": [float(value) for value in amount * law.track.rows[-1, :4]]}
 
 
+def signed(amount: float, unit: str) -> str:
+    """Return an amount with its sign and unit, as pages show it: ``+15°``, ``−0.5 of the table``."""
+    number = f"{amount:+g}".replace("-", "\N{MINUS SIGN}")
+    return f"{number}\N{DEGREE SIGN}" if unit == "deg" else f"{number} {unit}"
+
+
 def amounts(plan: Plan, pose: Amounts) -> Iterator[tuple[str, str]]:
     """Yield the name of each surface with its amount and, where it has one, its hinge, as text."""
     for name, figures in surface_figures(plan, pose).items():
@@ -302,11 +298,14 @@ def farthest_figures(plan: Plan, pose: Amounts) -> Json:
     return {name: {"at": at.tolist(), "move": move.tolist()} for name, at, move in farthest(plan, pose)}
 
 
-def motions(plan: Plan, pose: Amounts) -> Iterator[tuple[str, str]]:
-    """Yield the name of each turning surface and, as text, the share of its angle that it reaches at a pose."""
+def motions(plan: Plan, pose: Amounts, whole: bool = True) -> Iterator[tuple[str, str]]:
+    """Yield the name of each turning surface and, as text, the share of its angle that it reaches at a pose.
+
+    With `whole` the text has the distance from a rigid turn, too, and surfaces count that turn by all of it.
+    """
     for name, reached in _reaches(plan, pose):
-        if reached:
-            yield name, reached.text
+        if reached and (whole or reached.full < 1.0):
+            yield name, reached.text if whole else reached.turn
 
 
 def _reaches(plan: Plan, pose: Amounts) -> Iterator[tuple[str, ReachedShare | None]]:
@@ -317,12 +316,11 @@ def _reaches(plan: Plan, pose: Amounts) -> Iterator[tuple[str, ReachedShare | No
 
 
 def travels(plan: Plan, pose: Amounts) -> Iterator[tuple[str, str]]:
-    """Yield each surface's name, and length, place and direction of its largest displacement at a pose, as text."""
+    """Yield each surface's name, and length, direction and place of its largest displacement at a pose, as text."""
     for name, place, move in farthest(plan, pose):
         size = float(np.linalg.norm(move))
-        there = ", ".join(f"{round(x, 2) + 0.0:+.2f}" for x in move / (size or 1.0))  # no -0.00
         at = ", ".join(f"{x:.4g}" for x in place)
-        yield name, f"{size:.4g}, at ({at}) towards {way_of(move, plan.mesh.plane)}, ({there})" if size else "0"
+        yield name, f"{size:.4g} towards {way_of(move, plan.mesh.plane)}, at ({at})" if size else "0"
 
 
 def way_of(move: FloatArray, plane: bool) -> str:

@@ -67,27 +67,25 @@ def lines(console: "Console", every: bool = True) -> Stage:
 
 
 @contextmanager
-def bars(console: "Console") -> Iterator[Stage]:
-    """Show stages as rich's progress bars on a console, with times and the last report."""
+def live_line(console: "Console") -> Iterator[Stage]:
+    """Show the current stage in one line of a terminal, with its last report and the seconds since the start."""
     from rich import progress
 
     columns = (
-        progress.SpinnerColumn(), progress.TextColumn("{task.fields[stage]:<12}", markup=False),
-        progress.BarColumn(bar_width=24), progress.TimeElapsedColumn(),
-        progress.TextColumn("{task.description}", markup=False),
+        progress.SpinnerColumn(), progress.TextColumn("{task.fields[stage]:<11}", markup=False),
+        progress.TextColumn("{task.description}", markup=False), progress.TimeElapsedColumn(),
     )  # fmt: skip
-    with progress.Progress(*columns, console=console) as shown:
+    with progress.Progress(*columns, console=console, transient=True) as shown:
+        task = shown.add_task("", stage="")
 
         @contextmanager
         def stage(name: str) -> Iterator[Progress]:
-            task = shown.add_task("", total=None, stage=name)
+            shown.update(task, stage=name, description="")
 
             def report(text: str, fraction: float) -> None:
-                known = {"total": None, "completed": 0.0} if isnan(fraction) else {"total": 1.0, "completed": fraction}
-                shown.update(task, description=text, **known)
+                shown.update(task, stage=name, description=text if isnan(fraction) else f"{text}, {percent(fraction)}")
 
             yield report
-            shown.update(task, total=1.0, completed=1.0)
 
         yield stage
 
@@ -96,7 +94,7 @@ def bars(console: "Console") -> Iterator[Stage]:
 def show_stages(*, quiet: bool, verbose: bool, console: "Console | None" = None) -> Iterator[Stage]:
     """Show stages on a console (default: standard error) by the switches of the command line.
 
-    A terminal shows a bar for each stage; a file or a pipe gets a line for each when it has ended.
+    A terminal shows one line, which goes at the end; a file or a pipe gets a line for each when it has ended.
     """
     from rich.console import Console
 
@@ -106,7 +104,7 @@ def show_stages(*, quiet: bool, verbose: bool, console: "Console | None" = None)
     elif verbose or not out.is_terminal:
         yield lines(out, every=verbose)
     else:
-        with bars(out) as show:
+        with live_line(out) as show:
             yield show
 
 

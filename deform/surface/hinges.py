@@ -19,6 +19,8 @@ SMOOTH = 40.0
 ALONG = 0.9
 # Coordinates that are smaller, as shares of the largest, are shown as 0.
 ROUNDING = 1e-9
+# Share of a hinge's span to which a proposed one is rounded: meshers place its nodes less exactly.
+ROUGH = 1e-5
 # Length of the mean unit normal beside a line, above which there is one skin: a flap has two, which face apart.
 ONE_SKIN = 0.7
 # Least share of its speed with which a point aft of the hinge rises or falls; below, down and up mean nothing.
@@ -79,10 +81,12 @@ def _smooth_border(mesh: Mesh, flap: Polygons, rest: Polygons) -> tuple[IntArray
 
 
 def ends_text(hinge: ArrayLike) -> str:
-    """Return a hinge as words of the command line: two points, or x and y in a plane mesh."""
+    """Return a hinge as words of the command line: two points, or x and y in a plane mesh; rounded by its span."""
     ends = np.asarray(hinge, dtype=np.float64)
-    ends = ends[:1, :2] if np.array_equal(*ends) else ends
-    clean = np.where(np.abs(ends) > ROUNDING * np.abs(ends).max(), ends, 0.0)
+    span = float(np.linalg.norm(ends[1] - ends[0]))
+    ends = ends if span else ends[:1, :2]
+    step = 10.0 ** np.round(np.log10(ROUGH * span)) if span else ROUNDING * np.abs(ends).max()
+    clean = np.where(np.abs(ends) > step, np.round(ends / step) * step if span else ends, 0.0)
     return " ".join(",".join(f"{x:.6g}" for x in end) for end in clean)
 
 

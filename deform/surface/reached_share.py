@@ -66,7 +66,7 @@ class ReachedShare:
         chord = np.interp((station - low) / span * finest, at, chords)
         every, turning = np.linalg.norm(moved - turn, axis=1) / chord, _turning(law)
         off, near = np.where(turning, every, 0.0), float(every[~turning].max(initial=0.0))
-        worst, but = int(np.argmax(off)), "the strips" if isinstance(law, BlendedLaw) else "the root"
+        worst, but = int(np.argmax(off)), "in the strips" if isinstance(law, BlendedLaw) else "at the root"
         x, y, z = points[worst].tolist()
         return cls(float((angle >= FULL).mean()), float(angle.mean()), float(off[worst]), (x, y, z), near, but)
 
@@ -74,14 +74,18 @@ class ReachedShare:
     def text(self) -> str:
         """The figures as a sentence."""
         place = ", ".join(f"{x:.4g}" for x in self.place)
-        mean = percent(self.mean)
-        share = f"{percent(self.full)} of the span turns by the full angle; the mean over the span is {mean} of it"
-        if self.full in (0.0, 1.0):  # a plane mesh has no span
-            share = "turns by the full angle" if self.full else f"turns by {mean} of the angle on average"
-        off = f"nodes are up to {self.off:.2g} chords from a rigid turn, at ({place})"
+        off = f"distance from a rigid turn: up to {self.off:.2g} chords, at ({place})"
         if self.near > self.off:
-            off = f"beyond {self.but} {off}, and there up to {self.near:.2g}"
-        return share + (f"; {off}" if max(self.off, self.near) >= NO_DISTANCE else "")
+            off += f", and {self.near:.2g} {self.but}"
+        return self.turn + (f"; {off}" if max(self.off, self.near) >= NO_DISTANCE else "")
+
+    @property
+    def turn(self) -> str:
+        """By how much of its angle the surface turns, in words."""
+        mean = percent(self.mean)
+        if self.full in (0.0, 1.0):  # a plane mesh has no span
+            return "turns by the full angle" if self.full else f"turns by {mean} of the angle on average"
+        return f"full angle over {percent(self.full)} of the span, {mean} on average"
 
 
 def _turning(law: MotionLaw) -> BoolArray:

@@ -372,9 +372,17 @@ def deflect_box(
     return best
 
 
+def poor_below(before: float) -> float:
+    """Return the quality below which cells are poor, from the worst before: half of that, but not below `POOR`.
+
+    Of a mesh whose worst cell was below `POOR` it is half of that.
+    """
+    return max(POOR_SHARE * before, POOR if before >= POOR else 0.0)
+
+
 def fell_poor(before: Least, after: Least) -> bool:
-    """True if the worst cell lost more than half of its quality, or newly fell below `POOR`."""
-    return after.quality < POOR_SHARE * before.quality or after.quality < POOR <= before.quality
+    """True if the worst cell became poor: it lost more than half of its quality, or newly fell below `POOR`."""
+    return after.quality < poor_below(before.quality)
 
 
 def _worst_share(deflection: BoxDeflection) -> float:

@@ -171,7 +171,10 @@ def squeezed(boundary: PrescribedMotion, zones: Sequence[str]) -> Iterator[str]:
     obstacles = _obstacles(boundary, tuple(zone for zone in mesh.zones if zone.name in zones))
     apart = tree.query(mesh.points[obstacles], distance_upper_bound=NARROW * boundary.size)[0]
     near, apart = obstacles[apart < np.inf], apart[apart < np.inf]
+    roles = {*boundary.declared_patches, *boundary.sides}
     for patch in mesh.patches if len(near) else ():
+        if patch.name in roles:  # it shares nodes with one without a role
+            continue
         least = float(apart[np.isin(near, patch.nodes)].min(initial=np.inf))
         if least < np.inf:
             names = short_list(surface.label for surface in boundary.surfaces)

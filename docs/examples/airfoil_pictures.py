@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 import sdm_deflect as sdm
 from sdm_deflect import Result
+from sdm_deflect.cases.report.colours import CELLS, INK, QUALITY
 from sdm_deflect.cases.report.pictures import write_png
 from sdm_deflect.meshing.mesh.quality import quality_of
 
@@ -34,12 +35,12 @@ def deflected(folder: Path) -> dict[str, Result]:
 def shown(axes: Axes, result: Result, points, title: str) -> None:
     """Draw cells by quality, walls, and the outline of the box."""
     for block in result.plan.mesh.cells:
-        cells = PolyCollection(points[block.nodes][:, :, :2], cmap="cividis", norm=SHADES, edgecolors="0.2", lw=0.2)
+        cells = PolyCollection(points[block.nodes][:, :, :2], cmap=QUALITY, norm=SHADES, edgecolors=CELLS, lw=0.3)
         cells.set_array(quality_of(points, block))
         axes.add_collection(cells)
     for patch in result.plan.mesh.patches:
         for lines in patch.faces:
-            axes.add_collection(LineCollection(points[lines.nodes][:, :, :2], colors="black", lw=1.2))
+            axes.add_collection(LineCollection(points[lines.nodes][:, :, :2], colors=INK, lw=1.4))
     axes.set_title(title, fontsize="medium")
 
 
@@ -55,7 +56,7 @@ def draw(folder: Path) -> Figure:
             shown(axes, result, points, f"{name}, {state}")
             x0, x1, y0, y1 = WINDOWS[name]
             axes.set(xlim=(x0, x1), ylim=(y0, y1), aspect="equal", xlabel="x", ylabel="y")
-    figure.colorbar(ScalarMappable(SHADES, "cividis"), ax=rows, label="mean ratio, scaled Jacobian", extend="min")
+    figure.colorbar(ScalarMappable(SHADES, QUALITY), ax=rows, label="mean ratio, scaled Jacobian", extend="min")
     return figure
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from sdm_deflect.base.arrays import FloatArray
+from sdm_deflect.cases.report.colours import DISPLACEMENT
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import Kernel, Multiquadric, ThinPlateSpline
 from sdm_deflect.deform.surface.appendix_a import blend, blend_strip
@@ -81,7 +82,7 @@ def draw() -> Figure:
     for axes, (title, way) in zip(plans, WAYS.items(), strict=True):
         microns = np.maximum(1e6 * bulge(nodes, way(nodes)), 1e-3).reshape(61, 13)
         x, y = 1e3 * nodes[:13, 0], 1e3 * nodes[::13, 1]
-        shades = axes.pcolormesh(x, y, np.log10(microns), cmap="cividis", vmin=-3, vmax=3, shading="gouraud")
+        shades = axes.pcolormesh(x, y, np.log10(microns), cmap=DISPLACEMENT, vmin=-3, vmax=3, shading="gouraud")
         axes.set(title=title, xlabel="x, mm")
     plans[0].set_ylabel("y, mm")
     bar = figure.colorbar(shades, ax=plans, label="distance from the plane, µm", ticks=[-3, -2, -1, 0, 1, 2, 3])

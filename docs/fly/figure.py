@@ -1,4 +1,4 @@
-"""The method in one figure: `python -m docs.fly.figure FOLDER` writes method.png and method.svg.
+"""The method in one figure: `python -m docs.fly.figure FOLDER` writes method.png, method.svg and method_narrow.svg.
 
 Four panels on the fighter's left tail at 20 degrees: what is known, a field without and with sites on the box, few and
 all centres, and the deflected tail whose root slides on the fuselage.
@@ -51,21 +51,24 @@ INSIDE, SHARP = 80, 150
 COLOURS = 96
 
 
-def drawn() -> Figure:
-    """Draw the figure."""
+def drawn(narrow: bool = False) -> Figure:
+    """Draw the figure; `narrow` for a phone, with two panels in a row and the tail below."""
     tail = Tail.at()
     with rc_context({"font.family": "DejaVu Sans", "font.size": 9.0, "svg.fonttype": "none"}):
-        figure = Figure(figsize=(12.6, 5.0))
-        grid = figure.add_gridspec(
-            2, 4, left=0.004, right=0.996, top=0.95, bottom=0.008, wspace=0.03, hspace=0.12, width_ratios=[1, 1, 1, 1.3]
-        )
-        draw_task(figure.add_subplot(grid[0, 0]), tail)
-        draw_field(figure.add_subplot(grid[0, 1]), tail, tail.without_box(), held=False)
-        draw_field(figure.add_subplot(grid[0, 2]), tail, tail.with_all(), held=True)
-        draw_centres(figure.add_subplot(grid[1, 0]), tail, FEW, "3a")
-        draw_centres(figure.add_subplot(grid[1, 1]), tail, MORE, "3b")
-        draw_centres(figure.add_subplot(grid[1, 2]), tail, len(tail.sites.points), "3c")
-        draw_tail(figure.add_subplot(grid[:, 3]), tail)
+        figure = Figure(figsize=(6.0, 11.6) if narrow else (12.6, 5.0))
+        edges = {"left": 0.004, "right": 0.996, "bottom": 0.008, "wspace": 0.03}
+        if narrow:
+            grid = figure.add_gridspec(4, 2, top=0.98, hspace=0.1, height_ratios=[1, 1, 1, 2.2], **edges)
+        else:
+            grid = figure.add_gridspec(2, 4, top=0.95, hspace=0.12, width_ratios=[1, 1, 1, 1.3], **edges)
+        places = [grid[k // (2 if narrow else 3), k % (2 if narrow else 3)] for k in range(6)]
+        first, free, held, *centres = map(figure.add_subplot, places)
+        draw_task(first, tail)
+        draw_field(free, tail, tail.without_box(), held=False)
+        draw_field(held, tail, tail.with_all(), held=True)
+        for axes, count, name in zip(centres, (FEW, MORE, len(tail.sites.points)), ("3a", "3b", "3c"), strict=True):
+            draw_centres(axes, tail, count, name)
+        draw_tail(figure.add_subplot(grid[3, :] if narrow else grid[:, 3]), tail)
     return figure
 
 
@@ -163,7 +166,7 @@ def draw_task(axes: Axes, tail: Tail) -> None:
 
 
 def draw_field(axes: Axes, tail: Tail, found: Interpolant, held: bool) -> None:
-    """Draw how a field moves a lattice in the box, and by how much it jumps at the box."""
+    """Draw how a field moves a lattice, and by how much it jumps at the box; lines are cut where it does."""
     low, high = limits(tail)
     x, z = (np.arange(low[k] - BESIDE, high[k] + BESIDE + 1e-9, STEP) for k in range(2))
     flat = np.stack(np.meshgrid(x, z), axis=-1)
@@ -171,7 +174,8 @@ def draw_field(axes: Axes, tail: Tail, found: Interpolant, held: bool) -> None:
     places = np.insert(flat.reshape(-1, 2), 1, SECTION, axis=1)
     moved = flat + np.where(inside[..., None], found(places)[:, [0, 2]].reshape(flat.shape), 0.0)
     segments = [part for lines, mask in ((moved, inside), (moved.transpose(1, 0, 2), inside.T))
-                for line, own in zip(lines, mask, strict=True) for part in apart(line, own)]  # fmt: skip
+                for line, own in zip(lines, mask, strict=True)
+                for part in ([line] if held else apart(line, own))]  # fmt: skip
     draw_lines(axes, segments, CELLS, 0.7)
     draw_skin(axes, tail, tail.mesh.points + tail.displacement, MOVES)
     if held:
@@ -263,13 +267,14 @@ def _rgb(colour: str) -> FloatArray:
 
 
 def write(folder: Path) -> None:
-    """Write the figure as PNG and as a small SVG."""
-    figure = drawn()
-    write_png(figure, folder / "method.png", SHARP)
-    path = folder / "method.svg"
-    with rc_context({"svg.fonttype": "none", "svg.hashsalt": "method"}):
-        figure.savefig(path, dpi=INSIDE, facecolor="white", metadata={"Date": None})
-    path.write_text(compact(path.read_text(encoding="utf-8")), encoding="utf-8")
+    """Write the figure as PNG and as a small SVG, the latter also for a phone."""
+    for name, narrow in (("method", False), ("method_narrow", True)):
+        figure, path = drawn(narrow), folder / f"{name}.svg"
+        with rc_context({"svg.fonttype": "none", "svg.hashsalt": name}):
+            figure.savefig(path, dpi=INSIDE, facecolor="white", metadata={"Date": None})
+        path.write_text(compact(path.read_text(encoding="utf-8")), encoding="utf-8")
+        if not narrow:
+            write_png(figure, folder / f"{name}.png", SHARP)
 
 
 def write_png(figure: Figure, path: Path, dpi: int) -> None:

@@ -28,7 +28,7 @@ COMMANDS: dict[str, Facts] = {
     "tail": {
         "surfaces": "tail_left",
         "hinge": [[0.86842, -0.2228, -0.01163], [0.86842, -0.06598, -0.01163]],
-        "fixed": ["fuselage", "fuselage_rear"],
+        "fixed": ["fuselage", "fuselage_rear", "ventral_left"],
         "motion": "root",
         "on": "fuselage_panel_left",
     },

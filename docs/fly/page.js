@@ -61,8 +61,9 @@ function judged() {
 
 function readouts() {
   const found = judged(), { field } = state;
-  byId("knob").style.left = `${50 + 40 * state.roll}%`;
-  byId("knob").style.top = `${50 - 40 * state.pitch}%`;
+  const reach = 40 / Math.max(1, Math.hypot(state.roll, state.pitch)); // the knob stays within its circle
+  byId("knob").style.left = `${50 + reach * state.roll}%`;
+  byId("knob").style.top = `${50 - reach * state.pitch}%`;
   byId("yaw").value = state.yaw;
   byId("stick").setAttribute("aria-valuetext", `roll ${number(100 * state.roll)} %, pitch ${number(100 * state.pitch)} %`);
   flight.surfaces.forEach(({ name }, k) => {
@@ -71,10 +72,11 @@ function readouts() {
     byId(name).parentElement.hidden = alone() && k !== flight.meta.live;
   });
   byId("least").textContent = `${number(found.least, 3)} (${number(found.first, 3)} before)`;
-  byId("inverted").textContent = `${number(found.inverted)} of ${number(found.count)}`;
+  byId("count").textContent = number(found.count);
+  byId("inverted").textContent = number(found.inverted);
   byId("inverted").classList.toggle("bad", found.inverted > 0);
   byId("worse").textContent = number(found.worse);
-  for (const one of document.querySelectorAll(".alone")) one.hidden = !alone();
+  for (const one of document.querySelectorAll("[data-steps]")) one.hidden = !one.dataset.steps.includes(state.step);
   if (!alone()) return;
   byId("centres").textContent = number(field.centres ? field.centres.length : tail.count);
   byId("error").textContent = length(tail.largest(field, angle()));
@@ -88,7 +90,7 @@ function draw() {
     picture.draw({ points, before, now, field: state.field, angle: angle(), shows });
   } else if (scene) {
     const moved = amounts.some(Boolean);
-    scene.show({ points, before, now, surface: moved && state.step !== 5 ? state.surface : -1, outlines: state.step === 5 });
+    scene.show({ points, before, now, surface: state.step === 1 || (moved && state.step === 6) ? state.surface : -1, outlines: state.step === 5 });
   }
   caption();
   controls();
@@ -97,12 +99,12 @@ function draw() {
 function caption() {
   const count = Math.min(state.parts, state.field && state.field.centres ? state.field.centres.length : 0);
   const captions = {
-    2: state.parts > count ? `the whole sum: at most ${length(picture.top || 0)} in the section, as the tail moves`
-      : `${count === 1 ? "one function" : `${count} functions`}: at most ${length(picture.top || 0)} in the section`,
-    3: "red: cells that got worse, and inside out; grey: a lattice in the field",
+    2: `${state.parts > count ? "the whole sum" : count === 1 ? "one function" : `${count} functions`}: grey is wanted, red is what it gives; blue: how far a point moves`,
+    3: "grey: a grid carried along by s; red: cells that got worse; dark: inside out",
     4: "red discs: error at the sites; dots: centres; red cells: worse, or inside out",
   };
   byId("caption").textContent = alone() ? `y = ${flight.meta.section} m, nose to the left · ${captions[state.step]}`
+    : state.step === 6 ? "this fighter's aileron at −12°, from above: its closed rib stays on the wing"
     : state.step === 5 ? "drag to turn · blue: how far it moved; dashed: where it was" : "drag to turn · a section follows the surface that you moved last; red: cells that got worse";
 }
 
@@ -111,44 +113,83 @@ function controls() {
   const { field } = state, curve = byId("curve");
   curve.hidden = state.step !== 4;
   if (state.step === 4 && history.length) drawCurve(curve);
+  byId("look").hidden = alone() || !scene;
   byId("more-parts").disabled = state.parts > 8;
   for (const name of ["more-1", "more-4", "more-20"]) byId(name).disabled = Boolean(field && field.centres && field.centres.length >= MOST);
   byId("sites").textContent = field && !tail.holds(field) ? "Put them back" : "Take the sites away";
 }
 
-// The largest error over the number of centres, on a logarithmic scale.
+// Two curves over the number of centres: the largest error on a logarithmic scale, and the cells that are inside out.
 function drawCurve(canvas) {
   const pen = canvas.getContext("2d"), ratio = Math.min(2, window.devicePixelRatio || 1), width = canvas.clientWidth, height = canvas.clientHeight;
   Object.assign(canvas, { width: width * ratio, height: height * ratio });
   pen.scale(ratio, ratio);
-  // Axes: centres from the first to 40 at least, errors in metres; the margins (pixels) leave room for the words.
-  const first = history[0][0], last = Math.max(40, history.at(-1)[0]), [top, low] = [0.04, 0.0004], [left, right, above, below] = [54, 8, 8, 22];
-  const x = (count) => left + (width - left - right) * (count - first) / (last - first);
-  const y = (error) => above + (height - above - below) * Math.log(top / Math.max(low, error)) / Math.log(top / low);
-  Object.assign(pen, { font: "12px system-ui, sans-serif", fillStyle: hue("soft"), strokeStyle: hue("line"), textAlign: "right" });
-  for (const error of [0.03, 0.01, 0.003, 0.001]) {
-    pen.fillText(length(error).replace(".0", ""), left - 4, y(error) + 4);
-    pen.strokeRect(left, y(error), width - left - right, 0);
+  // Axes: centres from the first to 40 at least, and all at the right end; the margins (pixels) leave room for the words.
+  const steps = history.filter(([count]) => count < tail.count), all = history.find(([count]) => count === tail.count);
+  const first = history[0][0], last = Math.max(40, steps.at(-1)[0]), [left, right] = [54, all ? 40 : 8];
+  const x = (count) => left + (width - left - right) * (Math.min(count, last) - first) / (last - first) + (count === tail.count ? right - 8 : 0);
+  const panel = (above, below, y, value, ticks, word) => {
+    Object.assign(pen, { font: "12px system-ui, sans-serif", fillStyle: hue("soft"), strokeStyle: hue("line"), lineWidth: 1, textAlign: "left" });
+    pen.fillText(word, left, above - 6);
+    pen.textAlign = "right";
+    for (const [tick, text] of ticks) {
+      pen.fillText(text, left - 4, y(tick) + 4);
+      pen.strokeRect(left, y(tick), width - left - right, 0);
+    }
+    Object.assign(pen, { strokeStyle: hue("moves"), fillStyle: hue("moves"), lineWidth: 2 });
+    pen.beginPath();
+    steps.forEach((row, i) => pen[i ? "lineTo" : "moveTo"](x(row[0]), y(value(row))));
+    pen.stroke();
+    for (const row of [steps[0], steps.at(-1), ...(all ? [all] : [])]) {
+      pen.beginPath();
+      pen.arc(x(row[0]), y(value(row)), 3, 0, 2 * Math.PI);
+      pen.fill();
+    }
+  };
+  const middle = height / 2, [top, low] = [0.04, 0.0004];
+  const size = (error) => 18 + (middle - 30) * Math.log(top / Math.min(top, Math.max(low, error))) / Math.log(top / low);
+  panel(18, middle, size, (row) => row[1], [0.03, 0.01, 0.003, 0.001].map((error) => [error, length(error).replace(".0", "")]), "largest error");
+  const most = Math.max(10, ...history.map((row) => row[2])), number_ = (count) => height - 22 - (height - 22 - middle - 18) * count / most;
+  panel(middle + 18, height - 22, number_, (row) => row[2], [[0, "0"], [most, `${most}`]], "cells inside out");
+  const whole = steps.find((row) => row[2] === 0);
+  Object.assign(pen, { fillStyle: hue("soft"), strokeStyle: hue("soft"), lineWidth: 1, textAlign: "left" });
+  pen.fillText(`${first}`, left, height - 6);
+  if (whole && whole !== steps[0]) {
+    pen.setLineDash([3, 3]);
+    pen.strokeRect(x(whole[0]), 12, 0, height - 34);
+    pen.setLineDash([]);
+    pen.textAlign = "center";
+    pen.fillText(`${whole[0]}: none`, x(whole[0]), height - 6);
   }
-  pen.textAlign = "left";
-  pen.fillText(`${first}`, x(first), height - 6);
   pen.textAlign = "right";
-  pen.fillText(`${last} centres`, x(last), height - 6);
-  Object.assign(pen, { strokeStyle: hue("moves"), lineWidth: 2 });
-  pen.beginPath();
-  history.forEach(([count, error], i) => pen[i ? "lineTo" : "moveTo"](x(count), y(error)));
-  pen.stroke();
+  pen.fillText(all ? "all" : `${last}`, width - 8, height - 6);
 }
 
-// Begin the greedy choice; the errors of the curve are those at the angle of then.
+// Begin the greedy choice; rows of the curves have centres, largest error and cells inside out, at the angle of then.
 function begin() {
   amounts = asked();
   state.field = tail.greedy();
-  history = [[state.field.centres.length, tail.largest(state.field, angle())]];
+  history = [];
+  noted();
+}
+function noted() {
+  const { field } = state;
+  place(flight, amounts, points);
+  tail.place(field, angle(), points);
+  judge(points, flight.cells, flight.live.cells, now);
+  history.push([field.centres ? field.centres.length : tail.count, tail.largest(field, angle()), judged().inverted]);
 }
 function more(count) {
   if (!state.field.centres) begin();
-  state.field = tail.more(state.field, Math.min(count, MOST - state.field.centres.length), angle(), (...row) => history.push(row));
+  for (let k = Math.min(count, MOST - state.field.centres.length); k > 0; k -= 1) {
+    state.field = tail.more(state.field, 1, angle());
+    noted();
+  }
+}
+function all() {
+  if (!state.field.centres) return;
+  state.field = tail.withAll();
+  noted();
 }
 
 // Go to a step; the tail turns to the end of its range where it is alone. `hands` are roll, pitch and yaw, if given.
@@ -164,6 +205,7 @@ function enter(step, hands = {}) {
   }
   for (const text of document.querySelectorAll("#says section")) text.hidden = text.id !== `step-${step}`;
   byId("section").hidden = !alone();
+  byId("proof").hidden = step !== 6;
   picture.plot.fitted = false;
   byId("view").classList.toggle("flat", alone());
   byId("yaw").disabled = alone();
@@ -188,15 +230,31 @@ function sites() {
   state.field = tail.holds(state.field) ? tail.withoutBox() : tail.withAll();
 }
 
+// At first the stick goes forward by itself, so far and so long (ms), until somebody takes it.
+const FORWARD = 0.6, LASTS = 2000;
+function shown() {
+  const begin = performance.now(), said = byId("hint"), text = said.textContent;
+  let taken = false;
+  for (const name of ["pointerdown", "keydown"]) window.addEventListener(name, () => { taken = true; said.textContent = text; }, { once: true });
+  const step = () => {
+    if (taken || state.step !== 1) return;
+    const share = Math.min(1, (performance.now() - begin) / LASTS);
+    hold(0, FORWARD * share, order.tail_left);
+    if (share < 1) requestAnimationFrame(step); else said.textContent = `Now you. ${text}`;
+  };
+  requestAnimationFrame(step);
+}
+
 // Every change of the stick goes through here: by pointer, or by keys.
 function hold(roll, pitch, surface) {
+  if (scene && state.surface === order.rudder && surface !== order.rudder) scene.look("fly");
   Object.assign(state, { roll: alone() ? 0 : within(roll), pitch: within(pitch), surface: alone() ? flight.meta.live : surface });
   fly();
 }
 
 const ACTS = {
   "more-parts": () => { state.parts += 1; }, "all-parts": () => { state.parts = 9; }, "one-part": () => { state.parts = 1; }, sites,
-  "more-1": () => more(1), "more-4": () => more(4), "more-20": () => more(20), "all-centres": () => { state.field = tail.withAll(); }, again: begin,
+  "more-1": () => more(1), "more-4": () => more(4), "more-20": () => more(20), "all-centres": all, again: begin,
 };
 for (const [id, act] of Object.entries(ACTS)) byId(id).addEventListener("click", () => { act(); fly(); });
 for (const button of document.querySelectorAll("#steps button")) {
@@ -230,7 +288,12 @@ stick.addEventListener("keydown", (event) => {
   if (way) hold(state.roll + way[0], state.pitch + way[1], way[0] ? order.aileron_left : order.tail_left);
   else hold(0, 0, state.surface);
 });
-byId("yaw").addEventListener("input", () => { Object.assign(state, { yaw: Number(byId("yaw").value), surface: order.rudder }); fly(); });
+byId("look").addEventListener("click", () => scene.look(state.step === 5 ? "blend" : "fly"));
+byId("yaw").addEventListener("input", () => {
+  if (scene && state.step === 1 && state.surface !== order.rudder) scene.look("rudder");
+  Object.assign(state, { yaw: Number(byId("yaw").value), surface: order.rudder });
+  fly();
+});
 byId("release").addEventListener("click", () => { state.yaw = 0; hold(0, 0, state.surface); });
 byId("view").addEventListener("keydown", (event) => {
   const way = { ArrowLeft: [-10, 0, 1], ArrowRight: [10, 0, 1], ArrowUp: [0, 10, 1], ArrowDown: [0, -10, 1], "+": [0, 0, 1.2], "-": [0, 0, 1 / 1.2] }[event.key];
@@ -239,6 +302,7 @@ byId("view").addEventListener("keydown", (event) => {
   if (way) scene.turn(...way); else scene.look(state.step === 5 ? "blend" : "fly");
 });
 
+byId("proof-picture").src = `data:image/webp;base64,${byId("proof-data").textContent}`;
 byId("figure-picture").src = `data:image/svg+xml,${encodeURIComponent(await (await inflated("figure")).text())}`;
 if (document.createElement("canvas").getContext("webgl2")) {
   const library = document.createElement("script");
@@ -251,6 +315,7 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { hu
 new ResizeObserver(() => { picture.plot.fitted = false; if (alone()) draw(); }).observe(byId("view"));
 window.addEventListener("hashchange", opened);
 opened();
+if (scene && !still && !location.hash) shown();
 document.body.dataset.ready = "yes";
 // What tests ask for.
 window.fly = {

@@ -9,10 +9,13 @@ import json
 import re
 from base64 import b64encode
 from importlib.resources import files
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-from docs.fly.facts import KEPT
+from PIL import Image
+
+from docs.fly.facts import COARSE, KEPT
 from docs.fly.flight import flight
 from docs.fly.tail import START, WORSE
 from docs.fly.texts import DOCS
@@ -34,8 +37,9 @@ def numbers(facts: dict[str, Any]) -> dict[str, str]:
         "angle": f"{tail['angle']:g}",
         "jump": f"{1e3 * tail['jump']:.0f}",
         "torn": f"{tail['without_box']['inverted']}",
-        "paper": f"{tail['with_box']['least']:.3f}",
-        "product": f"{tail['product']['least']:.3f}",
+        "sheared": f"{tail['stretched']['all']:.1f}",
+        "coarse": f"{COARSE}",
+        "less": f"{tail['stretched'][str(COARSE)]:.1f}",
         "worse": f"{WORSE:g}",
         "rigid": f"{facts['rigid']:.0e}",
     }
@@ -49,6 +53,7 @@ def whole(data: bytes) -> str:
     blocks = {
         "flight": data,
         "figure": gzip.compress((DOCS / "figures" / "method.svg").read_bytes(), 9, mtime=0),
+        "proof-data": _webp(DOCS / "figures" / "method_rigid.png"),
         "library": report.joinpath("three.min.js.gz").read_bytes(),
     }
     page = page.replace("<head>", "<head>\n<!-- Made by python -m docs.fly.page from the files in docs/fly. -->", 1)
@@ -58,6 +63,13 @@ def whole(data: bytes) -> str:
         page = page.replace(begin, begin + b64encode(block).decode())
     scripts = "\n".join((HERE / name).read_text(encoding="utf-8").strip() for name in SCRIPTS)
     return page.replace('<script type="module">', f'<script type="module">\n{scripts}\n')
+
+
+def _webp(path: Path) -> bytes:
+    """Return a picture as WebP without loss, which has fewer bytes than a PNG."""
+    packed = BytesIO()
+    Image.open(path).convert("RGB").save(packed, "webp", lossless=True, quality=100, method=6)
+    return packed.getvalue()
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ const CREASE = 0.82;
 // Views: the direction to the eye (degrees around z and above the horizon), the centre, and half of the height (m).
 const VIEWS = {
   fly: { around: -38, above: 32, at: [0.6, -0.02, 0.005], half: 0.285 },
+  rudder: { around: 55, above: 24, at: [0.86, 0, 0.12], half: 0.16 },
   blend: { around: -40, above: 38, at: [0.8, -0.17, 0], half: 0.14 },
 };
 const CORNERS = [[0, 1], [2, 3], [4, 5], [6, 7], [0, 2], [1, 3], [4, 6], [5, 7], [0, 4], [1, 5], [2, 6], [3, 7]];

@@ -92,9 +92,9 @@ class SectionPicture {
   draw({ points, before, now, field, angle, shows }) {
     const { plot, tail, low, high } = this, values = this.flight.live.values(angle), held = tail.holds(field);
     plot.begin();
-    if (shows.parts) this.drawParts(field, shows.parts, values);
+    if (shows.parts) this.drawParts(field, shows.parts, values, angle);
     else this.drawMesh(points, before, now, shows.lattice ? 0.4 : 0.8);
-    if (shows.lattice) this.drawLattice(field, values);
+    if (shows.lattice) this.drawLattice(field, values, held);
     const between = (a, b, share) => [0, 2].map((c) => points[3 * a + c] + share * (points[3 * b + c] - points[3 * a + c]));
     plot.lines(this.walls.map((ends) => ends.map((end) => between(...end))), hue("moves"), 2.4);
     plot.lines([[low, [high[0], low[1]], high, [low[0], high[1]], low]], hue("box"), 1.6, { dash: [6, 4] });
@@ -108,6 +108,7 @@ class SectionPicture {
       const near = this.off(i) < NEAR;
       plot.disc(this.site(i), near ? 4.5 : 3.2, hue("ink"), { alpha: near ? 1 : 0.45 });
     }
+    if (shows.parts) this.drawWanted(field, shows.parts, values);
     plot.word("the box", [low[0], high[1]], hue("soft"));
   }
 
@@ -135,7 +136,7 @@ class SectionPicture {
     }
   }
 
-  drawLattice(field, values) {
+  drawLattice(field, values, held) {
     const { rows } = this.tail.lattice, move = [0, 0, 0], parts = [];
     const moved = rows.map((row) => row.map(([x, z, i]) => {
       if (i < 0) return [x, z];
@@ -144,8 +145,8 @@ class SectionPicture {
     }));
     rows.forEach((row, j) => row.forEach(([, , own], i) => {
       for (const [m, n] of [[j, i - 1], [j - 1, i]]) {
-        // Lines are cut at the box.
-        if (m >= 0 && n >= 0 && (own < 0) === (rows[m][n][2] < 0)) parts.push([moved[m][n], moved[j][i]]);
+        // Lines are cut at the box where the field jumps.
+        if (m >= 0 && n >= 0 && (held || (own < 0) === (rows[m][n][2] < 0))) parts.push([moved[m][n], moved[j][i]]);
       }
     }));
     this.plot.lines(parts, hue("ink"), 0.7, { alpha: 0.45 });
@@ -183,7 +184,7 @@ class SectionPicture {
   }
 
   // How far the first `count` parts of the sum would move each place: the functions one by one, then the linear part.
-  drawParts(field, count, values) {
+  drawParts(field, count, values, angle) {
     const { plot, tail, low, high, flight: { meta } } = this, rows = Math.round(COLUMNS * (high[1] - low[1]) / (high[0] - low[0]));
     const most = Math.min(count, field.centres.length), move = [0, 0, 0];
     if (!field.parts || field.parts.count !== count) {
@@ -195,10 +196,47 @@ class SectionPicture {
     }
     const sizes = Float64Array.from({ length: COLUMNS * rows }, (_, i) => Math.hypot(...displaced(field.parts.values, tail.columns, values, i, move)));
     this.top = Math.max(...sizes, 1e-9);
-    const bands = Array.from({ length: BANDS }, (_, i) => mixed(hue("ground"), hue("moves"), 0.05 + 0.75 * i / (BANDS - 1))), picture = new ImageData(COLUMNS, rows);
-    sizes.forEach((size, i) => picture.data.set([...bands[Math.min(BANDS - 1, Math.floor(BANDS * size / this.top))], 255], 4 * i));
+    this.scale = Math.max(0.01, Math.ceil(100 * tail.motion(tail.values, 0, tail.onTail, angle)) / 100); // m, for all numbers of parts
+    const bands = this.bands = Array.from({ length: BANDS }, (_, i) => mixed(hue("ground"), hue("moves"), 0.05 + 0.75 * i / (BANDS - 1))), picture = new ImageData(COLUMNS, rows);
+    sizes.forEach((size, i) => picture.data.set([...bands[Math.min(BANDS - 1, Math.floor(BANDS * size / this.scale))], 255], 4 * i));
     const small = Object.assign(document.createElement("canvas"), { width: COLUMNS, height: rows });
     small.getContext("2d").putImageData(picture, 0, 0);
     plot.pen.drawImage(small, ...plot.at(low[0], high[1]), plot.scale * (high[0] - low[0]), plot.scale * (high[1] - low[1]));
+  }
+
+  // Bars at centres and at the tail: where each should go, and where the sum takes it; a ring around the newest centre;
+  // and the scale of the colours.
+  drawWanted(field, count, values) {
+    const { plot, tail, high, low } = this, { pen, ratio } = plot, own = field.centres, most = Math.min(count, own.length), move = [0, 0, 0];
+    const at = [...own, ...Array(tail.onTail).keys()].filter((i) => own.includes(i) || this.off(i) < NEAR);
+    if (!field.sums || field.sums.count !== count) {
+      const places = Float64Array.from(at.flatMap((i) => Array.from(tail.sites.subarray(3 * i, 3 * i + 3))));
+      field.sums = { count, values: field.found.at(places, most, count > most) };
+    }
+    const bar = (found, k, i) => {
+      displaced(found, tail.columns, values, k, move);
+      const [x, z] = this.site(i);
+      return [[x, z], [x + move[0], z + move[2]]];
+    };
+    plot.lines(at.map((i) => bar(tail.values, i, i)), hue("soft"), 5, { alpha: 0.6 });
+    plot.lines(at.map((i, k) => bar(field.sums.values, k, i)), hue("worse"), 1.6);
+    if (count <= most) {
+      pen.beginPath();
+      pen.arc(...plot.at(...this.site(own[count - 1])), 9 * ratio, 0, 2 * Math.PI);
+      Object.assign(pen, { strokeStyle: hue("worse"), lineWidth: 1.6 * ratio });
+      pen.stroke();
+    }
+    const [right, top] = plot.at(...high), wide = 120 * ratio, tall = 10 * ratio, left = right - wide - 8 * ratio, begin = top + 24 * ratio;
+    pen.fillStyle = hue("ground");
+    pen.fillRect(left - 6 * ratio, begin - 18 * ratio, wide + 12 * ratio, tall + 24 * ratio);
+    for (let i = 0; i < BANDS; i += 1) {
+      pen.fillStyle = css(this.bands[i]);
+      pen.fillRect(left + wide * i / BANDS, begin, wide / BANDS + 1, tall);
+    }
+    Object.assign(pen, { fillStyle: hue("ink"), font: `${12 * ratio}px system-ui, sans-serif`, textAlign: "left" });
+    pen.fillText("0", left, begin - 4 * ratio);
+    pen.textAlign = "right";
+    pen.fillText(`${Math.round(1e3 * this.scale)} mm`, left + wide, begin - 4 * ratio);
+    pen.textAlign = "left";
   }
 }

@@ -43,14 +43,13 @@ class Tail {
     return this.field(this.flight.meta.start.slice());
   }
 
-  // Add the site with the largest error at an angle, `count` times; `told` gets the centres and the error after each.
-  more(field, count, angle, told) {
+  // Add the site with the largest error at an angle, `count` times.
+  more(field, count, angle) {
     let found = field.found, { centres, sites } = field;
     for (let k = 0; k < count; k += 1) {
       centres = [...centres, worst(this.errors({ sites }, angle), centres)];
       found = new Interpolant(this.sites, this.values, this.columns, centres, this.scaled);
       sites = found.at(this.sites);
-      told(centres.length, this.largest({ sites, most: this.count }, angle));
     }
     return this.field(centres);
   }

@@ -78,7 +78,7 @@ def test_exercise_1_is_answered(lesson, folder):
     code, told = lesson(commands(LESSON)[0])
     assert code == 0
     assert "towards -z" in told
-    said = r"(\d+ %) of the span turns by the full angle; the mean over the span is (\d+ %)"
+    said = r"full angle over (\d+ %) of the span, (\d+ %) on average"
     full, mean = re.search(said, told).groups()
     assert f"the full angle over {full} of the span, by {mean} of it\non average" in LESSON
     before, after = (sdm_deflect.read(folder / name).points for name in ("fighter.su2", "fighter-deflected.su2"))
@@ -150,7 +150,7 @@ def test_exercise_6_is_answered(lesson):
     code, told = lesson([*words[:first], "0.672,-0.3048,0", "0.657,-0.11627,0", *words[first + 2 :]])
     assert code == 0
     assert "is it the right one?" in told
-    assert "moves by up to 0.008654," in told
+    assert "moves by up to 0.008654 towards" in told
 
 
 def test_exercise_7_is_answered(folder):

@@ -95,6 +95,18 @@ class AffectedCells:
         quality = np.concatenate([np.empty(0), *(values for values, _ in scored)])
         return CellScores(quality, np.concatenate([np.empty(0, np.bool_), *(bad for _, bad in scored)]))
 
+    def worst(self, points: FloatArray) -> IntArray:
+        """Return the nodes (k,) of the worst cell, with the nodes at `points` (N, 3); none without cells."""
+        least, worst = np.inf, np.empty(0, dtype=np.intp)
+        for block, rows, orientation in zip(self.mesh.cells, self.rows, self.orientation, strict=True):
+            if len(rows):
+                quality, _ = quality_and_inverted(points, block, rows, orientation)
+                row = int(rows[np.argmin(quality)])
+                if quality.min() < least:
+                    least = float(quality.min())
+                    worst = polyhedra.nodes_of(block, row) if isinstance(block, Polyhedra) else block.nodes[row]
+        return worst
+
     def newly_inverted(self, points: FloatArray) -> BoolArray:
         """Return which affected cells (C,) are newly inverted with the nodes at `points` (N, 3)."""
         parts = zip(self.mesh.cells, self.rows, self.orientation, strict=True)
@@ -120,9 +132,17 @@ class AffectedCells:
         """
         if all(summary.min > FLAT and not summary.inverted for summary in self.quality_before):
             return tuple(Least(summary.min, summary.cells) for summary in quality)
-        good, now = ~self.before.inverted & (self.before.quality > FLAT), self.scores(points).quality
-        kept = [now[good & cells] for _, cells in self.by_shape()]
+        kept = self._of_good(points).values()
         return tuple(Least(float(values.min(initial=np.inf)), len(values)) for values in kept)
+
+    def count_below(self, points: FloatArray, shape: str, quality: float) -> int:
+        """Return how many cells of a type have less than a quality, of those neither inverted nor flat before."""
+        return int(np.count_nonzero(self._of_good(points)[shape] < quality))
+
+    def _of_good(self, points: FloatArray) -> dict[str, FloatArray]:
+        """Return the quality at points (N, 3) of the cells that were neither inverted nor flat before, by type."""
+        good, now = ~self.before.inverted & (self.before.quality > FLAT), self.scores(points).quality
+        return {shape: now[good & cells] for shape, cells in self.by_shape()}
 
     @cached_property
     def quality_before(self) -> tuple[Quality, ...]:

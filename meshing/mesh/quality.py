@@ -35,6 +35,16 @@ MEASURES = {
     "hexahedron": "scaled Jacobian",
     POLYHEDRON: "orthogonal quality",
 }
+# Types of cells as a reader calls many of them.
+PLURALS = {
+    "triangle": "triangles",
+    "quad": "quadrilaterals",
+    "tetra": "tetrahedra",
+    "pyramid": "pyramids",
+    "wedge": "prisms",
+    "hexahedron": "hexahedra",
+    POLYHEDRON: "polyhedra",
+}
 # Limits of checkMesh: degrees above which a face is severely non-orthogonal; skewness that is an error.
 SEVERE, SKEW = 70.0, 4.0
 

@@ -130,7 +130,7 @@ def test_amounts_that_did_not_pass_end_with_1(folder, sdm, tmp_path):
         out = tmp_path / f"{angle}.su2"
         code, said, err = sdm("apply", held, f"--angle={angle}", folder / "wing.su2", "--out", out)
         assert code == wanted, err
-        assert ("FAILED: flap = -79 deg: outside" in said) == (wanted == 1)
+        assert ("FAILED: do not use this mesh; flap = -79 deg: outside" in said) == (wanted == 1)
 
 
 def test_a_part_alone_says_what_is_elsewhere_and_keeps_the_rest(folder, field, sdm, tmp_path):
@@ -181,7 +181,10 @@ def test_other_zones_stay_unless_they_deform(pair, sdm):
     source, field, turned, both = names
     assert sdm("deflect", source, *BODY, "--plan", field, "--out", turned)[0] == 1  # nodes of the other body stay
     code, said, _ = sdm("apply", field, "--angle", "5", source, "--quiet")
-    assert (code, "FAILED: body = 5 deg: no amount passed; failed: left_behind" in said) == (1, True)  # the plan knows
+    assert (code, "FAILED: do not use this mesh; body = 5 deg: no amount passed; failed: left_behind" in said) == (
+        1,
+        True,
+    )  # the plan knows
     found, start = read(pair / "pair-deflected.cgns").points, read(source).zones[1].start
     assert np.array_equal(found, read(turned).points)
     assert np.array_equal(found[start:], read(source).points[start:])

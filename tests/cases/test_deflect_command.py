@@ -67,13 +67,13 @@ def test_each_format_is_deflected_in_itself_and_the_input_stays(name, files, sdm
     assert not moved[old.on("wing_upper", "far_field")].any()
 
 
-def test_twelve_lines_say_what_counts_and_verbose_says_all(files, sdm, tmp_path, monkeypatch):
+def test_few_lines_say_what_counts_and_verbose_says_all(files, sdm, tmp_path, monkeypatch):
     monkeypatch.setenv("COLUMNS", "160")
     words = ["deflect", files["su2"], *TURN, "--out", tmp_path / "w.su2"]
     lines, whole = (sdm(*words, *more)[1].splitlines() for more in (["--quiet"], ["--verbose"]))
-    assert len(lines) <= 12
-    for text in (" moves by up to ", "quality of the cells ", f"wrote {tmp_path}"):
-        assert any(text in line for line in lines), text
+    assert len(lines) <= 9  # the name of three patches takes a line of its own
+    for text in (" moves by up to ", "^cells .* 0\\.\\d+ .* hexahedra$", f"^wrote +{tmp_path}"):
+        assert any(re.search(text, line) for line in lines), text
     turned = "flap_upper, flap_lower, flap_base turn by 75 % of their angle on average (--strip)"
     assert lines[-1] == whole[-1] == f"all validations passed; {turned}"
     for text in ("outside_moved", "box along the hinge", "data sites:", "kernel:"):
@@ -125,9 +125,9 @@ def test_a_warning_comes_first_and_is_counted_by_the_verdict(files, sdm, tmp_pat
     page = (tmp_path / "w-report" / "report.html").read_text()
     parts = (
         "all validations passed, 3 warnings</b>",
-        "<b>4 warnings:</b> hinge: its two points cover 0 % of the span of flap_",
-        "flap_upper, flap_lower, flap_base turn by ",
-        '<dl class="facts">',
+        "<b>3 warnings:</b> hinge: its two points cover 0 % of the span of flap_",
+        "<p>flap turns by ",
+        '<h2 id="slices">',
     )
     assert sorted(parts, key=page.index) == list(parts)
     assert json.loads((tmp_path / "w-report" / "metrics.json").read_text())["warnings"] == figures["warnings"]
@@ -135,7 +135,7 @@ def test_a_warning_comes_first_and_is_counted_by_the_verdict(files, sdm, tmp_pat
     with pytest.warns(UserWarning, match="hinge: its"):
         result = deflect(str(files["su2"]), "flap_*", [[0.7, -0.3, 0], [0.7, -0.7, 0]], 8, **wing)
     assert list(result.notes[:4]) == [*figures["warnings"], *figures["short_turns"]]
-    assert result.title.endswith(f": all checks passed; {lines[0].partition('; ')[2]}")
+    assert result.title.endswith(f": all validations passed; {lines[0].partition('; ')[2]}")
     assert f"warning: {warning}" in repr(result)
 
 
@@ -224,7 +224,7 @@ def test_a_mesh_that_replaces_an_older_one_says_so(sdm, tmp_path):
     hinge = ("--hinge", "-1,0,0", "-1,1,0", "--no-report", "--quiet", "--out", tmp_path / "turned.su2")
     words = ("deflect", tmp_path / "pair.su2", "--surface", "left", *hinge, "--angle")
     assert "was replaced" not in sdm(*words, 5)[1]
-    assert "note: an older turned.su2 was replaced" in sdm(*words, 6)[1]
+    assert re.search("^note +an older turned.su2 was replaced$", sdm(*words, 6)[1], re.MULTILINE)
 
 
 def test_the_files_of_a_sweep_name_the_amounts_of_all_surfaces(sdm, tmp_path):
@@ -381,7 +381,9 @@ def test_a_failed_check_is_exit_code_1_and_the_table_says_which(files, sdm, tmp_
         "--out", tmp_path / "w.su2", "--quiet",
     )  # fmt: skip
     assert code == 1
-    assert re.search(r"FAILED: \d of \d+ checks: inverted_cells, .*layer_height", " ".join(table.split()))
+    assert re.search(
+        r"FAILED: do not use this mesh; \d of \d+ checks: inverted_cells, .*layer_height", " ".join(table.split())
+    )
     assert "FAILED" in table
 
 
@@ -391,7 +393,7 @@ def test_a_case_named_by_its_file_is_written_beside_its_folder(name, files, sdm,
     shutil.copytree(files["openfoam"], name)
     code, table, complaint = sdm("deflect", f"{name}/case.foam", *TURN, "--quiet")
     assert code == 0, complaint
-    assert f"wrote {name.replace('.', '-')}-deflected" in table
+    assert re.search(f"^wrote +{name.replace('.', '-')}-deflected$", table, re.MULTILINE)
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted([name, f"{name.replace('.', '-')}-deflected"])
 
 

@@ -32,13 +32,16 @@ def test_every_format_gives_counts_patches_and_quality(name, tmp_path):
     text = inspect(path)
     assert text.startswith(f"{path}: 14 points, 7 cells\n")
     for shape, count in SHAPES:
-        assert f"{count} {shape}, 0 inverted" in text
-    assert f"mean ratio min {mean_ratio(mesh.points, mesh.cells[2].nodes).min():.3f}" in text
+        assert re.search(rf"^{count} {shape} .* 0$", text, re.MULTILINE)
+    assert re.search(rf" mean ratio +{mean_ratio(mesh.points, mesh.cells[2].nodes).min():.3f} ", text)
     jacobian = grid(mesh).cell_quality("scaled_jacobian")["scaled_jacobian"]
     for cell in (0, 1, 6):
-        assert f"scaled Jacobian min {jacobian[cell]:.3f}" in text
-    reach = [f"({', '.join(f'{x:.4g}' for x in end)})" for end in extent_of(mesh, "floor")]
-    assert f"patches (faces, extent):\n  floor 3, {reach[0]} to {reach[1]}\n  inlet 2, (" in text
+        assert re.search(rf" scaled Jacobian +{jacobian[cell]:.3f} ", text)
+    pairs = zip(*extent_of(mesh, "floor"), strict=True)
+    along = [" \N{HORIZONTAL ELLIPSIS} ".join(dict.fromkeys(f"{x:.4g}" for x in pair)) for pair in pairs]
+    (row,) = re.findall("^floor .*", text, re.MULTILINE)
+    assert re.split("  +", row) == ["floor", "3", *along]
+    assert re.search("^patch +faces +x +y +z$", text, re.MULTILINE)
 
 
 def test_the_same_as_data(tmp_path):
@@ -52,7 +55,7 @@ def test_the_same_as_data(tmp_path):
     }
     for one in found["quality"]:
         assert {"min", "p01", "mean", "below_0_2", "below_0_4", "inverted"} <= one.keys()
-        assert f"{one['measure']} min {one['min']:.3f}, 1 % {one['p01']:.3f}" in inspect(tmp_path / "mesh.su2")
+        assert re.search(f" {one['measure']} +{one['min']:.3f} +{one['p01']:.3f} ", inspect(tmp_path / "mesh.su2"))
 
 
 def test_a_file_most_of_whose_cells_are_inverted_is_refused(tmp_path):
@@ -78,7 +81,7 @@ def test_zones_are_listed(tmp_path):
     Cgns().write(hybrid(2), tmp_path / "mesh.cgns")
     text = inspect(tmp_path / "mesh.cgns")
     assert "zones (points): block 1 14, block 2 14" in text
-    assert "8 tetrahedra, 0 inverted" in text
+    assert re.search(r"^8 tetrahedra .* 0$", text, re.MULTILINE)
 
 
 def test_inverted_cells_of_every_shape_are_counted(tmp_path):
@@ -89,7 +92,7 @@ def test_inverted_cells_of_every_shape_are_counted(tmp_path):
     FORMATS["su2"].write(flat, tmp_path / "mesh.su2")
     text = inspect(tmp_path / "mesh.su2")
     for shape, count in SHAPES:
-        assert f"{5 * count} {shape}, {count} inverted" in text
+        assert re.search(rf"^{5 * count} {shape} .* {count}$", text, re.MULTILINE)
 
 
 def gathered(mesh):
@@ -102,7 +105,7 @@ def test_cells_of_faces_are_judged_by_their_types(tmp_path):
     Cgns().write(polyhedral(hybrid()), tmp_path / "mesh.cgns")
     Cgns().write(hybrid(), tmp_path / "types.cgns")
     first, second = (set(inspect(tmp_path / name).splitlines()) for name in ("mesh.cgns", "types.cgns"))
-    judged = {line for line in second if "inverted;" in line}
+    judged = {line for line in second if "scaled Jacobian" in line or "mean ratio" in line}
     assert len(judged) == 4
     assert judged <= first
 

@@ -1,5 +1,6 @@
 """What is shown while a case runs and when it has ended."""
 
+import re
 from io import StringIO
 from pathlib import Path
 
@@ -22,9 +23,9 @@ CHECKS = (
 )
 
 
-def printed(what, **settings):
+def printed(what, width=WIDTH, **settings):
     out = StringIO()
-    Console(file=out, width=WIDTH, **settings).print(what)
+    Console(file=out, width=width, **settings).print(what)
     return out.getvalue()
 
 
@@ -67,7 +68,7 @@ def test_table_is_wide_in_a_pipe_unless_told(monkeypatch):
     ("switches", "terminal", "expected"),
     [
         ({"verbose": True}, True, ["begins", "x: 54 centres", "263 centres", "ends"]),
-        ({}, True, ["263 centres", "━"]),
+        ({}, True, ["263 centres"]),
         ({}, False, ["263 centres"]),
         ({"quiet": True}, True, []),
         ({"quiet": True, "verbose": True}, False, []),
@@ -119,17 +120,26 @@ def test_texts_are_printed_as_they_are_one_below_the_other(capsys):
 
 @pytest.mark.mesher
 def test_a_case_is_printed_as_any_deflection(aileron_run):
-    text = printed(case_table(aileron_run[0], Path("runs/mine")))
+    text = printed(case_table(aileron_run[0], Path("runs/mine"), whole=True))
     lines = text.splitlines()
-    begins = (
-        "aileron_left: ",
+    for begin in (
+        "aileron_left +",
         "box ",
         "data sites: ",
         "kernel: thin plate",
-        "interpolation: centres ",
-        "wrote runs/mine",
-    )
-    for begin in begins:
-        assert any(line.startswith(begin) for line in lines), begin
+        "fit +interpolation: ",
+        "wrote +runs/mine",
+    ):
+        assert any(re.match(begin, line) for line in lines), begin
     assert "surface_to_cad" in text
     assert lines[-1].startswith("all validations passed")
+
+
+@pytest.mark.mesher
+def test_a_case_fits_a_terminal_and_names_only_failed_checks(aileron_run):
+    text = printed(case_table(aileron_run[0], Path("runs/mine"), whole=False), width=80)
+    lines = text.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert len(lines) <= 20
+    assert "surface_to_cad" not in text
+    assert re.search(r"(\d+) of \1 checks passed \(--verbose: each\)", text)

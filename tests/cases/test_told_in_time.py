@@ -16,8 +16,9 @@ from rich.console import Console
 from sdm_deflect.cases.cli.console import WIDTH
 from sdm_deflect.cases.report.page import remedies
 from sdm_deflect.cases.run import progress
+from sdm_deflect.cases.run.advice import advice
 from sdm_deflect.cases.run.limit import Search, Trial
-from sdm_deflect.deform.checks import Check, tally, verdict
+from sdm_deflect.deform.checks import Check, grade, tally, verdict
 from sdm_deflect.meshing.formats.registry import FORMATS
 from tests.deform.blocks import block_with_body
 
@@ -84,8 +85,7 @@ def test_a_sweep_names_the_files_that_failed(tmp_path, sdm, monkeypatch):
     code, out, _ = sdm(*words, "--angles", "2,4,60", "--min-quality", "0.8", "--force")
     text = " ".join(out.split())
     assert code == 1
-    assert re.search(r"do not use \S*block-deflected_\+60\.su2 as it is", text)
-    assert "block-deflected_+2.su2 as" not in text
+    assert re.search(r"FAILED: do not use block-deflected_\+60\.su2; \d of \d+ checks", text)
     code, out, err = sdm(*words, "--angles", "1,3", "--min-quality", "0.5")
     assert (code, "do not use" in out) == (0, False), err
 
@@ -96,27 +96,44 @@ def failing(name, surfaces):
 
 
 @pytest.mark.parametrize(
-    ("amount", "width", "said"),
+    ("amount", "wider", "said"),
     [
-        (5.0, "strip", "Try a smaller angle, a larger --margin or a wider --strip."),
-        (5.0, "panel", "Try a smaller angle, a larger --margin or a wider --panel."),
-        (5.0, "", "Try a smaller angle or a larger --margin."),
-        (0.0, "strip", None),
+        (
+            5.0,
+            "--strip 0.3",
+            ["Try --strip 0.3, a smaller angle (`sdm limit` finds the largest) or a larger --margin."],
+        ),
+        (5.0, "", ["Try a smaller angle (`sdm limit` finds the largest) or a larger --margin."]),
+        (0.0, "--strip 1", []),
     ],
 )
-def test_advice_is_by_case(amount, width, said):
-    data = failing("inverted_cells", (SimpleNamespace(amount=amount, width=width),))
-    assert remedies(data) == (() if said is None else (said,))
-    assert remedies(failing("rounding", ())) == ("Write a format of double precision.",)
+def test_advice_is_by_case(amount, wider, said):
+    data = failing("inverted_cells", (SimpleNamespace(amount=amount, wider=wider),))
+    assert list(remedies(data)) == said
+    assert list(remedies(failing("rounding", ()))) == ["Write a format of double precision."]
+
+
+def test_advice_on_several_checks_is_one_sentence_and_a_usable_mesh_has_it_too():
+    bad = Check("inverted_cells", 2.0, 0.0, "cells", ""), Check("surfaces_crossed", 2.0, 0.0, "faces", "")
+    (told,) = advice(bad, ("--strip 0.3",), True)
+    assert told.count("a smaller angle") == 1
+    assert told.endswith(" or a hinge farther from the other surface.")
+    poor = Check("quality_min:tetra", 0.06, 0.02, "", "", "at least", reservation="11 of 30,926 tetrahedra poor")
+    assert list(advice((poor,), ("--strip 0.3",), True)) == [
+        "Try --strip 0.3, a smaller angle (`sdm limit` finds the largest) or a larger --margin."
+    ]
+    assert list(advice((replace(poor, reservation=""),), ("--strip 0.3",), True)) == []
 
 
 def test_checks_are_counted_in_one_way():
     held = Check("quality_min", 0.5, 0.25, "-", "", "at least")
     known = Check("rounding", 0.5, 0.25, "-", "", "information")
     absent = replace(held, name="layer_height", over=0)
-    bad = replace(held, value=0.1)
+    bad, poor = replace(held, value=0.1), replace(held, reservation="11 of 30,926 tetrahedra poor")
+    assert [grade((held, *more)) for more in ((), (poor,), (poor, bad))] == ["passed", "usable", "FAILED"]
+    assert verdict((held, poor)) == "usable, with 11 of 30,926 tetrahedra poor"
     assert tally((held, known, absent, bad)) == "1 of 2"
-    assert verdict((held, known, absent, bad)) == "FAILED: 1 of 2 checks: quality_min"
+    assert verdict((held, known, absent, bad)) == "FAILED: do not use this mesh; 1 of 2 checks: quality_min"
 
 
 @pytest.mark.parametrize("name", ["deform", "meshing", "geometry"])

@@ -135,14 +135,15 @@ def test_a_slider_is_typed_dragged_and_played_and_says_what_was_measured(page):
     tab, _, held = page("wing")
     typed, slider = tab.locator("#scene-typed-flap"), tab.locator("#scene-amount-flap")
     assert typed.input_value() == "8"
-    assert "flap at +8\N{DEGREE SIGN}: measured here, no newly inverted cell" in tab.inner_text("#scene-measured")
-    assert tab.inner_text("#scene-verdict") == "\N{CHECK MARK} all checks passed"
+    assert tab.inner_text("#scene-measured").startswith("Measured here: no cell is inside out, fitted within")
+    assert not tab.is_visible("#scene-verdict")  # the head of the page has it
     least = min(row.least for row in held.measured[0] if row.amount == 8.0)
     assert float(tab.inner_text("#scene-least")) == pytest.approx(least, abs=1e-3)
     typed.fill("2,5")
     typed.press("Enter")
     assert tab.get_attribute("#turnable", "data-amounts") == '{"flap":2.5}'
-    assert "measured at +2\N{DEGREE SIGN} and +4\N{DEGREE SIGN}" in tab.inner_text("#scene-measured")
+    assert tab.inner_text("#scene-measured").startswith("Measured at +2\N{DEGREE SIGN} and +4\N{DEGREE SIGN}: ")
+    assert tab.inner_text("#scene-verdict") == "\N{CHECK MARK} all validations passed"
     assert tab.inner_text("#scene-command").startswith("sdm apply report/plan.npz --angle=2.5 ")
     slider.fill("6")
     assert tab.get_attribute("#turnable", "data-amounts") == '{"flap":6}'
@@ -174,11 +175,11 @@ def test_a_slider_is_typed_dragged_and_played_and_says_what_was_measured(page):
 def test_off_the_measured_line_nothing_is_claimed(page):
     tab, _, _ = page("bodies")
     assert tab.locator("#scene-sliders input[type=range]").count() == 2
-    assert "measured here" in tab.inner_text("#scene-measured")
+    assert tab.inner_text("#scene-measured").startswith("Measured here: ")
     for name, amount in (("left", "3"), ("right", "-2")):
         tab.locator(f"#scene-typed-{name}").fill(amount)
         tab.locator(f"#scene-typed-{name}").press("Enter")
-    said = "Checks were measured with one surface away, and left moved as well; the least quality is of this mesh."
+    said = "Checks are known for one surface at a time; here 2 are moved. Least quality: of this mesh."
     assert tab.inner_text("#scene-measured") == said
     assert tab.inner_text("#scene-verdict") == "checks not measured here"
     assert 0.0 < float(tab.inner_text("#scene-least")) < 1.0
@@ -270,7 +271,9 @@ def test_a_click_names_the_patch_and_two_make_a_hinge_of_any_mesh(opened, view, 
     frame = tab.locator("#turnable canvas").bounding_box()
     for shift in (0, 40):
         tab.mouse.click(frame["x"] + frame["width"] / 2 + shift, frame["y"] + frame["height"] / 2)
-    assert re.search(r"body, undeflected node at \S+; --hinge \S+ \S+", tab.inner_text("#scene-picked"))
+    assert re.search(r"^body, undeflected node at \S+$", tab.inner_text("#scene-picked"))
+    said = r"sdm deflect .*block.su2 --surface body \\\n  --hinge \S+ \S+ \\\n  --angle 10"
+    assert re.fullmatch(said, tab.inner_text("#scene-hinge-command"))
     tab.wait_for_selector("#scene-labels .picked line", state="attached")
     assert tab.locator("#scene-labels .picked .dot").count() == 2
     assert tab.locator("#scene-labels .picked path").count() == 2  # the sense of a positive angle

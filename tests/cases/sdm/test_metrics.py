@@ -146,7 +146,7 @@ def test_too_few_centres_fail_the_run(aileron_mesh, tmp_path, sdm):
     code, table, _ = sdm(*words)
     assert code == 1
     line, last = (line for line in table.splitlines() if "FAILED" in line and "site_error" in line)
-    assert re.fullmatch(r"FAILED: 1 of \d+ checks: site_error", last)
+    assert re.fullmatch(r"FAILED: do not use this mesh; 1 of \d+ checks: site_error", last)
     assert "<= 8e-05 m" in line
     validation = read(tmp_path)["validation"]
     assert not validation["passed"]

@@ -154,7 +154,7 @@ def test_what_is_no_device_is_one_sentence(given, complaint):
 
 
 def test_a_missing_hinge_is_offered():
-    with pytest.raises(InputError, match=r"the hinge is missing: .* it may be 0\.73,1,0 0\.790189,3\.00629,0$"):
+    with pytest.raises(InputError, match=r"the hinge is missing: .* it may be 0\.73,1,0 0\.79019,3\.00629,0$"):
         deflect(winged(2), "flap", None, 5.0, motion="blended", fixed="wing")
     with pytest.raises(InputError, match="it may be none: no other patch goes on smoothly from left"):
         deflect(two_bodies(), "left", None, 5.0)

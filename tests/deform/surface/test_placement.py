@@ -122,7 +122,7 @@ def test_the_farthest_node_says_where_the_surface_goes(mesh):
     assert move[2] < 0.0
     assert place[0] == pytest.approx(3.5)
     ((_, text),) = travels(plan, plan.largest)
-    assert re.fullmatch(rf"{np.linalg.norm(move):.4g}, at \(3\.5, \S+, \S+\) towards -z, \(\S+, \+0\.00, -\S+\)", text)
+    assert re.fullmatch(rf"{np.linalg.norm(move):.4g} towards -z, at \(3\.5, \S+, \S+\)", text)
 
 
 def wave(points):

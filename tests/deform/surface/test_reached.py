@@ -81,7 +81,10 @@ def test_figures_of_a_job_have_it_for_each_surface(inboard_wing):
     assert found[name].keys() == {"full", "mean", "off", "place", "near"}
     ((named, text),) = motions(plan, plan.largest)
     assert named == name
-    assert text.startswith(f"{100 * found[name]['full']:.0f} % of the span turns by the full angle; the mean ")
+    full, mean = (f"{100 * found[name][key]:.0f} %" for key in ("full", "mean"))
+    share = f"full angle over {full} of the span, {mean} on average"
+    assert text.startswith(f"{share}; distance from a rigid turn: up to ")
+    assert list(motions(plan, plan.largest, whole=False)) == [(name, share)]
 
 
 def test_displacements_of_a_table_have_no_angle(inboard_wing):
