@@ -1,5 +1,6 @@
 """Grids of TAU: only coordinates change, names are those of the boundary mapping, and other libraries read them."""
 
+import re
 from contextlib import suppress
 from dataclasses import replace
 
@@ -107,7 +108,7 @@ def test_quality_and_names_of_other_endings(tmp_path):
     written(hybrid(), tmp_path / "wing", "hdf5")
     for name in ("wing", "wing.grid.def.1"):
         assert file_figures(tmp_path / name)["patches"]["roof"] == 5
-        assert "1 prisms, 0 inverted" in inspect(tmp_path / name)
+        assert re.search(r"^1 prisms .* 0$", inspect(tmp_path / name), re.MULTILINE)
 
 
 def test_cgns_is_kept_apart(tmp_path):
