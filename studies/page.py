@@ -1,6 +1,7 @@
 """The tables and sentences of docs/paper.md that quote figures, as Markdown: `python -m studies page` writes them."""
 
 import csv
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -17,6 +18,8 @@ SECTIONS = (
     ("table1", "figure2"), ("table2",), ("figure3",), ("table3",), ("figure4",), ("figure5",), ("table4",),
     ("figure7",), ("timings",),
 )  # fmt: skip
+# Widths of the columns of trends, in per cent.
+WIDTHS, ALL_WIDTHS = "40 6 54", "6 76 18"
 # Heads of iterations and centres at the end.
 ENDS = ("t_end paper", "here", "N_c,end paper", "here")
 # Changes of centres.csv that the page shows.
@@ -41,6 +44,7 @@ def blocks(tables: Path, numbers: Numbers) -> Iterator[str]:
     trends = [Verdict(**one) for one in numbers["trends"]]
     hold = sum(one.holds for one in trends)
     yield f"Of {len(trends)} trends that the paper states, {hold} hold here and {len(trends) - hold} do not.\n"
+    yield _in_one_table(trends)
     yield _meshes(numbers)
     yield from (_sites(name, numbers) for name in ("table1", "table3", "table4"))
     yield _table1(tables)
@@ -50,13 +54,29 @@ def blocks(tables: Path, numbers: Numbers) -> Iterator[str]:
     for section in SECTIONS:
         own = [trend for trend in trends if trend.table in section]
         lines = (trend.line(before) for before, trend in pairwise([None, *own]) if trend)
-        yield _markdown(("the paper says", "here", "measured"), "---", lines)
+        yield _of_widths(WIDTHS, _markdown(("the paper says", "", "measured here"), "---", lines))
     yield from (_repaired(one) for one in numbers["counted"] if one["repair"] == "auto" and one["strategy"] == "squv")
     yield from (_checks(number, numbers) for number in (5, 8))
     yield _counts(numbers)
     yield _timings(numbers)
     trials = Trials(tables / "centres.csv")
     yield from (trials.changes(), trials.tolerances(), trials.solvers())
+
+
+def _in_one_table(trends: Sequence[Verdict]) -> str:
+    """Return a table of all trends: whether each holds here, and the part of the page that says more."""
+    lines = [_row((one.sign, one.sentence, f"[{_spaced(one.table)}](#{one.table})")) for one in trends]
+    return _of_widths(ALL_WIDTHS, _markdown(("", "the paper says", "of"), "---", lines))
+
+
+def _spaced(name: str) -> str:
+    """Return the name of a table or figure in words: ``table 1``. It is the name of a target of the page, too."""
+    return re.sub(r"(\d)", r" \1", name)
+
+
+def _of_widths(widths: str, table: str) -> str:
+    """Return a table whose columns have widths in per cent: long texts would leave numbers no room."""
+    return f":::{{table}}\n:widths: {widths}\n\n{table}\n:::\n"
 
 
 def _markdown(heads: Sequence[str], marks: str, lines: Iterable[str]) -> str:

@@ -45,7 +45,12 @@ class Verdict:
         measured = "see above" if self.here.startswith(("iterations:", "centres:")) else self.here
         if before and before.here == self.here and measured == self.here:
             measured = "the same numbers"
-        return f"| {self.sentence} | {'holds' if self.holds else '**does not hold**'} | {measured} |"
+        return f"| {self.sentence} | {self.sign} | {measured} |"
+
+    @property
+    def sign(self) -> str:
+        """A check mark if the sentence holds here, else a cross."""
+        return "\N{CHECK MARK}" if self.holds else "**\N{BALLOT X}**"
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,7 +42,7 @@ WORDS = {
     "trailing_edge": "at the trailing edge",
     "whole": "over the whole surface",
     "node_by_node": "from node to node",
-    "root": "at the root, which was extended to the fuselage",
+    "root": "at the root, which is extended to the fuselage",
     "beyond_root": "beyond the root",
     "cad_to_surface": "from the CAD back to the surface",
 }
@@ -167,7 +167,7 @@ def sentence(surface: str, figures: Mapping[str, Mapping[str, float]]) -> str:
         for part, values in figures.items()
         if values["largest"] > ROUNDING
     ]
-    on = [f"none {WORDS[part]}" for part, values in figures.items() if values["largest"] <= ROUNDING]
+    on = ["nothing elsewhere" if off else "nothing"] * (len(off) < len(figures))
     error = max(figure["off"] for figure in figures.values())
     return f"{surface} against CAD turned rigidly: {', '.join(off + on)}; as predicted to {error:.0e} m"
 

@@ -46,6 +46,8 @@ if TYPE_CHECKING:
 ARROW = "\N{RIGHTWARDS ARROW}"
 # Most letters of a label with the space behind it, in the lines below a table.
 INDENT = 16
+# With what a note may begin.
+LABELS = ("plan", "case", "mesh", "CAD", "checks")
 # Width of a table in a file or a pipe, unless the environment variable COLUMNS gives another.
 WIDTH = 160
 
@@ -90,7 +92,8 @@ def warning_texts(warned: Sequence[str], *before: str) -> list[Text]:
 
 def rigid_lines(checks: Sequence[Check]) -> list[str]:
     """Return a line on the distance of each of the aircraft's surfaces from rigid CAD."""
-    return [check.where for check in checks if check.name.partition(":")[0] == "surface_to_rigid_cad"]
+    rigid = (check for check in checks if check.name.partition(":")[0] == "surface_to_rigid_cad")
+    return [check.where.rpartition("; ")[0] for check in rigid]
 
 
 def findings(results: Sequence["Finding"]) -> Group:
@@ -140,9 +143,9 @@ def result_table(done: "Outcome", whole: bool) -> Group:
 
 
 def _noted(note: str) -> tuple[str, str]:
-    """Return a note with its label: that of a plan, or another."""
+    """Return a note with the label that it begins with, or else its own."""
     label, colon, text = note.partition(": ")
-    return (label, text) if colon and label == "plan" else ("note", note)
+    return (label, text) if colon and label in LABELS else ("note", note)
 
 
 def page_of(folder: Path) -> Path:

@@ -47,7 +47,8 @@ EXAMPLES = {
         (
             "--surface aileron_left --fixed wing_left --hinge 0.69181,-0.3048,0 0.6767,-0.11627,0 "
             "--angle 12 --motion blended",
-            "--surface rudder --fixed fin --hinge 0.94642,0,0.2133 0.87672,0,0.0955 --angle 15 --motion blended",
+            "--surface rudder --fixed fin --fixed pedestal --hinge 0.94642,0,0.2133 0.87672,0,0.0955 "
+            "--angle 15 --motion blended",
             "--surface tail_left --motion root --on fuselage_panel_left --fixed fuselage --fixed fuselage_rear "
             "--fixed ventral_left "
             "--hinge 0.86842,-0.2228,-0.01163 0.86842,-0.06598,-0.01163 --angle 12",

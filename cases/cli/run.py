@@ -77,8 +77,9 @@ def case_table(run: "Run", folder: Path, whole: bool) -> "Group":
 
     from .console import page_of, result_table, rigid_lines
 
-    notes = [f"{run.case.title}, {run.case.scale}, {run.case.strategy}", run.guide, *rigid_lines(run.checks)]
-    notes += [] if whole else [f"{tally(run.checks)} checks passed (--verbose: each)"]
+    notes = [f"case: {run.case.title}, {run.case.scale}, {run.case.strategy}", f"mesh: {run.guide}"]
+    notes += [f"CAD: {line}" for line in rigid_lines(run.checks)]
+    notes += [] if whole else [f"checks: {tally(run.checks)} checks passed (--verbose: each)"]
     for state, quality in (("slides", run.deflection.quality[0]), ("is pinned", run.pinned)) if run.pinned else ():
         share = f"{percent(quality.below_0_4, 3)} below 0.4, {quality.inverted} inverted"
         notes.append(f"least quality inside if the Chimera face {state}: {quality.min:.3f}, {share}")
