@@ -40,7 +40,7 @@ CHECKS = {
     "quality_min": "worst cell by its measure (1 is ideal): of a type at the box, or of the whole mesh",
     "non_orthogonality_max": "largest angle between a face's normal and the line between the centres of its two cells",
     "skewness_max": "largest distance of a face's centre from that line, over the size of the face",
-    "left_behind": "nodes that stay where moving nodes were: another holder of the same surface",
+    "left_behind": "nodes of the surface that were left behind",
     "nodes_parted": "pairs of boundary nodes that were at one place and no longer are",
     "held_moved": "largest displacement of a node of a moving patch that is to stay",
     "repair_elsewhere": "largest displacement by the repair of nodes that it must not move",

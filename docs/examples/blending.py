@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from sdm_deflect.base.arrays import FloatArray
-from sdm_deflect.cases.report.colours import DISPLACEMENT
+from sdm_deflect.cases.report.colours import DISPLACEMENT, XYZ
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import Kernel, Multiquadric, ThinPlateSpline
 from sdm_deflect.deform.surface.appendix_a import blend, blend_strip
@@ -72,12 +72,12 @@ def draw() -> Figure:
     left, *plans = figure.subplots(1, 4, width_ratios=(2.6, 1, 1, 1))
     x, values = np.array([0.0, 0.2, 0.45, 0.7, 1.0]), np.array([0.0, 0.0, 1.0, 0.3, 0.3])
     fine = np.linspace(0.0, 1.0, 401)
-    for (name, kernel), style in zip(KERNELS.items(), ("--", "-.", "-"), strict=True):
+    for (name, kernel), style, colour in zip(KERNELS.items(), ("--", "-.", "-"), XYZ, strict=True):
         s = fit(kernel, np.column_stack([x, 0.0 * x, 0.0 * x]), values[:, None])
-        left.plot(fine, s(np.column_stack([fine, 0.0 * fine, 0.0 * fine]))[:, 0], style, label=name)
+        left.plot(fine, s(np.column_stack([fine, 0.0 * fine, 0.0 * fine]))[:, 0], style, color=colour, label=name)
     left.plot(x, values, "ko", label="sites")
     left.set(xlabel="x, m", ylabel="displacement, m", title="one line of sites")
-    left.legend(fontsize="small")
+    left.legend(fontsize="small", loc="upper right")
     nodes = upper_side()
     for axes, (title, way) in zip(plans, WAYS.items(), strict=True):
         microns = np.maximum(1e6 * bulge(nodes, way(nodes)), 1e-3).reshape(61, 13)
