@@ -433,12 +433,17 @@ class MeshMotion:
         return tuple(out)
 
     def reservations(self, amounts: Amounts) -> tuple[str, ...]:
-        """Return what was not good, although checks passed, at the measured amounts around those of each surface."""
+        """Return what was not good, although checks passed, at the measured amounts around those of each surface.
+
+        A sentence names the measured amount if it is another one.
+        """
         out = []
-        for amount, rows in zip(amounts, self.measured, strict=bool(self.measured)):
+        for control, amount, rows in zip(self.controls, amounts, self.measured, strict=False):
             low = max((row.amount for row in rows if row.amount <= amount), default=amount)
             high = min((row.amount for row in rows if row.amount >= amount), default=amount)
-            out += [text for row in rows if row.amount in (low, high) for text in row.reservations]
+            for row in (row for row in rows if row.amount in (low, high)):
+                at = "" if row.amount == amount else f" at {row.amount:g} {control.unit}"
+                out += [f"{text}{at}" for text in row.reservations]
         return tuple(dict.fromkeys(out))
 
     def is_measured(self, amounts: Amounts) -> bool:

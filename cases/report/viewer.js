@@ -778,7 +778,8 @@
         const one = turned[active], away = turned.filter((_, i) => i !== active && amounts[i] !== data.turn.stands[i]);
         const [k, share] = around(one.measured, amounts[active]), two = [one.measured[k], one.measured[k + 1]];
         const near = share === 0 ? two.slice(0, 1) : share === 1 ? two.slice(1) : two;
-        const every = (name) => [...new Set(near.flatMap((row) => row[name]))], failed = every("failed"), told = every("reservations");
+        const failed = [...new Set(near.flatMap((row) => row.failed))];
+        const told = near.flatMap((row) => row.reservations.map((text) => (near.length > 1 ? `${text} at ${signed(row.amount, one.unit)}` : text)));
         const inverted = Math.max(...near.map((row) => row.inverted)), off = Math.max(...near.map((row) => row.site_error)) > one.tolerance;
         const place = near.length > 1 ? `Measured at ${signed(two[0].amount, one.unit)} and ${signed(two[1].amount, one.unit)}` : "Measured here";
         const grade = failed.length ? "FAILED" : told.length ? "usable" : "passed";

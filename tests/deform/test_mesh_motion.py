@@ -250,6 +250,17 @@ def test_what_passed_is_around_zero_and_says_what_failed_beyond(held):
     assert ", passed -20:" in repr(one)
 
 
+def test_what_is_poor_is_told_with_the_amount_where_it_was_measured(held):
+    first, *others = held.measured[0]
+    poor = replace(first, reservations=("4 of 900 triangles poor",))
+    one = replace(held, measured=((poor, *others),))
+    between = 0.5 * (first.amount + others[0].amount)
+    assert one.reservations((first.amount,)) == ("4 of 900 triangles poor",)
+    assert one.reservations((between,)) == (f"4 of 900 triangles poor at {first.amount:g} deg",)
+    assert one.reservations((others[0].amount,)) == ()
+    assert one.reservations((others[-1].amount,)) == others[-1].reservations != ()
+
+
 def test_a_range_too_narrow_for_its_functions_is_one_sentence(mesh):
     for low, high in ((0.0, 1e-300), (-1e-160, 1e-160), (0.0, 5e-324)):
         with pytest.raises(InputError, match=r"range = .* of hole is too narrow for a plan|must hold 0"):
