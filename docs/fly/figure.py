@@ -9,7 +9,7 @@ import re
 from base64 import b64decode, b64encode
 from collections.abc import Iterable
 from io import BytesIO
-from itertools import pairwise
+from itertools import combinations, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +46,7 @@ AFT, BESIDE_AXIS = 0.70, 0.04
 # Colour of the panel that follows the tail: a light MOVES.
 SLIDES = "#8bb8e6"
 # Pixels an inch of the pictures in the SVG, and of the PNG.
-INSIDE, SHARP = 80, 150
+INSIDE, SHARP = 74, 150
 # Colours of the PNG.
 COLOURS = 96
 
@@ -216,10 +216,19 @@ def draw_centres(axes: Axes, tail: Tail, count: int, name: str) -> None:
         axes.add_patch(PathPatch(Line.make_compound_path(*spots), facecolor=WORSE, alpha=0.3, edgecolor="none"))
         centres = sites[adaptation.chosen]
         axes.plot(centres[:, 0], centres[:, 2], "o", color=INK, ms=3.4, alpha=0.85)
-    inverted = tail.judged(points).inverted
-    cells = f"{inverted} inside out" if inverted else "none inside out"
+    inverted = tail.cells[tail.quality(points, tail.cells)[1]]
+    beside = np.abs(tail.mesh.points[tail.tets[inverted], 1] - SECTION).min(axis=1) < 2.0 * NEAR
+    if beside.any():
+        draw_lines(axes, chained(edges_seen(points, tail.tets[inverted[beside]])), DARKEST, 0.5)
+    cells = f"{len(inverted)} inside out" if len(inverted) else "none inside out"
     text = f"all {count:,} sites" if every else f"{count} centres: {1e3 * error.max():.1f} mm off"
     frame(axes, tail, f"{name}  {text}, {cells}", held=False)
+
+
+def edges_seen(points: FloatArray, tets: IntArray) -> set[tuple[Place, Place]]:
+    """Return the edges of tetrahedra as seen along y, with places rounded to 0.01 mm."""
+    ends = points[tets[:, list(combinations(range(4), 2))]][..., [0, 2]].round(5).reshape(-1, 2, 2).tolist()
+    return {tuple(sorted((tuple(a), tuple(b)))) for a, b in ends}
 
 
 def skin(tail: Tail) -> tuple[IntArray, FloatArray]:
