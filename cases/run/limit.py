@@ -7,9 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from rich import box
+from rich.console import Group
 from rich.table import Table
+from rich.text import Text
 
-from sdm_deflect.base.errors import InputError, short_list
+from sdm_deflect.base.errors import InputError, printable, short_list
 from sdm_deflect.base.threads import Progress
 from sdm_deflect.deform.checks import verdict
 from sdm_deflect.deform.loop import run
@@ -234,8 +237,8 @@ def where_worst(deflection: Deflection) -> str:
     return ("of a cell with every node on " if all_on else "of a cell at ") + short_list(names)
 
 
-def write_limits(limits: tuple[Limit, ...], search: Search, folder: Path) -> Table:
-    """Write limit.csv and, where Matplotlib is installed, limit.png; return the limits as a table."""
+def write_limits(limits: tuple[Limit, ...], search: Search, folder: Path) -> Group:
+    """Write limit.csv and, where Matplotlib is installed, limit.png; return the limits in words."""
     rows: list[Sequence[object]] = [("repair", "angle_deg", "quality_min", "steps", "where", "reason")]
     for mode, trials in _curves(limits).items():
         rows += [(mode, f"{t.angle:g}", f"{t.quality_min:.4f}", t.steps, t.where, t.reason) for t in trials]
@@ -243,16 +246,17 @@ def write_limits(limits: tuple[Limit, ...], search: Search, folder: Path) -> Tab
     if not lacks("report"):
         _draw(limits, search).savefig(folder / "limit.png", dpi=110, metadata={"Software": None})
     asked = f", and the least quality is {search.threshold:g} or more" if search.threshold else ""
-    table = Table(title=f"{search.title}: largest deflections at which no check fails{asked}", title_justify="left")
-    for heading in ("repair", f"largest, {search.unit}", "smallest quality there", "steps", "amounts tried"):
+    title = f"{search.title}: largest deflections at which no check fails{asked}"
+    table = Table(title=Text(printable(title)), title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    for heading in ("repair", f"largest, {search.unit}", "worst there", "steps", "tried"):
         table.add_column(heading, justify="right")
-    for heading in ("verdict there", "what ends it"):
-        table.add_column(heading)
+    table.add_column("verdict there")
     for limit in limits:
         least, tried = f"{limit.at.quality_min:.3f}", str(len(limit.trials))
-        end = limit.end or "nothing: no surface turns farther"
-        table.add_row(limit.repair, f"{limit.angle:+.4g}", least, str(limit.at.steps), tried, limit.at.verdict, end)
-    return table
+        table.add_row(limit.repair, f"{limit.angle:+.4g}", least, str(limit.at.steps), tried, limit.at.verdict)
+    ends = (limit.end or "nothing ends it: no surface turns farther" for limit in limits)
+    beyond = (f"repair {limit.repair}, beyond {limit.angle:+.4g} {search.unit}: " for limit in limits)
+    return Group(table, *(Text(printable(f"{place}{end}")) for place, end in zip(beyond, ends, strict=True)))
 
 
 def _curves(limits: tuple[Limit, ...]) -> dict[RepairMode, list[Trial]]:
