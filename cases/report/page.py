@@ -106,7 +106,7 @@ def page(data: ReportData, gallery: Gallery) -> str:
     data = data.near
     jinja = templates(HERE)
     jinja.filters |= {"apart": apart, "degrees": degrees, "pixels": pixels, "meaning": meaning, "kernel": kernel_text}
-    jinja.filters |= {"verdict": verdict, "remedies": remedies, "turns": turns, "first_sentence": first_sentence}
+    jinja.filters |= {"verdict": verdict, "remedies": remedies, "first_sentence": first_sentence}
     jinja.filters |= {"failures": failures, "coded": coded, "repair": repair_text}
     shown = {
         **picture(data, turnable(data)),
@@ -118,7 +118,7 @@ def page(data: ReportData, gallery: Gallery) -> str:
         "versions": versions(),
     }
     with damaged(Path("metrics.json"), "table of a run's figures"):
-        shown["qualities"] = list(qualities(data))
+        shown["qualities"], shown["turned"] = list(qualities(data)), list(turns(data))
         shown["faces"] = [(name, *face_rows(figures)) for name, figures in data.figures.get("deflections", {}).items()]
         inlined = {exhibit.path: inline(exhibit) for exhibit in gallery.exhibits}
         while True:

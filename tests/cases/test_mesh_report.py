@@ -155,9 +155,10 @@ def test_folder_holds_all_and_makes_the_page_anew(coarse_wing, tmp_path, monkeyp
     text = (folder / "report.html").read_text()
     assert re.findall(r'<figure class="(\w+)">', text) == ["paper", "slices", "quality", "convergence"]
     assert "Distance from CAD" not in text
-    for key in ("mesh", "timings", "deflections", "version", "total_seconds"):
+    for key in ("mesh", "timings", "deflections", "version", "total_seconds", "motion"):
         for figures in ({name: one for name, one in stored.items() if name != key}, stored | {key: "many"}):
-            if key != "version" or key not in figures:
+            harmless = key in figures if key == "version" else key == "motion" and key not in figures
+            if not harmless:
                 with pytest.raises(InputError, match=r"metrics\.json"):
                     page(replace(data, figures=figures), Gallery(()))
     limited(monkeypatch, shown=10)
