@@ -150,10 +150,16 @@ def grade(checks: Sequence[Check]) -> Grade:
 def verdict(checks: Sequence[Check], mesh: str = "this mesh") -> str:
     """Return the verdict on all checks of a mesh as a text."""
     judged = [check for check in checks if check.is_judged]
-    if failed := [check.name for check in judged if not check.passed]:
-        names = ", ".join(dict.fromkeys(failed))
-        return f"FAILED: do not use {mesh}; {len(failed)} of {len(judged)} checks: {names}"
-    told = reservations(judged)
+    failed, faults = [check.name for check in judged if not check.passed], ""
+    if failed:
+        faults = f"{len(failed)} of {len(judged)} checks: {', '.join(dict.fromkeys(failed))}"
+    return in_words(faults, reservations(judged), mesh)
+
+
+def in_words(faults: str, told: Sequence[str], mesh: str = "this mesh") -> str:
+    """Return a verdict as a text: what failed, or else what is not good, or else that all passed."""
+    if faults:
+        return f"FAILED: do not use {mesh}; {faults}"
     return f"usable, with {' and '.join(told)}" if told else "all validations passed"
 
 

@@ -13,6 +13,7 @@ from sdm_deflect.base.errors import InputError, MeshFileError, short_list
 from sdm_deflect.base.files import permitted_as
 from sdm_deflect.base.states import check_unchanged, states_of
 from sdm_deflect.base.threads import Progress, silent
+from sdm_deflect.deform.checks import in_words
 from sdm_deflect.deform.mesh_motion import MeshMotion
 from sdm_deflect.deform.volume.job import Amounts
 from sdm_deflect.meshing.formats.openfoam_case import are_all_parts, is_part, move_parts
@@ -54,11 +55,9 @@ class Applied:
     @property
     def verdict(self) -> str:
         """The verdict on the amounts, as it was measured when the plan was made."""
-        if self.faults:
-            return f"FAILED: do not use this mesh; {'; '.join(self.faults)}"
-        if not self.measured:
+        if not self.faults and not self.measured:
             return "not measured: the surfaces were measured one at a time; sdm quality judges the cells"
-        return f"usable, with {' and '.join(self.reservations)}" if self.reservations else "all validations passed"
+        return in_words("; ".join(self.faults), self.reservations)
 
 
 def apply_plan(

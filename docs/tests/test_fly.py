@@ -70,6 +70,9 @@ def test_the_steps_of_the_tail_are_those_of_this_version(kept, tail):
     assert own["sites"] == kept["tail"]["sites"]
     assert own["motion"] == pytest.approx(kept["tail"]["motion"], rel=1e-9)
     assert own["jump"] == pytest.approx(kept["tail"]["jump"], rel=1e-6)
+    assert own["stretched"] == pytest.approx(kept["tail"]["stretched"], rel=1e-6)
+    few = tail.judged(tail.moved(tail.greedy(facts.COARSE).interpolant))
+    assert few.least > own["with_box"]["least"]  # as the page says
     assert own["without_box"] == pytest.approx(kept["tail"]["without_box"], rel=1e-6)
     for count, one in own["centres"].items():
         assert one == pytest.approx(kept["tail"]["centres"][count], rel=1e-6), count
