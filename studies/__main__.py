@@ -117,7 +117,7 @@ def limits(scale: str, cache: bool, **given: Any) -> int:
 @options.json_option
 @options.progress_options
 def flap(**given: Any) -> int:
-    """Compare the forces on a blended flap with those on a rigid one: docs/flap.md and its table."""
+    """Compare the forces on a blended flap with those on a rigid one, for docs/flow.md."""
     from studies.flap import write_flap
 
     def write(folder: Path, watch: Stopwatch) -> tuple[str, bool]:

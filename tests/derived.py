@@ -38,9 +38,9 @@ class Options(TypedDict, total=False):
 '''
 ABOUT = """# Settings of a deflection
 
-Each setting has one name. In Python it is a keyword of `deflect`, `sweep` and `plan`; in a file of settings it is a
-key. On the command line `--set NAME=VALUE` sets it, or its option. The settings of a surface, the first table, stand in
-a table `[[surface]]` of a file.
+For those who look up a setting. Each has one name. In Python it is a keyword of `deflect`, `sweep` and `plan`; in a
+file of settings it is a key. On the command line `--set NAME=VALUE` sets it, or its option. The settings of a surface,
+the first table, stand in a table `[[surface]]` of a file.
 """
 
 

@@ -76,19 +76,24 @@ def sizes(fineness: float) -> None:
         gmsh.option.setNumber(f"Mesh.{option}", 0)
 
 
+def define(fineness: float = 1.0) -> None:
+    """Define the flow domain, its patches and the sizes of cells; twice the `fineness` halves those at the wing."""
+    fluid()
+    surfaces: dict[str, list[int]] = {}
+    for _, tag in gmsh.model.getEntities(2):
+        surfaces.setdefault(name_of(tag), []).append(tag)
+    for name, tags in surfaces.items():
+        gmsh.model.addPhysicalGroup(2, tags, name=name)
+    gmsh.model.addPhysicalGroup(3, [tag for _, tag in gmsh.model.getEntities(3)], name="fluid")
+    sizes(fineness)
+
+
 def build(folder: Path, fineness: float = 1.0) -> None:
-    """Write ``naca.msh`` and ``naca.su2`` into `folder`; twice the `fineness` halves the cells at the wing."""
+    """Write ``naca.msh`` and ``naca.su2`` into `folder`."""
     gmsh.initialize(interruptible=False)
     try:
         gmsh.option.setNumber("General.Verbosity", 2)
-        fluid()
-        surfaces: dict[str, list[int]] = {}
-        for _, tag in gmsh.model.getEntities(2):
-            surfaces.setdefault(name_of(tag), []).append(tag)
-        for name, tags in surfaces.items():
-            gmsh.model.addPhysicalGroup(2, tags, name=name)
-        gmsh.model.addPhysicalGroup(3, [tag for _, tag in gmsh.model.getEntities(3)], name="fluid")
-        sizes(fineness)
+        define(fineness)
         gmsh.model.mesh.generate(3)
         gmsh.model.mesh.optimize("Netgen")
         gmsh.option.setNumber("Mesh.Binary", 1)

@@ -1,4 +1,4 @@
-"""Numbers of the method on the fighter, measured once for all texts: `python -m docs.fly.facts`.
+"""Numbers of the method on the fighter, and of README's wing, measured once for all texts: `python -m docs.fly.facts`.
 
 They are kept in `docs/fly/facts.json`, and written into texts by `texts.py`. `--check` measures nothing, and ends with
 1 if a text has other numbers than the file.
@@ -20,6 +20,7 @@ from docs.fly import texts
 from docs.fly.lesson import RUNS, centres, lesson
 from docs.fly.tail import Tail, fighter
 from docs.fly.texts import Facts
+from docs.fly.wing import wing
 from sdm_deflect.deform.volume.deflection import BoxDeflection
 
 KEPT = Path(__file__).with_name("facts.json")
@@ -40,6 +41,7 @@ def measured() -> Facts:
         "strategies": {name: dict(strategies(name)) for name in surfaces},
         "lesson": lesson(),
         "rigid": rigid(),
+        "wing": wing(),
     }
 
 

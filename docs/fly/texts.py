@@ -14,10 +14,17 @@ from docs.fly.tail import START, WORSE
 
 Facts = dict[str, Any]
 DOCS = Path(__file__).parents[1]
-TEXTS = (
-    *(DOCS / name for name in ("ten-minutes.md", "teaching.md", "handout.md", "slides.html", "cases.md")),
-    DOCS.parent / "README.md",
+NAMES = (
+    "ten-minutes.md",
+    "teaching.md",
+    "handout.md",
+    "slides.html",
+    "cases.md",
+    "motions.md",
+    "own-mesh.md",
+    "flow.md",
 )
+TEXTS = tuple(DOCS / name for name in NAMES)
 # Largest number of letters of a line.
 WIDTH = 140
 
@@ -161,6 +168,30 @@ def blanks(facts: Facts) -> str:
     return table(("aileron, degrees", "no repair", "repair", "tail, degrees", "no repair", "repair"), rows, words=0)
 
 
+def strips(facts: Facts) -> str:
+    """Return the table of strips beside the ends of a blended flap."""
+    rows = [
+        (one["angle"], f"`{one['strip']}`", one["full"], one["mean"], f"{one['least']:.3f}")
+        for one in facts["wing"]["strips"]
+    ]
+    heads = ("degrees", "`--strip`", "of the span turns by all of it", "mean share of the angle", "worst cell")
+    return table(heads, rows, words=0)
+
+
+def verdicts(facts: Facts) -> str:
+    """Return the table of what the last line says, by the angle."""
+    codes = (
+        ("the mesh can be used", 0),
+        ("some cells are poor; a line before says what helps", 0),
+        ("a check failed; a table says by how much", 1),
+    )
+    rows = [
+        (f"`{line}`", meaning, code, f"{angle}°")
+        for (angle, line), (meaning, code) in zip(facts["wing"]["said"].items(), codes, strict=True)
+    ]
+    return table(("last line", "which means", "exit code", "for example at"), rows, words=2)
+
+
 def limits(_: Facts) -> str:
     """Return the sentence on how far each surface turns, from the table of `python -m studies limits`."""
     from studies.limits import pieces  # which needs CAD
@@ -169,11 +200,24 @@ def limits(_: Facts) -> str:
     return fill(sentence, WIDTH)
 
 
+def _of_flow(name: str) -> Callable[[Facts], str]:
+    """Return what gives a block of docs/flow.md, from the results of `python -m studies flow`."""
+
+    def block(_: Facts) -> str:
+        from studies.flow.kept import BLOCKS  # which needs CAD
+
+        return fill(found, WIDTH) if not (found := BLOCKS[name]()).startswith("|") else found
+
+    return block
+
+
 # What is written between the marks, by name.
-BLOCKS: dict[str, Callable[[Facts], str]] = {
-    one.__name__: one
-    for one in (steps, choices, box, files, answers, roll, margins, tolerances, both, angles, blanks, limits)
-}
+OF_FACTS = (
+    steps, choices, box, files, answers, roll, margins, tolerances, both, angles, blanks, limits, strips, verdicts,
+)  # fmt: skip
+OF_FLOW = ("differences", "disagreement", "slopes", "needed")
+BLOCKS: dict[str, Callable[[Facts], str]] = {one.__name__: one for one in OF_FACTS}
+BLOCKS |= {f"flow_{name}": _of_flow(name) for name in OF_FLOW}
 
 
 def with_facts(text: str, facts: Facts) -> str:

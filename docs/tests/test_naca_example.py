@@ -35,8 +35,8 @@ def test_the_example_of_the_guide(naca, monkeypatch, capsys):
     assert turned.max() == pytest.approx(2.0 * 0.3 * np.sin(np.radians(7.5)), rel=0.01)
 
 
-def test_the_python_of_the_readme_runs_as_pasted_after_its_example(naca):
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
+def test_the_python_of_the_first_page_runs_as_pasted_after_its_example(naca):
+    text = (ROOT / "docs" / "own-mesh.md").read_text(encoding="utf-8")
     (code,) = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
     subprocess.run([sys.executable, "-c", code], cwd=naca.parent, check=True)
     old, new = (format_of(path).read(path) for path in (naca.with_suffix(".su2"), naca.with_name("naca-10.cgns")))
@@ -44,7 +44,7 @@ def test_the_python_of_the_readme_runs_as_pasted_after_its_example(naca):
     assert moved[np.abs(moved).max(axis=1).argmax(), 2] > 0.04
 
 
-def test_a_positive_angle_is_trailing_edge_down_as_the_readme_says(naca):
+def test_a_positive_angle_is_trailing_edge_down_as_the_first_page_says(naca):
     """x aft, z up, the hinge's points in order of growing y."""
     sdm_deflect.deflect(
         naca, "flap", [[0.7, 0.6, 0.0], [0.7, 1.4, 0.0]], angle=5.0, motion="blended", fixed="wing",

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
 from sdm_deflect.base.arrays import FloatArray, IntArray
+from sdm_deflect.cases.report.colours import BETTER, MOVES, STAYS, WORSE
 from sdm_deflect.meshing.formats.openfoam_files import MESH, faces, labels, open_foam, parse, vectors
 from studies.flow.fields import iterations_done, read_field
 from studies.flow.forces import Forces, coefficients
@@ -19,7 +20,7 @@ from studies.flow.openfoam import WHOLE
 from studies.flow.results import Increment, Results
 from studies.flow.trend import slopes_of
 
-COLOURS = {DEFLECTED: "#0072b2", REPAIRED: "#009e73", FRESH_DEFLECTED: "#cc79a7", FRESH: "#d55e00"}
+COLOURS = {DEFLECTED: MOVES, REPAIRED: BETTER, FRESH_DEFLECTED: STAYS, FRESH: WORSE}
 LABELS = {
     DEFLECTED: "deflected",
     REPAIRED: "deflected and repaired",
@@ -120,6 +121,7 @@ def _points(axes: Axes, own: Sequence[Increment]) -> None:
         if points:
             angle, value = zip(*points, strict=True)
             axes.plot(angle, value, styles[kind], color=COLOURS[kind], label=LABELS[kind], fillstyle="none")
+    axes.margins(x=0.15)  # a first angle is off the frame
 
 
 def settling(study: FlowStudy, members: Sequence[Member], cases: Path) -> Figure:

@@ -16,7 +16,7 @@ def test_table_and_page_are_of_this_version():
         stored = [[float(cell) for cell in row] for row in list(csv.reader(file))[1:]]
     ratios = np.array([one.ratios for one in measured()])
     np.testing.assert_allclose(ratios, np.array(stored)[:, -3:], rtol=1e-9)
-    page = (ROOT / "docs" / "flap.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "flow.md").read_text(encoding="utf-8")
     shown = re.findall(r"^\| \d+° \| ([\d.]+) \| ([\d.]+) \| ([\d.]+) \|$", page, re.MULTILINE)
     np.testing.assert_allclose(np.array(shown, dtype=float), ratios, atol=5.1e-4)
 
