@@ -1,4 +1,4 @@
-"""The method in one figure: `python -m docs.fly.figure FOLDER` writes method.png, method.svg and method_narrow.svg.
+"""The method in one figure: `python -m docs.fly.figure FOLDER` writes method.svg and method_narrow.svg.
 
 Four panels on the fighter's left tail at 20 degrees: what is known, a field without and with sites on the box, few and
 all centres, and the deflected tail whose root slides on the fuselage.
@@ -45,10 +45,8 @@ AROUND, ABOVE = -58.0, 26.0
 AFT, BESIDE_AXIS = 0.70, 0.04
 # Colour of the panel that follows the tail: a light MOVES.
 SLIDES = "#8bb8e6"
-# Pixels an inch of the pictures in the SVG, and of the PNG.
-INSIDE, SHARP = 74, 150
-# Colours of the PNG.
-COLOURS = 96
+# Pixels an inch of the pictures in the SVG, and their colours.
+INSIDE, COLOURS = 74, 48
 
 
 def drawn(narrow: bool = False) -> Figure:
@@ -276,21 +274,12 @@ def _rgb(colour: str) -> FloatArray:
 
 
 def write(folder: Path) -> None:
-    """Write the figure as PNG and as a small SVG, the latter also for a phone."""
+    """Write the figure as a small SVG, and another for a phone."""
     for name, narrow in (("method", False), ("method_narrow", True)):
         figure, path = drawn(narrow), folder / f"{name}.svg"
         with rc_context({"svg.fonttype": "none", "svg.hashsalt": name}):
             figure.savefig(path, dpi=INSIDE, facecolor="white", metadata={"Date": None})
         path.write_text(compact(path.read_text(encoding="utf-8")), encoding="utf-8")
-        if not narrow:
-            write_png(figure, folder / f"{name}.png", SHARP)
-
-
-def write_png(figure: Figure, path: Path, dpi: int) -> None:
-    """Write a figure as a PNG of few colours."""
-    pixels = BytesIO()
-    figure.savefig(pixels, dpi=dpi, facecolor="white")
-    Image.open(pixels).convert("RGB").quantize(COLOURS).save(path, optimize=True)
 
 
 def compact(text: str) -> str:
@@ -321,7 +310,7 @@ def _relative(path: str) -> str:
 def _few_colours(picture: str) -> str:
     """Return a picture in base64 as a PNG of few colours."""
     pixels = BytesIO()
-    Image.open(BytesIO(b64decode(picture))).convert("RGBA").quantize(COLOURS // 2).save(pixels, "PNG", optimize=True)
+    Image.open(BytesIO(b64decode(picture))).convert("RGBA").quantize(COLOURS).save(pixels, "PNG", optimize=True)
     return b64encode(pixels.getvalue()).decode()
 
 

@@ -19,7 +19,7 @@ from PIL import Image
 
 import sdm_deflect
 from docs.fly.facts import KEPT
-from docs.fly.figure import draw_field, write_png
+from docs.fly.figure import draw_field
 from docs.fly.page import PAGE
 from docs.fly.tail import Tail, fighter, skin
 from sdm_deflect.base.arrays import FloatArray
@@ -178,5 +178,7 @@ if __name__ == "__main__":
     parser.add_argument("folder", type=Path, nargs="?", default=Path(__file__).parents[1] / "figures")
     folder = parser.parse_args().folder
     for name, draw in PICTURES.items():
-        write_png(draw(), folder / f"{name}.png", dpi=130)
+        pixels = BytesIO()
+        draw().savefig(pixels, dpi=130, facecolor="white")
+        Image.open(pixels).convert("RGB").quantize(96).save(folder / f"{name}.png", optimize=True)
     write_fly(folder / "fly.png")
