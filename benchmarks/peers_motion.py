@@ -99,8 +99,8 @@ WORKS = (
         "fighter, aileron 40 degrees", "fighter.su2", "aileron_left",
         ((0.69181, -0.3048, 0.0), (0.6767, -0.11627, 0.0)), 40.0, {"motion": "blended", "fixed": "wing_left"},
     ),
-    Work("free aileron, -12 degrees", "aileron-free", "aileron_left", FREE, -12.0),
-    Work("free aileron, -30 degrees", "aileron-free", "aileron_left", FREE, -30.0),
+    Work("free aileron, -12 degrees", "aileron-free", "aileron_left", FREE, -12.0, {"fixed": "wing_left"}),
+    Work("free aileron, -30 degrees", "aileron-free", "aileron_left", FREE, -30.0, {"fixed": "wing_left"}),
 )  # fmt: skip
 
 

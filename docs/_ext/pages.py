@@ -1,6 +1,6 @@
 """Pages of the guide that are files of their own: the slides with their pictures in them, and "Fly the mesh".
 
-In the clone they link to the guide's sources, `*.md`; in the built guide to its pages.
+In the clone they link to the guide's sources, `*.md`, and say that these are text; in the built guide to its pages.
 """
 
 import base64
@@ -13,6 +13,8 @@ DOCS = Path(__file__).parents[1]
 PAGES = ("slides.html", "fly.html")
 PICTURE = re.compile(r'src="(figures/[\w.]+\.png)"')
 LINK = re.compile(r'href="([\w-]+)\.md(#[\w-]+)?"')
+# What a link says of itself in the clone.
+AS_TEXT = "<small> as text</small>"
 
 
 def whole(page: str) -> str:
@@ -22,7 +24,7 @@ def whole(page: str) -> str:
         data = base64.b64encode((DOCS / found[1]).read_bytes()).decode()
         return f'src="data:image/png;base64,{data}"'
 
-    return LINK.sub(r'href="\1.html\2"', PICTURE.sub(inside, page))
+    return LINK.sub(r'href="\1.html\2"', PICTURE.sub(inside, page.replace(AS_TEXT, "")))
 
 
 def write(app: Sphinx, error: Exception | None) -> None:

@@ -179,17 +179,14 @@ def strips(facts: Facts) -> str:
 
 
 def verdicts(facts: Facts) -> str:
-    """Return the table of what the last line says, by the angle."""
-    codes = (
-        ("the mesh can be used", 0),
-        ("some cells are poor; a line before says what helps", 0),
-        ("a check failed; a table says by how much", 1),
+    """Return what the last line says, by the angle."""
+    meanings = (
+        "the mesh can be used. The exit code is 0.",
+        "the mesh can be used, and some cells are poor; a line before says what helps. The exit code is 0.",
+        "a check failed, and a table says by how much. The exit code is 1.",
     )
-    rows = [
-        (f"`{line}`", meaning, code, f"{angle}°")
-        for (angle, line), (meaning, code) in zip(facts["wing"]["said"].items(), codes, strict=True)
-    ]
-    return table(("last line", "which means", "exit code", "for example at"), rows, words=2)
+    said = zip(facts["wing"]["said"].items(), meanings, strict=True)
+    return "\n".join(f"- `{line}`, as at {angle} degrees: {meaning}" for (angle, line), meaning in said)
 
 
 def limits(_: Facts) -> str:

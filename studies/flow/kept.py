@@ -76,7 +76,8 @@ def differences() -> str:
 
 
 def _differing(words: str, mesh: str, count: int, rows: Sequence[Row], agree: str) -> tuple[str, ...]:
-    return words, mesh, str(count), *(row["difference"] for row in rows), agree
+    # a number and its unit stay on one line
+    return words, mesh, str(count), *(row["difference"].replace(" ", "\N{NO-BREAK SPACE}") for row in rows), agree
 
 
 def disagreement() -> str:
