@@ -30,7 +30,6 @@ def rgb_of(colour: str) -> Colour:
 
 
 BLUE, ORANGE, NAVY, BOX = (rgb_of(name) for name in (colours.MOVES, colours.WORSE, colours.NAVY, colours.BOX))
-DARK: Colour = (90, 90, 90)
 GREY: Colour = rgb_of(colours.STAYS)
 
 

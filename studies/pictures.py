@@ -19,8 +19,8 @@ from sdm_deflect.meshing.mesh.labelled import tets_of, touching, triangles_of
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.quality import mean_ratio
 from studies import rendering
-from studies.colours import BLUE, BOX, COMPONENTS, DARK, GREY, NAVY, ORANGE, Direction
-from studies.rendering import Layer, Picture, View, components_of, quality_rgb
+from studies.colours import BLUE, BOX, COMPONENTS, GREY, NAVY, ORANGE, Direction
+from studies.rendering import SCALES, Layer, Picture, View, components_of
 
 BINS = np.linspace(0.0, 1.0, 51)
 # Width and height in pixels of each view.
@@ -65,11 +65,10 @@ def shell(tets: IntArray) -> tuple[IntArray, IntArray]:
     return faces.nodes[outer], faces.first[outer]
 
 
-def cells_by_quality(mesh: Mesh, chosen: BoolArray, **looks: Any) -> Layer:
-    """Return the outside of the chosen (M,) cells, coloured by their mean ratio."""
-    tets = tets_of(mesh)[chosen]
-    triangles, cell = shell(tets)
-    rgb = quality_rgb(mean_ratio(mesh.points, tets)[cell])
+def cells_by(scale: str, values: FloatArray, mesh: Mesh, chosen: BoolArray, **looks: Any) -> Layer:
+    """Return the outside of the chosen (M,) cells, coloured by values (M,) of all on one of `SCALES`."""
+    triangles, cell = shell(tets_of(mesh)[chosen])
+    rgb = SCALES[scale].rgb(values[chosen][cell])
     return Layer(mesh.points, triangles, rgb, **{"edge": (40, 40, 40), "ambient": 0.85, **looks})
 
 
@@ -88,10 +87,10 @@ def gaps(runs: Sequence[Run]) -> Picture:
         tuple(gap(run) for run in runs),
         tuple(f"{run.case.angle:+g} deg" for run in runs),
         "Cells around the end of the deflected aileron, cut near its trailing edge and seen from behind; the straight "
-        "face on the right is the Chimera block's, on which nodes slide. Colours show the mean ratio; aileron and wing "
-        "are dark grey, the box has grey edges.",
+        "face on the right is the Chimera block's, on which nodes slide. Colours show the mean ratio; the aileron is "
+        "blue, the box has grey edges.",
         columns=len(runs),
-        quality=True,
+        scale="quality",
     )
 
 
@@ -100,8 +99,9 @@ def gap(run: Run) -> View:
     plan, mesh = run.deflection.boxes[0].plan, run.deflected
     own, face, end = stations(run)
     width = abs(face - own)
-    grey = rendering.patches(mesh, walls(mesh), DARK)
-    cells = cells_by_quality(mesh, in_gap(run), width=1.2)
+    others = [name for name in walls(mesh) if name != plan.surface]
+    grey = (*rendering.patches(mesh, others, GREY), *rendering.patches(mesh, [plan.surface], BLUE))
+    cells = cells_by("quality", mean_ratio(mesh.points, tets_of(mesh)), mesh, in_gap(run), width=1.2)
     focus = np.array([end[1, 0], own - np.sign(face - own) * width, 2.0 * width])
     return View(
         (*grey, cells, rendering.box(plan.region.hexahedron.corners)), focus, (1.0, 0.25, 0.35), 14.0 * width, GAP
@@ -139,7 +139,7 @@ def confinement(run: Run) -> Picture:
     view = rendering.framed((*rest, *shown, zero, rendering.box(corners)), corners, direction, TAIL)
     return Picture(
         (view,),
-        (f"{len(plan.sites.zero[0])} sites at zero, {len(plan.sites.moving)} on the surface",),
+        (f"one in {THINNED} of the {len(plan.sites.zero[0]):,} sites at zero that lie on the far faces",),
         "Surface mesh of the left tail and of the fuselage panel on which it turns; the hexahedron in grey and data "
         f"sites of zero displacement as dark dots: one in {THINNED} of those on the three far faces.",
         columns=1,
@@ -159,14 +159,15 @@ def far_sites(points: FloatArray, box: Hexahedron, direction: Direction) -> Floa
 
 
 def around(run: Run) -> Picture:
-    """Figure 8: cells around the tail by quality, and the panel's surface mesh, before and after."""
+    """Figure 8: cells around the tail, and the panel's surface mesh, before and after."""
     pair = ((run.mesh, "undeflected"), (run.deflected, f"{run.case.angle:+g} deg"))
     return Picture(
         (*(section(run, mesh) for mesh, _ in pair), *(panel(run, mesh) for mesh, _ in pair)),
         (*(f"cells around the tail, {text}" for _, text in pair), *(f"fuselage panel, {text}" for _, text in pair)),
-        "Top: cells cut across the span of the tail, coloured by mean ratio, before and after the deflection, with the "
-        "tail in blue. Bottom: surface meshes of the fuselage panels; only the one beside the tail follows it.",
-        quality=True,
+        "Top: cells cut across the span of the tail, before and after the deflection, coloured by the mean ratio that "
+        "they lost, with the tail in blue. Bottom: surface meshes of the fuselage panels; only the one beside the tail "
+        "follows it.",
+        scale="lost",
     )
 
 
@@ -176,8 +177,9 @@ def section(run: Run, mesh: Mesh) -> View:
     middle = (1.0 - CUT) * span[0].mean(axis=0) + CUT * span[1].mean(axis=0)
     grey = rendering.patches(mesh, (run.deflection.boxes[0].plan.surface,), BLUE)
     y = run.mesh.points[tets_of(run.mesh), 1].mean(axis=1)
-    chosen = touching(run.mesh, region.inside) & (np.abs(y) < abs(middle[1]))
-    cells = cells_by_quality(mesh, chosen, width=0.8)  # chosen by where they were before the deflection
+    chosen = touching(run.mesh, region.inside) & (np.abs(y) < abs(middle[1]))  # by where they were before
+    lost = mean_ratio(run.mesh.points, tets_of(mesh)) - mean_ratio(mesh.points, tets_of(mesh))
+    cells = cells_by("lost", lost, mesh, chosen, width=0.8)
     return View((*grey, cells, rendering.box(region.hexahedron.corners, 2.0)), middle, (0.12, -1.0, 0.3), 0.16, TAIL)
 
 

@@ -3,12 +3,13 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from math import floor, log10
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyvista as pv
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
@@ -177,7 +178,7 @@ class Picture:
     views, titles : row by row.
     columns : how many images stand side by side.
     legend : colours by name.
-    quality : True for a colour bar of the mean ratio.
+    scale : what colours of cells stand for, a name in `SCALES`; "" for no bar.
     alternative : what the picture shows, in words.
     length : the unit of length.
     """
@@ -187,7 +188,7 @@ class Picture:
     alternative: str
     columns: int = 2
     legend: dict[str, str] = field(default_factory=dict)
-    quality: bool = False
+    scale: str = ""
     length: Length = METRES
 
 
@@ -200,7 +201,7 @@ def assembled(picture: Picture, images: Sequence[Image]) -> Figure:
     """Put the images (H, W, 3) of a picture's views together."""
     rows = -(-len(images) // picture.columns)
     width, height = picture.views[0].pixels
-    across, scaled = INCHES * picture.columns, picture.quality
+    across, scaled = INCHES * picture.columns, bool(picture.scale)
     size = across + 1.0 * scaled, rows * (INCHES * height / width + TITLE)
     figure = Figure(figsize=size, layout="constrained" if scaled or picture.legend else None)
     if not figure.get_layout_engine():
@@ -213,9 +214,9 @@ def assembled(picture: Picture, images: Sequence[Image]) -> Figure:
         one.set_title(title, fontsize="medium")
         one.set_axis_off()
         _scale(one, view, picture.length)
-    if picture.quality:
-        shades = ScalarMappable(colours.QUALITIES, colours.QUALITY)
-        figure.colorbar(shades, ax=axes.tolist(), label="mean ratio of a cell", shrink=0.85)
+    if picture.scale:
+        one = SCALES[picture.scale]
+        figure.colorbar(ScalarMappable(one.range, one.colours), ax=axes.tolist(), label=one.label, shrink=0.85)
     if picture.legend:
         handles = [Patch(facecolor=colour, edgecolor="0.3", label=name) for name, colour in picture.legend.items()]
         figure.legend(handles=handles, loc="outside lower center", ncols=7, fontsize="small", frameon=False)
@@ -228,6 +229,8 @@ def _scale(axes: Axes, view: View, unit: Length) -> None:
     pixel = view.height / height
     length = round_length(0.25 * width * pixel)
     right, low = 0.97 * width, 0.95 * height
+    # on white: cells may lie below
+    axes.axhspan(low - 0.07 * height, low + 0.02 * height, right / width - length / pixel / width, 1.0, color="white")
     axes.plot([right - length / pixel, right], [low, low], color="black", lw=2.5)
     axes.annotate(unit.text(length, "g"), (right, low - 0.015 * height), fontsize="small", va="bottom", ha="right")
 
@@ -244,6 +247,22 @@ def components_of(patches: Iterable[str]) -> list[str]:
     return [name for name in COMPONENTS if name in present]
 
 
-def quality_rgb(quality: FloatArray) -> IntArray:
-    """Return the colours (F, 3) of qualities (F,)."""
-    return np.asarray(np.rint(255.0 * colours.QUALITY(colours.QUALITIES(quality))[:, :3]), dtype=np.intp)
+class Scale(NamedTuple):
+    """A range of values, its colours, and what it is of."""
+
+    range: Normalize
+    colours: Colormap
+    label: str
+
+    def rgb(self, values: FloatArray) -> IntArray:
+        """Return the colours (F, 3) of values (F,); white below a range that begins above zero."""
+        rgb = np.asarray(np.rint(255.0 * self.colours(self.range(values))[:, :3]), dtype=np.intp)
+        rgb[values < (self.range.vmin or -np.inf)] = 255
+        return rgb
+
+
+# What colours of cells may stand for.
+SCALES = {
+    "quality": Scale(colours.QUALITIES, colours.QUALITY, "mean ratio of a cell"),
+    "lost": Scale(colours.LOSSES, colours.LOSS, "mean ratio lost by a cell"),
+}

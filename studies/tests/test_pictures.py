@@ -9,11 +9,11 @@ import pytest
 from sdm_deflect.cases.report.colours import QUALITIES
 from sdm_deflect.cases.report.pictures import write_png
 from sdm_deflect.meshing.mesh.labelled import tets_of
-from sdm_deflect.meshing.mesh.quality import signed_volumes
+from sdm_deflect.meshing.mesh.quality import mean_ratio, signed_volumes
 from studies import pictures as aircraft
 from studies.colours import BOX, NAVY, ORANGE, patch_colour
-from studies.pictures import cells_by_quality, histograms, shell
-from studies.rendering import figure_of, quality_rgb, rendered
+from studies.pictures import cells_by, histograms, shell
+from studies.rendering import SCALES, figure_of, rendered
 from tests.pictures import differing, inked, pixels, share
 
 
@@ -41,9 +41,10 @@ def test_shell_of_one_tetrahedron_points_outwards():
 
 
 def test_better_cells_are_brighter():
-    shades = quality_rgb(np.linspace(QUALITIES.vmin, QUALITIES.vmax, 9)) @ [0.2126, 0.7152, 0.0722]
+    rgb = SCALES["quality"].rgb
+    shades = rgb(np.linspace(QUALITIES.vmin, QUALITIES.vmax, 9)) @ [0.2126, 0.7152, 0.0722]
     assert all(a < b for a, b in pairwise(shades))
-    np.testing.assert_array_equal(quality_rgb(np.array([-1.0, 0.0])), quality_rgb(np.full(2, QUALITIES.vmin)))
+    np.testing.assert_array_equal(rgb(np.array([-1.0, 0.0])), rgb(np.full(2, QUALITIES.vmin)))
 
 
 @pytest.mark.mesher
@@ -86,7 +87,9 @@ def test_gap_shows_cells_at_the_block_face_alone_that_moved(chimera_run):
     inboard = np.sign(face - own) * (run.mesh.points[tets_of(run.mesh)[chosen]][..., 1] - own)
     assert 50 < chosen.sum() < len(chosen) / 4
     assert inboard.max() == pytest.approx(abs(face - own))
-    before, after = (cells_by_quality(mesh, chosen) for mesh in (run.mesh, run.deflected))
+    before, after = (
+        cells_by("quality", mean_ratio(mesh.points, tets_of(mesh)), mesh, chosen) for mesh in (run.mesh, run.deflected)
+    )
     assert (before.rgb != after.rgb).any()
     np.testing.assert_array_equal(before.cells, after.cells)
     image, undeflected = rendered(aircraft.gaps([run, replace(run, deflected=run.mesh)]).views)

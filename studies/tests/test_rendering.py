@@ -89,7 +89,7 @@ def test_what_is_nearer_hides_what_is_behind_it():
 
 
 def test_png_is_written_small(tmp_path):
-    figure = figure_of(Picture((FACING, FACING), ("left", "right"), "two triangles", quality=True))
+    figure = figure_of(Picture((FACING, FACING), ("left", "right"), "two triangles", scale="quality"))
     write_png(figure, tmp_path / "two.png")
     image = pixels(tmp_path / "two.png")
     left, right = (share(half, (255, 0, 0)) for half in np.array_split(image, 2, axis=1))
