@@ -25,12 +25,14 @@ from sdm_deflect.cases.settings.spellings import selections_of
 from . import options
 
 if TYPE_CHECKING:
+    from sdm_deflect.base.arrays import FloatArray
     from sdm_deflect.base.threads import Runner
     from sdm_deflect.cases.run.limit import Search
     from sdm_deflect.cases.run.mesh_files import OutputFiles
     from sdm_deflect.cases.run.progress import Stopwatch
     from sdm_deflect.deform.options import RepairMode
     from sdm_deflect.deform.volume.plan import Plan
+    from sdm_deflect.meshing.mesh.mesh import Mesh
 
 # What each mesh of `sdm example` is, and how to deflect it.
 EXAMPLES = {
@@ -331,11 +333,24 @@ def convert(mesh: Path, out: Path, as_json: bool, quiet: bool, verbose: bool) ->
         with watch.stage("read") as progress:
             source = read(mesh, progress)
         with watch.stage("write") as progress:
-            target, lost = written(source, source.points, out, progress)
+            points, rounding = _rounded_for(out, source)
+            target, lost = written(source, points, out, progress)
+    lost = (*rounding, *lost)
     sizes = {"points": len(source.points), "cells": sum(source.cell_counts), "patches": list(source.names)}
     lines = [*(f"note: {text}" for text in source.notes), *(f"lost in this format: {text}" for text in lost)]
     last = f"wrote {target}: {sizes['points']} points, {sizes['cells']} cells, patches {', '.join(source.names)}"
     options.print_either(as_json, {"file": target, **sizes, "notes": source.notes, "lost": lost}, *lines, last)
+
+
+def _rounded_for(out: Path, mesh: "Mesh") -> "tuple[FloatArray, tuple[str, ...]]":
+    """Return the points (N, 3) as a new file keeps them, and a sentence if they are rounded."""
+    from sdm_deflect.cases.run.mesh_files import precision_of
+
+    precision = precision_of(Path(mesh.source) if mesh.source else None, out, mesh)
+    points = precision.rounded(mesh.points, mesh.points)
+    off = float(abs(points - mesh.points).max(initial=0.0))
+    said = f"digits: coordinates are rounded to {8 * precision.real.itemsize} bits, by up to {off:.2g}"
+    return points, (said,) if off else ()
 
 
 def _search_of_case(case: str, watch: "Stopwatch", given: dict[str, Any]) -> Found:

@@ -178,6 +178,16 @@ def strips(facts: Facts) -> str:
     return table(heads, rows, words=0)
 
 
+def apart(facts: Facts) -> str:
+    """Return the sentence on how far a plan's mesh is from that of one deflection."""
+    found = facts["wing"]["plan"]
+    return fill(
+        f"At the 12 degrees above nodes within the flow are up to {found['most']:.3f} chords apart, half of them less "
+        f"than {found['median']:.1g}; the flap moves by up to {found['moves']:.3f}.",
+        WIDTH,
+    )
+
+
 def verdicts(facts: Facts) -> str:
     """Return what the last line says, by the angle."""
     meanings = (
@@ -211,6 +221,7 @@ def _of_flow(name: str) -> Callable[[Facts], str]:
 # What is written between the marks, by name.
 OF_FACTS = (
     steps, choices, box, files, answers, roll, margins, tolerances, both, angles, blanks, limits, strips, verdicts,
+    apart,
 )  # fmt: skip
 OF_FLOW = ("differences", "disagreement", "slopes", "needed")
 BLOCKS: dict[str, Callable[[Facts], str]] = {one.__name__: one for one in OF_FACTS}

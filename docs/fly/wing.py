@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import numpy as np
+
 import sdm_deflect
 from docs.fly.texts import Facts
 from sdm_deflect.base.numbers import percent
@@ -17,6 +19,8 @@ COMMAND = (
 )
 # Angles (degrees) of which the guide has the last line: one that passes, one that is usable, and one that fails.
 ANGLES = (15, 60, 85)
+# Ends of a plan's range, and an amount within it (degrees).
+RANGE, AMOUNT = 25.0, 12.0
 # Angles and strips of the table, as `--angle` and `--strip` take them.
 STRIPS = ((15, "0.2"), (15, "0.08"), (15, "auto"), (5, "auto"))
 
@@ -26,7 +30,8 @@ def wing() -> Facts:
     with TemporaryDirectory() as scratch:
         _sdm(scratch, "example")
         said = {str(angle): _sdm(scratch, *COMMAND.split(), "--angle", str(angle)).splitlines()[-1] for angle in ANGLES}
-        return {"said": said, "strips": [*strips(Path(scratch, "naca.su2"))]}
+        path = Path(scratch, "naca.su2")
+        return {"said": said, "strips": [*strips(path)], "plan": plan(path)}
 
 
 def _sdm(folder: str, *words: str) -> str:
@@ -35,6 +40,19 @@ def _sdm(folder: str, *words: str) -> str:
         [sys.executable, "-m", "sdm_deflect", *words], cwd=folder, capture_output=True, text=True, check=False
     )
     return done.stdout + done.stderr
+
+
+def plan(path: Path) -> Facts:
+    """Return how far (chords) a plan's mesh is from that of `deflect` at the same angle, within the flow."""
+    mesh = sdm_deflect.read(path)
+    settings = {"motion": "blended", "fixed": "wing"}
+    by_plan = sdm_deflect.plan(mesh, "flap", HINGE, range=(-RANGE, RANGE), **settings).at(AMOUNT)
+    points = sdm_deflect.deflect(mesh, "flap", HINGE, AMOUNT, **settings).points
+    moved = (by_plan != mesh.points).any(axis=1) | (points != mesh.points).any(axis=1)
+    moved[mesh.on(*mesh.names)] = False
+    apart = np.linalg.norm(by_plan - points, axis=1)[moved]
+    largest = np.linalg.norm((points - mesh.points)[mesh.on("flap")], axis=1).max()
+    return {"most": float(apart.max()), "median": float(np.median(apart)), "moves": float(largest)}
 
 
 def strips(path: Path) -> Iterator[Facts]:

@@ -1,6 +1,7 @@
 """`sdm convert`: a mesh in another format, with its nodes, cells and patches."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -51,6 +52,20 @@ def test_what_a_format_cannot_hold_is_said(tmp_path, sdm):
     code, out, _ = sdm("convert", tmp_path / "mesh.cgns", tmp_path / "mesh.b8.ugrid")
     assert code == 0
     assert "lost in this format: mesh.mapbc tells boundary conditions by the names of patches alone" in out
+
+
+def test_digits_that_a_file_of_32_bits_cannot_hold_are_said(tmp_path, sdm):
+    mesh = hybrid()
+    FORMATS["su2"].write(mesh.with_points(mesh.points / 3.0), tmp_path / "mesh.su2")
+    code, out, _ = sdm("convert", tmp_path / "mesh.su2", tmp_path / "there.b4.ugrid")
+    assert code == 0
+    assert re.search(r"lost in this format: digits: coordinates are rounded to 32 bits, by up to [\d.]+e-\d\d", out)
+    found = sd.read(tmp_path / "there.b4.ugrid").points
+    third = (mesh.points / 3.0).astype(np.float32).astype(np.float64)
+    assert {tuple(point) for point in found} == {tuple(point) for point in third}
+    code, out, _ = sdm("convert", tmp_path / "there.b4.ugrid", tmp_path / "back.su2")
+    assert (code, "rounded" in out) == (0, False)
+    assert {tuple(point) for point in sd.read(tmp_path / "back.su2").points} == {tuple(point) for point in third}
 
 
 def _unchanged(path):

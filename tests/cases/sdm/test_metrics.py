@@ -100,7 +100,7 @@ def test_the_checks_have_their_names(kept):
 
 def test_the_guide_tells_every_name(kept):
     figures, names = kept
-    page = (GUIDE / "commands.md").read_text(encoding="utf-8")
+    page = (GUIDE / "results.md").read_text(encoding="utf-8")
     rows = page.split("`metrics.json` is in SI units")[1].split("\n## ")[0]
     told = set(re.findall(r"`(\w+)`", rows))
     own = {"tetra", *figures["mesh"]["patches"], *figures["deflections"], *figures["motion"], *figures["timings"]}
