@@ -16,7 +16,8 @@ import h5py
 import numpy as np
 
 from sdm_deflect.base.arrays import FloatArray, IntArray
-from sdm_deflect.meshing.formats.cgns_nodes import AXES, create, create_sized
+from sdm_deflect.meshing.formats.cgns_hdf5 import create, create_sized
+from sdm_deflect.meshing.formats.cgns_nodes import AXES
 from sdm_deflect.meshing.formats.cgns_write import write_root
 from sdm_deflect.meshing.formats.openfoam import boundary_text, header
 from sdm_deflect.meshing.formats.openfoam_files import MESH, FoamPatch

@@ -183,26 +183,25 @@ def _of_cgns(path: Path, points: FloatArray, zones: Sequence[Zone], plane: bool)
 
     With coordinates, (N, 6), if all zones have other coordinates than the undeflected ones.
     """
-    import h5py
-
+    from sdm_deflect.meshing.formats.cgns import open_tree
     from sdm_deflect.meshing.formats.cgns_boundary import location
-    from sdm_deflect.meshing.formats.cgns_nodes import children, reals
+    from sdm_deflect.meshing.formats.cgns_nodes import Node, children, reals
     from sdm_deflect.meshing.formats.cgns_read import base_of, may_fit
 
-    def columns(node: h5py.Group, label: str, names: Sequence[str] = ()) -> FloatArray:
+    def columns(node: Node, label: str, names: Sequence[str] = ()) -> FloatArray:
         """Return the vectors (M, 3) among the arrays of all solutions, or of the coordinates, of a zone."""
         parts = [child for _, child in children(node, label) if names or location(child) == "Vertex"]
         arrays = [pair for part in parts for pair in children(part, "DataArray_t")]
         titles = [name for name, _ in arrays]
         found = list(columns_of(titles, PLACES).values()) if names else components_of(titles, plane)
-        vectors = [reals(arrays[i][1])[()].ravel() for i in found]
+        vectors = [reals(arrays[i][1]).read().ravel() for i in found]
         return (
             np.column_stack([*vectors, *[np.zeros_like(vectors[0])] * (3 - len(vectors))])
             if vectors
             else np.empty((0, 3))
         )
 
-    with about(path), h5py.File(path) as file:
+    with about(path), open_tree(path) as file:
         base, out = base_of(file), []
         if may_fit(base):
             raise InputError("its zones share points: give the sensitivities of the mesh's nodes in an .npz")

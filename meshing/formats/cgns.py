@@ -1,4 +1,4 @@
-"""CGNS meshes (.cgns) in HDF5, of unstructured zones and of blocks (structured zones).
+"""CGNS meshes (.cgns) in HDF5 or ADF, of unstructured zones and of blocks (structured zones).
 
 They are read in pieces if they have one unstructured zone, whose sections have one shape each and are not packed.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from math import prod
 from pathlib import Path
@@ -24,9 +24,11 @@ from sdm_deflect.meshing.mesh.cells import MIRRORED, VOLUMES, Polyhedra, Zone
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.pieces import MeshOnDisk
 
+from .adf import MARK, AdfStored, Column, Columns, Tree
 from .cgns_boundary import NumberedFaces, notes_of, without, zone_border
 from .cgns_elements import MIXED, NFACE, NGON, SHAPES, SIZES, ElementSection, blocks, sections
-from .cgns_nodes import DATA, child, data
+from .cgns_hdf5 import HdfNode, HdfStored
+from .cgns_nodes import Node, Stored, child, data, has, reals
 from .cgns_read import Base, base_of, coordinate_data, coordinates_beside, may_fit, read_base
 from .cgns_write import write_base
 from .format import Format
@@ -41,17 +43,15 @@ if TYPE_CHECKING:
 # A version between CGNS 3.0 and later ones; 3.0 numbers the types of elements otherwise.
 RENUMBERED = 3.05
 CELLS = {number: shape for number, shape in SHAPES.items() if shape in VOLUMES}
-# Mark at the beginning of files in ADF.
-ADF = b"ADF Database"
+# What the library's version is stored in.
+VERSION = "CGNSLibraryVersion"
 
 
-def in_pieces(path: Path, file: Any) -> MeshOnDisk | None:
+def in_pieces(path: Path, file: Node) -> MeshOnDisk | None:
     """Return the mesh of an open file; None if it must be read as a whole.
 
     MeshFileError or ValueError if the file is damaged.
     """
-    if not isinstance(file, h5py.Group):
-        return None
     base = base_of(file)
     if len(base.zones) != 1 or base.dimension != 3 or may_fit(base):
         return None
@@ -71,7 +71,7 @@ def in_pieces(path: Path, file: Any) -> MeshOnDisk | None:
 def _points(path: Path, base: Base, zone: str, count: int) -> tuple[PointRange, ...]:
     """Return where the coordinates of a zone stand; empty if some are packed, or if two axes share an array."""
     axes = coordinate_data(base, zone)
-    places = [axis.id.get_offset() for axis in axes]
+    places = [axis.begin for axis in axes]
     if not all(places) or len(set(places)) < len(axes):
         return ()
     tables = [FileTable(path, begin, axis.dtype.str, count) for begin, axis in zip(places, axes, strict=True)]
@@ -95,8 +95,8 @@ def _cells(path: Path, elements: Sequence[ElementSection]) -> tuple[CellTable, .
 def _is_mixed(section: ElementSection) -> bool:
     """Whether cells are polyhedra, or of several shapes; only the first element is read."""
     if section.kind == MIXED:
-        first = np.ravel(data(child(section.node, "ElementConnectivity"))[:1])[:1].tolist()
-        return not first or first[0] not in SHAPES or first[0] in CELLS
+        first = data(child(section.node, "ElementConnectivity")).first()
+        return first is None or first not in SHAPES or first in CELLS
     return section.kind in (NGON, NFACE)
 
 
@@ -108,8 +108,8 @@ def _table(path: Path, section: ElementSection) -> FileTable | None:
             f"section {section.name} has {len(section)} elements of {size} nodes, but {stored.size} nodes; the file is "
             "damaged"
         )
-    begin = stored.id.get_offset()
-    return FileTable(path.resolve(), begin, stored.dtype.str, len(section), size) if begin else None
+    begin, kind = stored.begin, stored.dtype.str
+    return FileTable(path.resolve(), begin, kind, len(section), size) if begin else None
 
 
 def _faces(elements: Sequence[ElementSection], points: int) -> list[NumberedFaces] | None:
@@ -135,36 +135,47 @@ class Cgns(Format):
     suffixes = (".cgns",)
 
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
-        with about(path), _open(path) as file:
+        with about(path), open_tree(path) as file:
             return read_base(file, partial(progress, f"reading {path.name}")).mesh
 
-    for_workers = "CGNS files in HDF5 of one unstructured zone"
+    for_workers = "CGNS files of one unstructured zone"
     zoned = True
 
     def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshOnDisk | None:
-        with about(path), _open(path) as file:
+        with about(path), open_tree(path) as file:
             return in_pieces(path.resolve(), file)
 
     def finer(self, out: Path, mesh: Mesh) -> str:
         return "" if any(isinstance(block, Polyhedra) for block in mesh.cells) else ".su2"
 
-    def coordinates(self, path: Path) -> Datasets:
-        with _open(path) as file:
-            base, parts, start = base_of(file), list[Dataset](), 0
+    def coordinates(self, path: Path) -> Datasets | Columns:
+        with open_tree(path) as file:
+            base, parts, start = base_of(file), list[Dataset | Column](), 0
             for name, size in base.sizes.items():
                 stop = start + prod(size)
-                arrays = enumerate(coordinate_data(base, name))
-                parts += [Dataset(array.name, array.dtype, start, stop, axis, axis + 1) for axis, array in arrays]
+                for axis, array in enumerate(coordinate_data(base, name)):
+                    parts.append(_part(path, array, start, stop, axis))
                 start = stop
-            if not may_fit(base):
-                return Datasets.of(path, parts)
-            mesh_of_file = read_base(file, lambda _: None)
-            return Datasets(path, parts, mesh_of_file.index, mesh_of_file.first)
+            index = first = np.arange(start)
+            if may_fit(base):
+                mesh_of_file = read_base(file, lambda _: None)
+                index, first = mesh_of_file.index, mesh_of_file.first
+            kept = [part for part in parts if isinstance(part, Dataset)]
+            columns = [part for part in parts if isinstance(part, Column)]
+            return Datasets(path, kept, index, first) if kept else Columns(path, columns, index, first)
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """See `Format.write`; each patch is a family and a boundary condition that its family specifies."""
         with fresh(out) as beside, about(out), _file_to_write(beside) as file:
             return write_base(file, mesh, partial(progress, f"writing {out.name}"))
+
+
+def _part(path: Path, stored: Stored, start: int, stop: int, axis: int) -> Dataset | Column:
+    """Return one coordinate of the stored points start to stop - 1."""
+    if isinstance(stored, AdfStored):
+        return Column(stored.tables(path), start, stop, axis)
+    assert isinstance(stored, HdfStored)
+    return Dataset(stored.path, stored.dtype, start, stop, axis, axis + 1)
 
 
 class _Kept(io.FileIO):
@@ -208,15 +219,18 @@ def _file_to_write(path: Path) -> Iterator[Any]:
 
 
 @contextmanager
-def _open(path: Path) -> Iterator[Any]:
-    if not h5py.is_hdf5(path):
-        with path.open("rb") as file:
-            old = ADF in file.read(32)
-        way = f"in ADF, of which HDF5 took the place; convert it: cgnsconvert -h {path.name} NEW.cgns"
-        raise MeshFileError(f"this CGNS file is {way}" if old else "this is no CGNS file in HDF5")
-    with damage(), h5py.File(path) as opened:
-        version = opened.get(f"CGNSLibraryVersion/{DATA}")
-        known = isinstance(version, h5py.Dataset) and version.dtype.kind == "f" and version.size
-        if known and 3.0 <= version[()].flat[0] < RENUMBERED:
+def open_tree(path: Path) -> Iterator[Node]:
+    """Open a file to read, and return the root of its nodes; MeshFileError for damage found in the block."""
+    with ExitStack() as stack:
+        file = stack.enter_context(path.open("rb"))
+        stack.enter_context(damage())
+        if MARK in file.read(32):
+            root: Node = Tree(file).root
+        elif h5py.is_hdf5(path):
+            root = HdfNode(stack.enter_context(h5py.File(path)))
+        else:
+            raise MeshFileError("this is no CGNS file, neither in HDF5 nor in ADF")
+        version = reals(child(root, VERSION)) if has(root, VERSION) else None
+        if version and version.size and 3.0 <= version.read().flat[0] < RENUMBERED:
             raise MeshFileError("is of CGNS 3.0, which numbers elements otherwise: cgnsupdate OLD.cgns NEW.cgns")
-        yield opened
+        yield root

@@ -23,7 +23,8 @@ from sdm_deflect.meshing.mesh.mesh import Mesh
 
 from .cgns_blocks import Size, bounds, check_face, donors_of, faces_at, points_in, strides
 from .cgns_boundary import Fault, NumberedFaces, location
-from .cgns_nodes import Integer, check_taken, child, children, create, has, integers, label_of, reals, text
+from .cgns_hdf5 import Integer, create
+from .cgns_nodes import check_taken, child, children, has, integers, label_of, reals, text
 from .shapes import places
 from .zones import pairs_to_write
 
@@ -83,7 +84,7 @@ def _vector(periodic: Any, name: str) -> FloatArray:
     if not has(periodic, name):
         return np.zeros(3)
     stored = reals(child(periodic, name))
-    values = np.ravel(stored[()]).astype(np.float64) if prod(stored.shape) <= 3 else None
+    values = np.ravel(stored.read(np.float64)) if prod(stored.shape) <= 3 else None
     if values is None or not (np.abs(values) < LARGEST).all():
         raise MeshFileError(f"its {name} is no vector of three numbers")
     return np.append(values, np.zeros(3 - len(values)))

@@ -5,7 +5,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from math import prod
-from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -19,9 +18,8 @@ from .cgns_blocks import Size, block_border, cells, equal_neighbours, no_cells, 
 from .cgns_boundary import PART, Fault, NumberedFaces, notes_of, without, zone_border
 from .cgns_elements import NFACE, NGON, ElementSection, blocks, read_polyhedra, sections
 from .cgns_interfaces import Interface, interfaces, meeting, pairs, periodic_pairs
-from .cgns_nodes import AXES, child, children, data, has, integers, text
+from .cgns_nodes import AXES, Node, Stored, child, children, data, has, integers, text
 from .conforming_zones import Fitted, ZoneMesh, fit_zones, simple
-from .hdf5 import is_real
 from .shapes import all_of, check_faces, chosen, orient
 from .zones import Listed, with_pairs
 
@@ -50,10 +48,10 @@ class Base:
     axes : names of the coordinates in the mesh's order; in a plane mesh the two in its plane come first.
     """
 
-    node: Any = field(repr=False)
+    node: Node = field(repr=False)
     dimension: int
     axes: tuple[str, ...]
-    zones: dict[str, Any] = field(repr=False)
+    zones: dict[str, Node] = field(repr=False)
     sizes: dict[str, Size]
 
 
@@ -71,7 +69,7 @@ class _CgnsZone:
     faults: Sequence[Fault]
 
 
-def read_base(file: Any, report: Callable[[float], None]) -> Fitted:
+def read_base(file: Node, report: Callable[[float], None]) -> Fitted:
     """Return the mesh of an open file, its zones put together where interfaces say that they fit.
 
     MeshFileError or ValueError if the file is damaged, or its mesh has no cells in space or in a plane.
@@ -91,7 +89,7 @@ def read_base(file: Any, report: Callable[[float], None]) -> Fitted:
     return replace(together, mesh=replace(together.mesh, notes=(*notes, *together.mesh.notes))) if notes else together
 
 
-def base_of(file: Any) -> Base:
+def base_of(file: Node) -> Base:
     """Return the base of a file: the one with volume cells, else the one with plane cells.
 
     MeshFileError if there are several or none, or no zone in it.
@@ -108,11 +106,11 @@ def base_of(file: Any) -> Base:
     return replace(base, axes=_plane_first(base)) if base.dimension < axes else base
 
 
-def _only_base(file: Any) -> tuple[Any, tuple[int, int]]:
+def _only_base(file: Node) -> tuple[Node, tuple[int, int]]:
     """Return the base with cells, with their dimension and that of the points."""
     bases = [base for _, base in children(file, "CGNSBase_t")]
     if not bases:
-        raise MeshFileError("this HDF5 file has no CGNSBase_t; it is no CGNS file")
+        raise MeshFileError("the file has no CGNSBase_t; it is no CGNS file")
     each = [tuple(integers(base).tolist()) for base in bases]
     solid = [i for i, pair in enumerate(each) if pair == (3, 3)]
     chosen = solid or [i for i, pair in enumerate(each) if pair in DIMENSIONS]
@@ -122,9 +120,9 @@ def _only_base(file: Any) -> tuple[Any, tuple[int, int]]:
     return bases[chosen[0]], each[chosen[0]]
 
 
-def coordinates_beside(file: Any, base: Base) -> tuple[str, ...]:
+def coordinates_beside(file: Node, base: Base) -> tuple[str, ...]:
     """Return warnings about coordinates that do not move: those of other bases, and of other times in the zones."""
-    used = base.node.name.strip("/")
+    used = base.node.name
     zones = {f"base {name}": children(grid, "Zone_t") for name, grid in children(file, "CGNSBase_t") if name != used}
     others = [name for name, those in zones.items() if any(any(children(zone, GRID)) for _, zone in those)]
     for name, zone in base.zones.items():
@@ -149,7 +147,7 @@ def _plane_first(base: Base) -> tuple[str, ...]:
         values = []
         for name in base.zones:
             with _about(name):
-                stored = coordinate_data(base, name)[base.axes.index(last)][()]
+                stored = coordinate_data(base, name)[base.axes.index(last)].read()
             values += [stored.min(initial=np.inf), stored.max(initial=-np.inf)]
         if min(values) == max(values):
             return (*(axis for axis in base.axes if axis != last), last)
@@ -163,7 +161,7 @@ def may_fit(base: Base) -> bool:
     )
 
 
-def coordinate_data(base: Base, name: str) -> list[Any]:
+def coordinate_data(base: Base, name: str) -> list[Stored]:
     """Return the data of x, y and z of a zone; MeshFileError if one is missing, or is not a number for each point."""
     grid = child(base.zones[name], "GridCoordinates")
     expected = base.sizes[name][::-1]
@@ -173,7 +171,7 @@ def coordinate_data(base: Base, name: str) -> list[Any]:
     for axis, stored in zip(base.axes, arrays, strict=True):
         if stored.shape != expected or stored.dtype.kind != "f":
             raise MeshFileError(f"{axis} holds {stored.shape} {stored.dtype}, expected {expected} real numbers")
-        if not is_real(stored):
+        if not stored.is_real:
             raise MeshFileError(f"the kind of real numbers that {axis} holds is not supported")
     return arrays
 
@@ -186,7 +184,7 @@ def _about(name: str) -> Iterator[None]:
         raise MeshFileError(f"zone {name}: {error}") from error
 
 
-def _size(zone: Any, dimension: int) -> Size:
+def _size(zone: Node, dimension: int) -> Size:
     kind = text(child(zone, "ZoneType")) if has(zone, "ZoneType") else "Structured"  # files of version 1.0 do not say
     if kind not in TYPES:
         raise MeshFileError(f"it is of type {kind!r}, expected one of {', '.join(TYPES)}")
@@ -282,7 +280,7 @@ def _zone(base: Base, name: str) -> _CgnsZone:
     axes = coordinate_data(base, name)
     points = np.zeros((prod(size), 3))
     for column, axis in enumerate(axes):
-        points[:, column] = axis[()].reshape(len(points))
+        points[:, column] = axis.read().reshape(len(points))
     return (_block if len(size) > 1 else _unstructured)(base, name, points)
 
 

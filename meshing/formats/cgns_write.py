@@ -14,8 +14,9 @@ from sdm_deflect.meshing.mesh.faces import face_keys, node_keys, patch_keys
 from sdm_deflect.meshing.mesh.mesh import Mesh
 
 from .cgns_elements import NFACE, NGON, SHAPES
+from .cgns_hdf5 import Integer, create, create_sized, describe, node_names
 from .cgns_interfaces import write_pairs
-from .cgns_nodes import AXES, Integer, create, create_sized, describe, node_names
+from .cgns_nodes import AXES
 from .shapes import mirror_nodes, places, polygons, simple_faces
 from .zones import pairs_to_write, part, unwritten
 

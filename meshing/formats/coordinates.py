@@ -1,14 +1,15 @@
 """Where the coordinates of a mesh stand in its file, and copies of the file with other coordinates; all else stays."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sdm_deflect.base.arrays import FloatArray
+from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.base.files import fresh
 from sdm_deflect.base.threads import Progress, silent
 from sdm_deflect.meshing.errors import about
@@ -37,6 +38,24 @@ class Coordinates(Protocol):
         Coordinates that did not change keep their bytes. MeshFileError or ValueError for coordinates that the file's
         numbers cannot hold.
         """
+
+
+# Points of a file whose coordinates stand together, start to stop - 1, and which of the three, first to end - 1.
+Places = tuple[int, int, int, int]
+
+
+def moved_coordinates(parts: Iterable[tuple[Places, NDArray[Any]]], stored: IntArray, points: FloatArray) -> BoolArray:
+    """Return which coordinates (N, 3) differ from those of the first stored point (N,) of each node.
+
+    Each part has its places, and the coordinates in the file. Where several stored points are one node, all move if the
+    first one does.
+    """
+    moved = np.zeros(points.shape, dtype=np.bool_)
+    for (start, stop, first, end), values in parts:
+        nodes = np.flatnonzero((stored >= start) & (stored < stop))
+        own = values.reshape(stop - start, -1)[stored[nodes] - start]
+        moved[nodes, first:end] = own != points[nodes, first:end]
+    return moved
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.base.arrays import FloatArray, IntArray
 from sdm_deflect.base.errors import FULL, MeshFileError
 from sdm_deflect.base.files import fresh
 from sdm_deflect.base.threads import Progress, silent
@@ -22,6 +22,7 @@ from sdm_deflect.base.unpacking import check_unpacked
 from sdm_deflect.meshing.errors import about
 from sdm_deflect.meshing.mesh.precision import fewest_bits
 
+from .coordinates import moved_coordinates
 from .rewriting import check_large
 
 # What h5py raises for a damaged file.
@@ -186,7 +187,10 @@ class Datasets:
         with fresh(out, self.path) as beside, about(self.path):
             shutil.copyfile(self.path, beside)
             with damage(), h5py.File(beside, "r+") as file:
-                moved = self._moved(file, points) if len(self.index) > self.count else None
+                places = [(part.start, part.stop, part.first, part.end) for part in self.parts]
+                before_all = ((place, file[part.name][()]) for place, part in zip(places, self.parts, strict=True))
+                several = len(self.index) > self.count
+                moved = moved_coordinates(before_all, self.stored, points) if several else None
                 for i, part in enumerate(self.parts, 1):
                     dataset, axes = file[part.name], slice(part.first, part.end)
                     nodes = slice(part.start, part.stop) if moved is None else self.index[part.start : part.stop]
@@ -197,15 +201,6 @@ class Datasets:
                         np.copyto(before.reshape(new.shape), new, "same_kind", put)
                         dataset[...] = before
                     progress(f"writing {out.name}", i / len(self.parts))
-
-    def _moved(self, file: Any, points: FloatArray) -> BoolArray:
-        """Return which coordinates (N, 3) differ from those of the first stored point of each node."""
-        moved = np.zeros(points.shape, dtype=np.bool_)
-        for part in self.parts:
-            nodes = np.flatnonzero((self.stored >= part.start) & (self.stored < part.stop))
-            stored = file[part.name][()].reshape(part.stop - part.start, -1)[self.stored[nodes] - part.start]
-            moved[nodes, part.first : part.end] = stored != points[nodes, part.first : part.end]
-        return moved
 
 
 def _named(group: Any, path: str) -> str:

@@ -9,7 +9,7 @@ import pytest
 
 from sdm_deflect import MeshMotion
 from sdm_deflect.cases.run import gradient as module
-from sdm_deflect.meshing.formats.cgns_nodes import children, create
+from sdm_deflect.meshing.formats.cgns_hdf5 import HdfNode, create
 from sdm_deflect.meshing.formats.cgns_read import base_of
 from sdm_deflect.meshing.formats.openfoam import OpenFoam, header
 from sdm_deflect.meshing.formats.openfoam_files import open_foam, vectors
@@ -70,8 +70,8 @@ def to_cgns(path, mesh, slopes):
     """A mesh with a solution at its vertices."""
     FORMATS["cgns"].write(mesh, path)
     with h5py.File(path, "r+") as file:
-        _, zone = next(children(base_of(file).node, "Zone_t"))
-        solution = create(zone, "Adjoint", "FlowSolution_t")
+        (zone,) = base_of(HdfNode(file)).zones.values()
+        solution = create(zone.group, "Adjoint", "FlowSolution_t")
         for axis, values in zip("XYZ", slopes.T, strict=True):
             create(solution, f"Sensitivity{axis}", "DataArray_t", values)
     return path

@@ -14,7 +14,7 @@ from sdm_deflect.cases.settings.job_settings import settings_of
 from sdm_deflect.cases.settings.jobs import swept
 from sdm_deflect.deform.surface.motions import Table
 from sdm_deflect.deform.surface.tracks import Track
-from sdm_deflect.meshing.formats.cgns_nodes import create
+from sdm_deflect.meshing.formats.cgns_hdf5 import HdfNode, create
 from sdm_deflect.meshing.formats.cgns_read import base_of
 from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.mesh.axis import Axis
@@ -196,8 +196,8 @@ def two_zones(home, name, slopes=None, order=(0, 1)):
     mesh = replace(mesh, zones=zones)
     FORMATS["cgns"].write(mesh, home / name)
     with h5py.File(home / name, "r+") as file:
-        for own, i in zip(base_of(file).zones.values() if slopes is not None else (), order, strict=False):
-            solution, size = create(own, "Adjoint", "FlowSolution_t"), len(one.points)
+        for own, i in zip(base_of(HdfNode(file)).zones.values() if slopes is not None else (), order, strict=False):
+            solution, size = create(own.group, "Adjoint", "FlowSolution_t"), len(one.points)
             for axis, values in zip("XYZ", slopes[i * size : (i + 1) * size].T, strict=True):
                 create(solution, f"Sensitivity{axis}", "DataArray_t", values)
     return home / name

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 
 from sdm_deflect.meshing.formats import openfoam_files as foam
-from sdm_deflect.meshing.formats.cgns_nodes import create
+from sdm_deflect.meshing.formats.cgns_hdf5 import create
 from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.formats.ugrid_file import ENCODINGS
 from sdm_deflect.meshing.formats.zones import with_pairs
@@ -17,6 +17,7 @@ from sdm_deflect.meshing.mesh.cells import Cells, Patch
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.deform.blocks import block_with_body
 from tests.fuzz.inputs import Input, of_path
+from tests.meshing.formats.adf_files import in_adf
 from tests.meshing.formats.blocks import in_a_layer, two_blocks, write_blocks
 from tests.meshing.formats.examples import hybrid, polyhedral, with_gmsh
 from tests.meshing.formats.fluent_files import LAYOUTS, plane_mesh
@@ -116,7 +117,7 @@ def cgns(folder: Path) -> Iterator[Input]:
 
 
 def in_blocks(folder: Path) -> Iterator[Input]:
-    """Two structured zones with an interface, and plane ones, of one layer, too."""
+    """Two structured zones with an interface, and plane ones, of one layer, too; the same and other files in ADF."""
     write_blocks(folder / "two.cgns", two_blocks())
     write_blocks(folder / "plane.cgns", [block.flat() for block in two_blocks()], dimension=2)
     write_blocks(folder / "layer.cgns", [block.flat() for block in two_blocks()], dimension=2)
@@ -131,6 +132,10 @@ def in_blocks(folder: Path) -> Iterator[Input]:
             create(meets, name, "IndexArray_t", np.array(points, dtype=np.int32))
     for name in ("two", "plane", "layer", "lists"):
         yield of_path(folder / f"{name}.cgns")
+    for name, order, binary in (("two", "<", 0), ("tet", ">", 0), ("polyhedra", "<", 0), ("two", ">", 1)):
+        path = folder / f"{name}-adf{binary}.cgns"
+        path.write_bytes(in_adf(folder / f"{name}.cgns", order, pieces=2, binary=bool(binary)))
+        yield of_path(path)
 
 
 def listless(folder: Path) -> Iterator[Input]:

@@ -3,6 +3,8 @@
 import h5py
 import numpy as np
 
+from sdm_deflect.meshing.formats.cgns_hdf5 import HdfNode
+from sdm_deflect.meshing.formats.cgns_nodes import children
 from sdm_deflect.meshing.mesh.cells import Cells, Polygons, Polyhedra
 from sdm_deflect.meshing.mesh.mesh import Mesh
 
@@ -46,3 +48,8 @@ def zone_of(file, name="Zone"):
 def replace_data(node, values):
     del node[" data"]
     node.create_dataset(" data", data=values)
+
+
+def groups(group, label: str) -> list[tuple[str, h5py.Group]]:
+    """Names and groups of the children with a label, in order of creation."""
+    return [(name, node.group) for name, node in children(HdfNode(group), label)]

@@ -9,7 +9,8 @@ from itertools import product
 import h5py
 import numpy as np
 
-from sdm_deflect.meshing.formats.cgns_nodes import AXES, create
+from sdm_deflect.meshing.formats.cgns_hdf5 import create
+from sdm_deflect.meshing.formats.cgns_nodes import AXES
 from sdm_deflect.meshing.formats.cgns_write import write_root
 from tests.meshing.formats.alike import replace_data
 from tests.meshing.formats.wing import _points, _section, _span

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from sdm_deflect.meshing.formats.cgns import Cgns
-from sdm_deflect.meshing.formats.cgns_nodes import children, create
+from sdm_deflect.meshing.formats.cgns_hdf5 import create
 from sdm_deflect.meshing.mesh.cells import Cells, Patch
 from sdm_deflect.meshing.mesh.faces import face_keys, node_keys
 from sdm_deflect.meshing.mesh.mesh import Mesh
-from tests.meshing.formats.alike import content, replace_data, rows, tree, zone_of
+from tests.meshing.formats.alike import content, groups, replace_data, rows, tree, zone_of
 from tests.meshing.formats.examples import hybrid, polyhedral
 
 COORDINATES = ("CoordinateX", "CoordinateY", "CoordinateZ")
@@ -99,7 +99,7 @@ def test_an_empty_patch_is_left_out_and_said(tmp_path):
 
 def test_families_say_what_a_patch_is(path):
     with h5py.File(path) as file:
-        kinds = {name: node["FamilyBC/ data"][()].tobytes() for name, node in children(file["Base"], "Family_t")}
+        kinds = {name: node["FamilyBC/ data"][()].tobytes() for name, node in groups(file["Base"], "Family_t")}
     assert kinds == {
         "floor": b"BCWall", "inlet": b"BCInflow", "outlet": b"BCOutflow", "left wall": b"BCWall",
         "right wall": b"BCWall", "roof": b"BCWall",
@@ -111,7 +111,7 @@ def test_boundary_conditions_are_read_wherever_they_are_given(place, path):
     expected = content(Cgns().read(path))["patches"]
     with h5py.File(path, "r+") as file:
         zone = zone_of(file)
-        for name, condition in children(zone["ZoneBC"], "BC_t"):
+        for name, condition in groups(zone["ZoneBC"], "BC_t"):
             first, last = condition["PointRange/ data"][()].ravel()
             if place == "CellCenter":
                 replace_data(condition["GridLocation"], np.frombuffer(b"CellCenter", dtype=np.int8))
@@ -171,7 +171,7 @@ def test_mixed_sections_of_new_and_old_files_are_read(offsets, path):
     expected = content(Cgns().read(path))
     with h5py.File(path, "r+") as file:
         zone = zone_of(file)
-        sections = sorted(children(zone, "Elements_t"), key=lambda item: item[1]["ElementRange/ data"][0])
+        sections = sorted(groups(zone, "Elements_t"), key=lambda item: item[1]["ElementRange/ data"][0])
         stored, last = [[3, 1, 2]], 1
         for name, section in sections:
             kind, nodes = section[" data"][0], section["ElementConnectivity/ data"][()]

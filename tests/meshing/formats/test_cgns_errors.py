@@ -7,7 +7,7 @@ import pytest
 from sdm_deflect.base.errors import InputError, MeshFileError
 from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.cgns_boundary import UNNAMED
-from sdm_deflect.meshing.formats.cgns_nodes import create, describe
+from sdm_deflect.meshing.formats.cgns_hdf5 import create, describe
 from tests.meshing.formats.alike import replace_data, zone_of
 from tests.meshing.formats.examples import hybrid, polyhedral
 from tests.meshing.formats.test_every_format import refused
@@ -235,7 +235,7 @@ def test_damaged_polyhedra_are_named(damage, tmp_path):
 def test_other_content_is_no_cgns_file(tmp_path):
     path = tmp_path / "other.cgns"
     path.write_text("NDIME= 3\n")
-    assert "this is no CGNS file in HDF5" in refused(path)
+    assert "this is no CGNS file, neither in HDF5 nor in ADF" in refused(path)
     with h5py.File(path, "w") as file:
         file["x"] = np.arange(3)
     assert "no CGNSBase_t" in refused(path)

@@ -6,7 +6,8 @@ import pytest
 
 from sdm_deflect.base.errors import InputError, MeshFileError
 from sdm_deflect.meshing.formats.cgns import Cgns
-from sdm_deflect.meshing.formats.cgns_nodes import AXES, create
+from sdm_deflect.meshing.formats.cgns_hdf5 import create
+from sdm_deflect.meshing.formats.cgns_nodes import AXES
 from tests.meshing.formats.alike import content, replace_data
 from tests.meshing.formats.blocks import Block, stored, two_blocks, write_blocks
 from tests.meshing.formats.examples import grid, hybrid

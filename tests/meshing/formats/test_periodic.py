@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.meshing.formats.cgns import Cgns
-from sdm_deflect.meshing.formats.cgns_nodes import create
+from sdm_deflect.meshing.formats.cgns_hdf5 import create
 from sdm_deflect.meshing.formats.fluent import Fluent
 from sdm_deflect.meshing.formats.gmsh import Gmsh
 from sdm_deflect.meshing.formats.registry import FORMATS, in_pieces, read
