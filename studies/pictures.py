@@ -139,7 +139,7 @@ def confinement(run: Run) -> Picture:
     view = rendering.framed((*rest, *shown, zero, rendering.box(corners)), corners, direction, TAIL)
     return Picture(
         (view,),
-        (f"one in {THINNED} of the {len(plan.sites.zero[0]):,} sites at zero that lie on the far faces",),
+        (f"{len(plan.sites.zero[0]):,} sites at zero; shown is one in {THINNED} of those on the far faces",),
         "Surface mesh of the left tail and of the fuselage panel on which it turns; the hexahedron in grey and data "
         f"sites of zero displacement as dark dots: one in {THINNED} of those on the three far faces.",
         columns=1,
