@@ -6,7 +6,7 @@ for large files) hold pointers and sizes of data as binary integers in the file'
 pointer, 8 for a size; counts stay text.
 Source: ADF User's Guide, and the layout of tables in the ADF core of the CGNS library (``ADF_internals``).
 
-Only coordinates are written, where they stand (`Columns`). A conversion to HDF5 and back would make another file of it.
+Only coordinates are written, where they stand (`AdfCoordinates`); converted to HDF5 and back, it would be another file.
 """
 
 from collections.abc import Sequence
@@ -221,7 +221,7 @@ class Column:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Columns:
+class AdfCoordinates:
     """Coordinates in a file; `index` and `stored` as in `hdf5.Datasets`."""
 
     path: Path

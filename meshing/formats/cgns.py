@@ -24,7 +24,7 @@ from sdm_deflect.meshing.mesh.cells import MIRRORED, VOLUMES, Polyhedra, Zone
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.pieces import MeshOnDisk
 
-from .adf import MARK, AdfStored, Column, Columns, Tree
+from .adf import MARK, AdfCoordinates, AdfStored, Column, Tree
 from .cgns_boundary import NumberedFaces, notes_of, without, zone_border
 from .cgns_elements import MIXED, NFACE, NGON, SHAPES, SIZES, ElementSection, blocks, sections
 from .cgns_hdf5 import HdfNode, HdfStored
@@ -148,7 +148,7 @@ class Cgns(Format):
     def finer(self, out: Path, mesh: Mesh) -> str:
         return "" if any(isinstance(block, Polyhedra) for block in mesh.cells) else ".su2"
 
-    def coordinates(self, path: Path) -> Datasets | Columns:
+    def coordinates(self, path: Path) -> Datasets | AdfCoordinates:
         with open_tree(path) as file:
             base, parts, start = base_of(file), list[Dataset | Column](), 0
             for name, size in base.sizes.items():
@@ -162,7 +162,7 @@ class Cgns(Format):
                 index, first = mesh_of_file.index, mesh_of_file.first
             kept = [part for part in parts if isinstance(part, Dataset)]
             columns = [part for part in parts if isinstance(part, Column)]
-            return Datasets(path, kept, index, first) if kept else Columns(path, columns, index, first)
+            return Datasets(path, kept, index, first) if kept else AdfCoordinates(path, columns, index, first)
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """See `Format.write`; each patch is a family and a boundary condition that its family specifies."""

@@ -47,10 +47,7 @@ class HdfNode(Node):
 
     def __init__(self, group: Any) -> None:
         self.group, self.name, self.label = group, group.name.strip("/"), _attribute(group, "label")
-
-    @property
-    def file_size(self) -> int:  # type: ignore[override]
-        return int(self.group.file.id.get_filesize())
+        self.file_size = int(group.file.id.get_filesize())
 
     def __contains__(self, name: str) -> bool:
         return name in self.group

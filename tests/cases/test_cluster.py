@@ -286,7 +286,7 @@ def limit(size):
 def test_a_format_without_pieces_is_refused(two, tmp_path, block):
     (tmp_path / "mesh.su2").write_text("NDIME= 3\n")
     wanted = deflect_file.OutputFiles.of(tmp_path / "mesh.su2", None, ((1.0,),))
-    with pytest.raises(InputError, match=r"mesh.su2: workers need CGNS files in HDF5 .* or convert it"):
+    with pytest.raises(InputError, match=r"mesh.su2: workers need CGNS files of one .* or convert it"):
         deflect_file.read_needed(wanted, None, lambda *_: None, two)
     wanted = deflect_file.OutputFiles.of(block, block.with_name("out.su2"), ((1.0,),))
     with pytest.raises(InputError, match=r"out.su2: workers write copies of block.cgns alone, and no sensitivity"):
