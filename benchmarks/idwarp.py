@@ -35,6 +35,7 @@ from sdm_deflect.meshing.mesh.mesh import Mesh
 from sdm_deflect.meshing.mesh.quality import quality_and_inverted
 from studies.machine import machine
 
+# Patches whose nodes IDWarp gets; the others stay, or lie on its plane of symmetry.
 WALLS = ("wing", "flap")
 # Run by the other interpreter: the warped coordinates of every shape, in the order of the undeflected points.
 WARP = """

@@ -64,11 +64,11 @@ ENVIRONMENT = {"WM_PROJECT_DIR": "/usr/share/openfoam"}
 class Work:
     """A surface that turns: its mesh, patch, hinge, angle, and further settings of `sdm_deflect.deflect`.
 
-    The mesh is a file of `make_meshes`, or that of a case of the SDM.
+    The source of the mesh is a file of `make_meshes`, or a case of the SDM.
     """
 
     title: str
-    file: str
+    source: str
     surface: str
     hinge: tuple[tuple[float, ...], ...]
     angle: float
@@ -76,11 +76,11 @@ class Work:
 
     def mesh(self, folder: Path) -> Mesh:
         """Return the mesh."""
-        if self.file.endswith(".su2"):
-            return FORMATS["su2"].read(folder / self.file)
+        if self.source.endswith(".su2"):
+            return FORMATS["su2"].read(folder / self.source)
         from sdm_deflect.cases.aircraft.pipeline import mesh_of_case  # the CAD kernel
 
-        return mesh_of_case(case_named(self.file), Stopwatch())[0]
+        return mesh_of_case(case_named(self.source), Stopwatch())[0]
 
     def deflected(self, mesh: Mesh, repair: Any) -> FloatArray:
         """Return the points (N, 3) to which this package moves the mesh."""
@@ -217,7 +217,7 @@ def compared(work: Work, folder: Path) -> Table:
     mesh = work.mesh(folder)
     (block,) = mesh.cells
     if not isinstance(block, Cells):
-        raise TypeError(f"{work.file} must have tetrahedra alone")
+        raise TypeError(f"{work.source} must have tetrahedra alone")
     ours = work.deflected(mesh, "off")  # compiles, too
     changed = (ours != mesh.points).any(axis=1)[block.nodes].any(axis=1)
     nodes = mesh.on(*mesh.names)
@@ -261,7 +261,7 @@ def _stem(work: Work) -> str:
 
 def tables(folder: Path) -> Iterator[Table]:
     """Yield a table for each work."""
-    make_meshes(folder, " ".join(work.file for work in WORKS if work.file.endswith(".su2")))
+    make_meshes(folder, " ".join(work.source for work in WORKS if work.source.endswith(".su2")))
     for work in WORKS:
         yield compared(work, folder)
 

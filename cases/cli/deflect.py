@@ -349,7 +349,7 @@ def _rounded_for(out: Path, mesh: "Mesh") -> "tuple[FloatArray, tuple[str, ...]]
     precision = precision_of(Path(mesh.source) if mesh.source else None, out, mesh)
     points = precision.rounded(mesh.points, mesh.points)
     off = float(abs(points - mesh.points).max(initial=0.0))
-    said = f"digits: coordinates are rounded to {8 * precision.real.itemsize} bits, by up to {off:.2g}"
+    said = f"digits of coordinates, which are rounded to {8 * precision.real.itemsize} bits by up to {off:.2g}"
     return points, (said,) if off else ()
 
 

@@ -33,6 +33,8 @@ import rigid
 # Centres on a line, and their displacements.
 PLACES, VALUES = (0.15, 0.5, 0.8), (0.0, 0.1, 0.03)
 SIZE = (9.0, 3.6)
+# Colours of a PNG: with more a file is larger, and looks the same.
+COLOURS = 96
 # Plane of the section through wing and aileron: y in metres, in the middle of the aileron.
 ACROSS = -0.21
 
@@ -180,5 +182,5 @@ if __name__ == "__main__":
     for name, draw in PICTURES.items():
         pixels = BytesIO()
         draw().savefig(pixels, dpi=130, facecolor="white")
-        Image.open(pixels).convert("RGB").quantize(96).save(folder / f"{name}.png", optimize=True)
+        Image.open(pixels).convert("RGB").quantize(COLOURS).save(folder / f"{name}.png", optimize=True)
     write_fly(folder / "fly.png")

@@ -213,7 +213,8 @@ def _of_flow(name: str) -> Callable[[Facts], str]:
     def block(_: Facts) -> str:
         from studies.flow.kept import BLOCKS  # which needs CAD
 
-        return fill(found, WIDTH) if not (found := BLOCKS[name]()).startswith("|") else found
+        found = BLOCKS[name]()
+        return found if found.startswith("|") else fill(found, WIDTH)
 
     return block
 

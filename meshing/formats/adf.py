@@ -33,7 +33,7 @@ from .tables import FileTable
 MARK = b"ADF Database"
 # Bytes of the file's header, of a node's, of an entry in the table of its children, of a pointer, of a tag.
 HEADER, NODE, ENTRY, POINTER, TAG = 186, 246, 44, 12, 4
-# Bytes of a block, in which pointers count.
+# Bytes of a block by the format: a pointer is the number of a block and a place in it.
 BLOCK = 4096
 # Order of bytes by the letter in the header; the other letters are of machines that are no more.
 ORDER: dict[str, Literal[">", "<"]] = {"B": ">", "L": "<"}
@@ -161,7 +161,8 @@ class Tree:
         """Read the header; MeshFileError if it is damaged, or of a machine whose numbers are none of today's."""
         self.file, self.size = file, file.seek(0, 2)
         self.parents: dict[int, int] = {}
-        self._held: dict[int, int] = {}
+        self._held: set[int] = set()
+        self._bytes = 0
         header = self.bytes_at(0, HEADER)
         if header[32:36] != b"AdF0" or header[182:186] != b"AdF5":
             raise MeshFileError("the header of this ADF file is damaged")
@@ -175,8 +176,10 @@ class Tree:
 
     def hold(self, node: AdfNode, size: int) -> None:
         """Note the data of a node; MeshFileError if those of all nodes so far are more than the file."""
-        self._held[node.place] = size
-        if sum(self._held.values()) > self.size:
+        if node.place not in self._held:
+            self._held.add(node.place)
+            self._bytes += size
+        if self._bytes > self.size:
             raise MeshFileError(f"{node.name} and other nodes have more data than the file; the file is damaged")
 
     def integer(self, stored: bytes) -> int:
@@ -258,7 +261,13 @@ def _text(letters: bytes) -> str:
 
 
 def _number(digits: bytes) -> int:
+    if not digits.isalnum():  # int() takes signs and blanks
+        raise _no_number(digits)
     try:
         return int(digits, 16)
     except ValueError:
-        raise MeshFileError(f"{digits[:12]!r} is no number in hexadecimal digits; the file is damaged") from None
+        raise _no_number(digits) from None
+
+
+def _no_number(digits: bytes) -> MeshFileError:
+    return MeshFileError(f"{digits[:12]!r} is no number in hexadecimal digits; the file is damaged")

@@ -65,7 +65,7 @@ def differences() -> str:
     ]
     for angle in ("-20", "-12", "-6", "+6", "+12", "+20"):
         own = at(OVER_ANGLE, angle)
-        words, count = f"aileron at {angle}°, 1,500 iterations", 3 if angle == "-12" else 1
+        words, count = f"aileron at {angle}°, over the angle", 3 if angle == "-12" else 1
         rows.append(_differing(words, "deflected", count, own, agreeing(own)))
     for angle, count, own in (("+12", 3, tail), ("+20", 1, far)):
         plain = [{"difference": share(row, "deflected")} for row in own]
