@@ -5,7 +5,8 @@ same function for every shape, and its derivatives are exact. Known nodes are me
 centres. Near walls the mesh follows them over the largest gap between centres.
 """
 
-from collections.abc import Mapping
+import warnings
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
@@ -27,7 +28,9 @@ from .confined import GROUPINGS, Choice, Confined
 from .mesh_motion import MeshMotion
 from .rbf.greedy import Adaptation, adapt, fuse
 from .rbf.rules import GreedyOptions
-from .surface.motions import Moving, Table, TableLaw
+from .surface.motions import Moving
+from .surface.placement import TablePlacement
+from .surface.tables import Table, TableLaw
 from .volume.controls import ControlRange
 from .volume.deflection import BoxDeflection, Deflection
 from .volume.job import Job
@@ -172,21 +175,26 @@ class SurfaceMap:
             for check in checks
         )
 
-    def modes(self, shapes: Mapping[str, ArrayLike], ends: tuple[float, float] = (-1.0, 1.0)) -> MeshMotion:
+    def modes(self, shapes: Mapping[str, ArrayLike | Table], ends: tuple[float, float] = (-1.0, 1.0)) -> MeshMotion:
         """Return a plan with an amount for each mode of a structure; the mesh follows their sum to first order.
 
         The surface is exact at all amounts. The plan answers for the map's points, as `MeshMotion.on`.
 
         Parameters
         ----------
-        shapes : For each name the displacement (K, 3) of the surface's nodes at amount 1.
+        shapes : For each name the displacement (K, 3) of the surface's nodes at amount 1, or a `Table`. Rotations of a
+            table count to first order, too: a node moves by u + r x (x - p) times the amount.
         ends : The least and the largest amount of each mode.
 
-        Raises InputError without shapes, for one that is 0 or that `at` would refuse at an end, or for ends without 0.
+        Warns as `deflect` of tables. Raises InputError without shapes, for one that is 0 or that `at` would refuse at
+        an end, for a table that `deflect` would refuse, or for ends without 0.
         """
         low, high = _ends(ends)
         vectors = self._modes(shapes, (low, high))
         box, mesh = self.box, self.plan.mesh
+        for name, shape in shapes.items():
+            for text in self._doubts(shape, vectors[name]) if isinstance(shape, Table) else ():
+                warnings.warn(f"{name}: {text}", stacklevel=2)
         moving = tuple(Moving(box.patches, Table(self.start, shape), 0.0, (low, high)) for shape in vectors.values())
         laws = tuple(map(TableLaw, vectors.values()))
         surfaces = tuple(replace(box.boundary.surfaces[0], number=1 + i) for i in range(len(laws)))
@@ -209,17 +217,30 @@ class SurfaceMap:
         )  # fmt: skip
         return motion if self.coordinates is mesh.points else motion.on(self.coordinates)
 
-    def _modes(self, shapes: Mapping[str, ArrayLike], ends: tuple[float, float]) -> dict[str, FloatArray]:
+    def _modes(self, shapes: Mapping[str, ArrayLike | Table], ends: tuple[float, float]) -> dict[str, FloatArray]:
         """Return the displacements (K, 3) by name; InputError as `modes`."""
         if not isinstance(shapes, Mapping) or not shapes or not all(isinstance(name, str) and name for name in shapes):
             raise InputError(f"shapes = {shortened(shapes)} must be displacements (K, 3) by name")
-        vectors = {name: self._checked(shape, name) for name, shape in shapes.items()}
+        surface = self.box.boundary.surfaces[0]
+        vectors = {}
+        for name, shape in shapes.items():
+            if isinstance(shape, Table):
+                TablePlacement.of(surface, shape).check(surface, force=False)
+                shape = shape.law(surface).slope
+            vectors[name] = self._checked(shape, name)
         for name, shape in vectors.items():
             if not shape.any():
                 raise InputError(f"{name} moves no node")
         for shape, end in product(vectors.values(), filter(None, ends)):
             self._admitted(self.start + end * shape)
         return vectors
+
+    def _doubts(self, table: Table, moved: FloatArray) -> Iterator[str]:
+        """Yield signs of a wrong table that moves the surface's nodes by `moved` (K, 3), as sentences."""
+        boundary = self.box.boundary
+        placement = replace(TablePlacement.of(boundary.surfaces[0], table), moved=moved)
+        yield from placement.warnings(blended=False)
+        yield from boundary.moved_roots(placement, boundary.surfaces[0])
 
     @cached_property
     def _free(self) -> IntArray:

@@ -17,8 +17,9 @@ if TYPE_CHECKING:
     from sdm_deflect.deform.checks import Check
     from sdm_deflect.deform.mesh_motion import MeshMotion
     from sdm_deflect.deform.surface.blended import Blended
-    from sdm_deflect.deform.surface.motions import Rotation, Table
+    from sdm_deflect.deform.surface.motions import Rotation
     from sdm_deflect.deform.surface.surface import Listed, OnPatches, TrailingEdge
+    from sdm_deflect.deform.surface.tables import Table
     from sdm_deflect.deform.surface_map import SurfaceMap
     from sdm_deflect.meshing.mesh.cells import Cells, Patch
     from sdm_deflect.meshing.mesh.mesh import Mesh
@@ -58,7 +59,8 @@ _MODULES = {
     "meshing.mesh.mesh": ("Cells", "Mesh", "Patch"),
     "meshing.mesh.quality": ("Quality",),
     "deform.surface.blended": ("Blended",),
-    "deform.surface.motions": ("Rotation", "Table"),
+    "deform.surface.motions": ("Rotation",),
+    "deform.surface.tables": ("Table",),
     "deform.surface.surface": ("Listed", "OnPatches", "TrailingEdge"),
     "deform.box.hexahedron": ("Hexahedron",),
     "deform.mesh_motion": ("MeshMotion",),

@@ -39,10 +39,11 @@ from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.mesh_motion import MeshMotion
 from sdm_deflect.deform.options import JobOptions
 from sdm_deflect.deform.surface.blended import Blended
-from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
+from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation
 from sdm_deflect.deform.surface.shapes import Shapes
 from sdm_deflect.deform.surface.slots import SlotSetting
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, Surface, TrailingEdge, name_of
+from sdm_deflect.deform.surface.tables import Table
 from sdm_deflect.deform.surface.tail_root import Root
 from sdm_deflect.deform.surface.tracks import CPACS, Track
 from sdm_deflect.deform.volume.deflection import Deflection
@@ -332,7 +333,8 @@ def _strip(motion: Blended, surface: Surface) -> float:
 def _base(base: Motion, surface: Surface, amount: float, table: Path) -> dict[str, Any]:
     hinge = {"hinge": _ends(base.axis, surface.points)} if base.axis else {}
     if isinstance(base, Table):
-        np.savez_compressed(table, points=base.points, vectors=base.vectors)
+        turns: dict[str, Any] = {} if base.rotations is None else {"rotations": base.rotations}
+        np.savez_compressed(table, points=base.points, vectors=base.vectors, **turns)
         return {**hinge, "table": table.name, "amount": amount}
     if isinstance(base, Shapes):
         return _shape(base, amount, table.with_name(table.name.replace("table", "shape")))

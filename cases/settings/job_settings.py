@@ -27,9 +27,10 @@ from .spellings import (
 if TYPE_CHECKING:
     from sdm_deflect.deform.box.automatic import BoxRule
     from sdm_deflect.deform.box.hexahedron import Hexahedron
-    from sdm_deflect.deform.surface.motions import Motion, Table
+    from sdm_deflect.deform.surface.motions import Motion
     from sdm_deflect.deform.surface.shapes import Shapes
     from sdm_deflect.deform.surface.surface import NodeSet
+    from sdm_deflect.deform.surface.tables import Table
 else:  # known by what they have: settings are read, and help is shown, before any code is compiled
 
     def _with(name: str, *parts: str) -> Any:
@@ -117,7 +118,8 @@ class SurfaceSettings:
         "A tail that needs more room on its body takes a wider one.")] = 0.5
     table: Annotated[str | Table | None, Spelling(file="", read=table_of_arrays), IN_WORDS, Doc(
         "What moves", "Displacements in place of a hinge: a .csv of x,y,z,dx,dy,dz, or an .npz.",
-        "In Python also points (P, 3) and displacements (P, 3).")] = None
+        "Points of a beam add rotations rx,ry,rz in radians. In Python also points, displacements and rotations (P, 3) "
+        "each.")] = None
     to: Annotated[tuple[str, ...] | Shapes, Option(metavar="FILE..."), Spelling(file="", read=shape_of_array), RIGID,
         Doc(
         "What moves", "New places of the surface's nodes in place of a hinge; several files are a series.",

@@ -22,9 +22,10 @@ from sdm_deflect.deform.box.hexahedron import Hexahedron
 from sdm_deflect.deform.options import JobOptions
 from sdm_deflect.deform.surface.blended import Blended, Rib
 from sdm_deflect.deform.surface.hinges import rise
-from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, SoughtHinge, Table
+from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, SoughtHinge
 from sdm_deflect.deform.surface.shapes import Shapes
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, TrailingEdge
+from sdm_deflect.deform.surface.tables import Table
 from sdm_deflect.deform.surface.tail_root import Root
 from sdm_deflect.deform.volume.job import Amounts, Job, Section, Sliding, in_proportion, pose_of
 from sdm_deflect.meshing.mesh.axis import Axis

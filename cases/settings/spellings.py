@@ -52,22 +52,28 @@ def device_of(value: Any) -> Any:
 
 
 def table_of_arrays(value: Any) -> Any:
-    """Return the table of two arrays: points and displacements (P, 3), in a plane mesh (P, 2). Else the value."""
+    """Return the table of two or three arrays: points and displacements (P, 3), and rotations (P, 3) of a beam.
+
+    In a plane mesh they are (P, 2), (P, 2) and (P,). Any other value returns as it is.
+    """
     if not isinstance(value, list | tuple):
         return value
-    if len(value) != 2:
-        raise InputError(f"{shortened(value)}: must be a file, or points (P, 3) and displacements (P, 3)")
+    if len(value) not in (2, 3):
+        raise InputError(
+            f"{shortened(value)}: must be a file, or points (P, 3) and displacements (P, 3), of a beam also rotations "
+            "(P, 3)"
+        )
     import numpy as np
 
-    from sdm_deflect.deform.surface.motions import Table
+    from sdm_deflect.deform.surface.tables import Table
     from sdm_deflect.meshing.mesh.cells import bounded
 
-    points, vectors = (bounded(array, "table") for array in value)
+    points, vectors, *turns = (bounded(array, "table") for array in value)
     plane = points.ndim == vectors.ndim == 2 and points.shape[1] == vectors.shape[1] == 2
-    points, vectors = (
-        np.column_stack([array, np.zeros(len(array))]) if plane else array for array in (points, vectors)
-    )
-    return Table(points, vectors, plane=plane)
+    if plane:
+        points, vectors = (np.column_stack([array, np.zeros(len(array))]) for array in (points, vectors))
+        turns = [np.column_stack([np.zeros((len(array), 2)), array]) if array.ndim == 1 else array for array in turns]
+    return Table(points, vectors, plane=plane, rotations=turns[0] if turns else None)
 
 
 def shape_of_array(value: Any) -> Any:

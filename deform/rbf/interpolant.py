@@ -35,15 +35,18 @@ class UnitBox:
     constant: bool = True  # whether the polynomial has a constant
 
     @classmethod
-    def around(cls, points: FloatArray, polynomial: Polynomial = "linear") -> Self:
-        """Return the box of points (N, 3); points in a plane or on a line give fewer than three axes."""
+    def around(cls, points: FloatArray, polynomial: Polynomial = "linear", thin: float = FLAT) -> Self:
+        """Return the box of points (N, 3); points in a plane or on a line give fewer than three axes.
+
+        They are so if their extent across it is below the share `thin` of the largest.
+        """
         low, high = points.min(axis=0), points.max(axis=0)
         origin = 0.5 * (low + high)
         length = float(0.5 * (high - low).max()) or 1.0
         scaled = (points - origin) / length
         centered = scaled - scaled.mean(axis=0)
         spread, axes = np.linalg.svd(centered, full_matrices=False)[1:]
-        extended = spread > FLAT * max(spread[0], FLAT)
+        extended = spread > thin * max(spread[0], thin)
         slopes = np.eye(3) if extended.sum() == 3 else axes[extended]
         return cls(origin, length, slopes if polynomial == "linear" else slopes[:0], polynomial != "none")
 
@@ -129,10 +132,13 @@ def direct(matrix: FloatArray, right: FloatArray) -> FloatArray:
     return np.asarray(solution)
 
 
-def fit(kernel: Kernel, centers: FloatArray, values: FloatArray, solve: Solve = direct) -> Interpolant:
+def fit(
+    kernel: Kernel, centers: FloatArray, values: FloatArray, solve: Solve = direct, thin: float = FLAT
+) -> Interpolant:
     """Interpolate values (C, k) at centers (C, 3) (eqs. 5 and 6).
 
-    Centres may lie in a plane or on a line; the polynomial then has no slope across it.
+    Centres may lie in a plane or on a line, to the share `thin` of their extent; the polynomial then has no slope
+    across it.
 
     Raises
     ------
@@ -148,7 +154,7 @@ def fit(kernel: Kernel, centers: FloatArray, values: FloatArray, solve: Solve = 
     if len(twice):
         raise ValueError(f"{len(twice)} centers coincide with another, such as row {twice[0]}: {centers[twice[0]]}")
     with single_threaded_blas():
-        box = UnitBox.around(centers)
+        box = UnitBox.around(centers, thin=thin)
         scaled = box.scaled(centers)
         matrix = coefficient_matrix(box.polynomials(scaled), kernel.rescaled(box.length).kernel, scaled)
         q = len(matrix) - len(values)

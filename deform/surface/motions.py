@@ -5,20 +5,14 @@ a law, which holds all that does not depend on the amount.
 """
 
 from dataclasses import dataclass, field
-from os import PathLike
-from pathlib import Path
 from typing import ClassVar, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial import cKDTree
 
-from sdm_deflect.base.arrays import BoolArray, FloatArray, farthest, first_coincident
+from sdm_deflect.base.arrays import BoolArray, FloatArray
 from sdm_deflect.base.errors import InputError, shortened
-from sdm_deflect.base.unpacking import PLACES, columns_of, damaged, read_arrays, read_rows
 from sdm_deflect.deform.options import LARGEST_ANGLE
-from sdm_deflect.deform.rbf.interpolant import fit
-from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.meshing.mesh.axis import Axis
 from sdm_deflect.meshing.mesh.cells import bounded
 
@@ -26,18 +20,8 @@ from .surface import Surface
 
 # Unit of a track's parameter.
 TRACK_UNIT = "of the track"
-TABLE = "table of points and displacements"
-TITLES = "x,y,z,dx,dy,dz"
-# Titles of displacements: ours, and those of ParaView.
-VECTORS = {f"d{name}": (f"d{name}", f"displacement:{i}", f"displacement{name}") for i, name in enumerate("xyz")}
 # Largest number of functions of one amount.
 MOST_FUNCTIONS = 6
-# Largest number of points of a table in one direct solve: it takes .6 s.
-MOST = 3000
-# Number of points that interpolate the rest beside a node; 50 take twice as long, and are 3 to 10 % more accurate.
-NEIGHBOURS = 20
-# A node this near to a point of a table moves with it; a share of the surface's size, as files of six digits round.
-OWN = 1e-6
 
 
 class Functions:
@@ -336,134 +320,6 @@ class RotationLaw(Smooth):
     def functions(self) -> Functions:
         """Sine of the angle, and 1 less its cosine."""
         return Turn()
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Table:
-    """Displacements at points of another mesh, such as bending and torsion of a structure under load.
-
-    They are interpolated at the surface's nodes, by a thin plate spline where the table has up to 3,000 points.
-
-    Attributes
-    ----------
-    points, vectors : (P, 3) each, in the mesh's unit of length.
-    hinge : an axis along the surface that the box follows; None for none.
-    plane : whether it lacks z, so that it suits plane meshes alone.
-
-    Raises InputError if shapes differ, if there are fewer than 4 points, or if a number is not finite.
-    """
-
-    points: FloatArray = field(repr=False)
-    vectors: FloatArray = field(repr=False)
-    hinge: Axis | None = None
-    plane: bool = False
-    unit: ClassVar[str] = "of the table"
-
-    def __post_init__(self) -> None:
-        for name in ("points", "vectors"):
-            object.__setattr__(self, name, bounded(getattr(self, name), f"table: {name}"))
-        if self.points.ndim != 2 or self.points.shape[1:] != (3,) or self.points.shape != self.vectors.shape:
-            raise InputError(f"table: points {self.points.shape} and vectors {self.vectors.shape} must be (P, 3) both")
-        if len(self.points) < 4:
-            raise InputError(f"table: {len(self.points)} points; it needs at least 4")
-
-    @classmethod
-    def read(cls, path: str | PathLike[str], hinge: Axis | None = None) -> "Table":
-        """Read a .csv with the titles x, y, z, dx, dy, dz in any order, or an .npz with `points` and `vectors`.
-
-        A .csv for a plane mesh may have x, y, dx, dy only. Other columns are not read.
-
-        Raises InputError for any other content.
-        """
-        if not isinstance(path, str | PathLike):
-            raise InputError(f"table = {shortened(path)} is no path of a file")
-        path = Path(path)
-        if path.suffix == ".npz":
-            stored = read_arrays(path)
-            with damaged(path, TABLE):
-                return cls(stored["points"], stored["vectors"], hinge)
-        titles, rows = read_rows(path, TABLE, TITLES)
-        with damaged(path, TABLE):
-            columns = columns_of(titles, {**PLACES, **VECTORS})
-            if {*columns} not in ({*"xyz", "dx", "dy", "dz"}, {*"xy", "dx", "dy"}):
-                raise InputError(f"titles must be {TITLES}, in a plane mesh x,y,dx,dy; they are {','.join(titles)}")
-            points, vectors = np.zeros((2, len(rows), 3))
-            for i, name in enumerate("xyz"):
-                if name in columns:
-                    points[:, i], vectors[:, i] = rows[:, columns[name]], rows[:, columns[f"d{name}"]]
-            return cls(points, vectors, hinge, "z" not in columns)
-
-    @property
-    def axis(self) -> Axis | None:
-        """The axis along the surface, if given."""
-        return self.hinge
-
-    def law(self, surface: Surface) -> "TableLaw":
-        """Interpolate the table at the nodes of a surface; nodes at its points take their displacements exactly.
-
-        Raises InputError for a point with two displacements, or a table without z for a mesh in space.
-        """
-        if self.plane and not surface.mesh.plane:
-            raise InputError(f"table: it lacks z and dz, and {surface.mesh.name} is a mesh in space: {TITLES}")
-        points, vectors = self.distinct()
-        near = OWN * float(np.ptp(surface.points, axis=0).max())
-        distance, at = cKDTree(points).query(surface.points, distance_upper_bound=near)
-        known = np.isfinite(distance)
-        out = np.empty_like(surface.points)
-        out[known], out[~known] = vectors[at[known]], _interpolated(points, vectors, surface.points[~known])
-        return TableLaw(out)
-
-    def distinct(self) -> tuple[FloatArray, FloatArray]:
-        """Return the points and vectors (P, 3) without repeated points; InputError for one with two displacements."""
-        first = first_coincident(self.points)
-        torn = np.flatnonzero((self.vectors != self.vectors[first]).any(axis=1))
-        if len(torn):
-            at, vector, other = (
-                row.tolist() for row in (self.points[torn[0]], self.vectors[first[torn[0]]], self.vectors[torn[0]])
-            )
-            raise InputError(f"table: the point {at} is given twice, with the displacements {vector} and {other}")
-        rows = np.flatnonzero(first == np.arange(len(first)))
-        return self.points[rows], self.vectors[rows]
-
-
-def _interpolated(points: FloatArray, vectors: FloatArray, places: FloatArray) -> FloatArray:
-    """Interpolate the vectors (P, 3) of distinct points (P, 3) at places (K, 3).
-
-    A thin plate spline interpolates at most `MOST` of the points. What it misses at the others is interpolated locally.
-    """
-    if not len(places):
-        return np.empty_like(places)
-    rows = farthest(points, MOST) if len(points) > MOST else np.arange(len(points))
-    spline = fit(ThinPlateSpline(), points[rows], vectors[rows])
-    out = spline(places)
-    if len(rows) < len(points):
-        from scipy.interpolate import RBFInterpolator  # loading takes 0.1 s
-
-        missed = vectors - spline(points)
-        out += RBFInterpolator(points, missed, neighbors=NEIGHBOURS, kernel="linear")(places)
-    return np.asarray(out)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TableLaw(Smooth):
-    """A share of fixed vectors (K, 3), which the surface reaches at the amount `at`."""
-
-    vectors: FloatArray = field(repr=False)
-    at: float = 1.0
-
-    @property
-    def exact(self) -> BoolArray:
-        """All nodes (K,)."""
-        return np.ones(len(self.vectors), dtype=bool)
-
-    def displacement(self, amount: float) -> FloatArray:
-        """Return the share of the vectors at an amount."""
-        return np.asarray(amount / self.at * self.vectors)
-
-    @property
-    def functions(self) -> Functions:
-        """The share itself."""
-        return Powers(1, self.at)
 
 
 @dataclass(frozen=True, slots=True)

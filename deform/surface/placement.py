@@ -6,13 +6,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.base.arrays import FloatArray
+from sdm_deflect.base.arrays import BoolArray, FloatArray, farthest
 from sdm_deflect.base.errors import InputError
 from sdm_deflect.base.numbers import percent
+from sdm_deflect.base.ties import first_largest
 from sdm_deflect.meshing.mesh.axis import Axis
 
-from .motions import Table
 from .surface import Surface
+from .tables import THIN, Table
 
 # Ratios of metres, millimetres, inches and feet.
 UNITS = (1000.0, 0.001, 25.4, 1.0 / 25.4, 0.3048, 1.0 / 0.3048, 39.37, 1.0 / 39.37)
@@ -20,14 +21,19 @@ UNITS = (1000.0, 0.001, 25.4, 1.0 / 25.4, 0.3048, 1.0 / 0.3048, 39.37, 1.0 / 39.
 HALF, QUARTER = 0.5, 0.25
 # Largest angle without nodes as seen from a hinge between two skins: half a turn with some allowance.
 HALF_TURN = 1.1 * np.pi
+# Width of a line of points as a share of its length: the axis of a cranked wing bows by some hundredths.
+SLENDER = 0.1
 # Share of a surface's extent along the flow that must lie aft of its hinge, for it to have a trailing edge there.
 AFT = 0.1
 # Pairs: by which ratio another unit must make table and surface coincide better, and how well they must then.
 # Feet are off by 3.3 only, so that a ratio of 3 must do where the fit is nearly perfect. A table of a part of the
 # surface fits less well; inches and millimetres make it better by 20 and more.
 BETTER = ((20.0, 0.3), (3.0, 0.9))
-# Extents below this share of the largest one are zero.
-FLAT = 1e-9
+# Largest rotation in radians that is no cause to ask whether degrees were meant.
+RADIAN = 1.0
+# Share of the largest displacement above which nodes on a plane in which they slide have moved, and from which the
+# whole surface goes with them.
+STILL, GOES = 0.01, 0.5
 MEANT = "correct it, or say --force (force = true) if it is meant"
 
 
@@ -67,7 +73,7 @@ class Placement:
         if axis.length is not None and high > low:
             covered = max(min(high, axis.length) - max(low, 0.0), 0.0) / (high - low)
         width = float(np.linalg.norm(np.ptp(radial, axis=0)))
-        chord = float(np.sort(_principal_extents(points))[1])
+        chord = _extents(points)[1]
         known = [] if axis.length is None or high <= low else [0.0, axis.length]
         ends = np.array([axis.point + far * axis.direction for far in known]).reshape(-1, 3)
         apart = cKDTree(points).query(ends)[0] if len(ends) else np.empty(0)
@@ -138,18 +144,21 @@ class TablePlacement:
     surface : its patches, for messages.
     nodes, points : (K, 3) nodes of the surface and (P, 3) distinct points of the table.
     plane : whether the mesh is plane.
+    table : the table.
+    moved : (K, 3) displacements of the nodes at the amount 1, once these are known.
     """
 
     surface: str
     nodes: FloatArray = field(repr=False)
     points: FloatArray = field(repr=False)
     plane: bool
+    table: Table
+    moved: FloatArray | None = field(default=None, repr=False)
 
     @classmethod
     def of(cls, surface: Surface, table: Table) -> "TablePlacement":
         """Take the nodes of a surface and the points of a table; InputError as for `Table.distinct`."""
-        points, _ = table.distinct()
-        return cls(surface.label, surface.points, points, surface.mesh.plane)
+        return cls(surface.label, surface.points, table.points[table.distinct()], surface.mesh.plane, table)
 
     @property
     def size(self) -> float:
@@ -159,14 +168,15 @@ class TablePlacement:
     def overlap(self, factor: float = 1.0) -> float:
         """Return how well the boxes of surface and table coincide, in another unit: 0 for apart, 1 for equal.
 
-        It is the product of intersection over union along the axes; a table on a line or in a plane counts as equal
+        It is the product of intersection over union along the axes; a slender table or one in a plane counts as equal
         across it, if the surface is there.
         """
         low, high = _extent(self.nodes)
         first, last = _extent(factor * self.points)
         inner, outer = np.minimum(high, last) - np.maximum(low, first), np.maximum(high, last) - np.minimum(low, first)
-        flat = last - first <= FLAT * float((last - first).max())
-        shares = np.where(flat, inner >= -FLAT * self.size, np.maximum(inner, 0.0) / np.where(outer > 0.0, outer, 1.0))
+        size = last - first
+        flat = (size <= THIN * float(size.max())) | (self.slender & (np.arange(3) != first_largest(size)))
+        shares = np.where(flat, inner >= -THIN * self.size, np.maximum(inner, 0.0) / np.where(outer > 0.0, outer, 1.0))
         return float(np.prod(shares))
 
     def check(self, surface: Surface, force: bool) -> None:
@@ -186,22 +196,76 @@ class TablePlacement:
 
     def warnings(self, blended: bool) -> Iterator[str]:
         """Yield signs of a table that does not cover its surface, as sentences."""
-        first, last = _extent(self.points)
-        wide = last - first > FLAT * float((last - first).max())
-        nodes, points = self.nodes[:, wide], self.points[:, wide]
-        distance = cKDTree(points).query(nodes)[0]
+        if self.table.largest_rotation > RADIAN:
+            turn = self.table.largest_rotation
+            yield f"table: it turns by up to {turn:.4g} radians, {np.degrees(turn):.4g} degrees: is it in radians?"
+        if len(self.points) == 1:
+            at = self.points[0].tolist()
+            yield f"table: all its points are at one place, {at}: {self.surface} moves as one piece"
+            return
+        nodes, points = self._along()
+        (first, last), distance = _extent(points), cKDTree(points).query(nodes)[0]
         spacing = float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
-        off = np.maximum(first[wide] - nodes, nodes - last[wide]).max(axis=1)
+        off = np.maximum(first - nodes, nodes - last).max(axis=1)
+        if self.table.rotations is None and self.on_line:
+            yield (
+                f"table: its points lie on a line and have no rotations, so that sections of {self.surface} move "
+                "without turning: add rx, ry, rz in radians, or points beside the line"
+            )
         if beyond := np.count_nonzero(off > spacing):
             yield (
                 f"table: {percent(beyond / len(nodes))} of the nodes of {self.surface} lie beyond its points, by up to "
-                f"{off.max():.4g}: {'what follows it there' if blended else 'their displacement'} is extrapolated"
+                f"{off.max():.4g}: {self._extrapolated('what follows it there' if blended else 'their displacement')}"
             )
-        near = QUARTER * float(np.sort(_principal_extents(self.nodes))[2 if self.plane else 1])
+        near = QUARTER * _extents(self.nodes)[2 if self.plane else 1]
         if coarse := np.count_nonzero((distance > near) & (off <= spacing)):
             yield (
                 f"table: {percent(coarse / len(nodes))} of the nodes of {self.surface} are farther than {near:.4g} "
                 "from its points: is it too coarse?"
+            )
+
+    @property
+    def on_line(self) -> bool:
+        """Whether the points are a line beside the surface."""
+        return self.slender and _extents(self.points)[1] < QUARTER * _extents(self.nodes)[1]
+
+    @property
+    def slender(self) -> bool:
+        """Whether the points extend across their length by little."""
+        _, width, length = _extents(self.points)
+        return width <= SLENDER * length
+
+    def _along(self) -> tuple[FloatArray, FloatArray]:
+        """Return nodes (K, d) and points (P, d) in the directions in which the points extend: a line has one."""
+        first, last = _extent(self.points)
+        axes = np.eye(3)[:, last - first > THIN * float((last - first).max())]
+        if self.table.rotations is not None:
+            axes = self.table.across[:, None]
+        elif self.on_line:
+            one, other = self.points[farthest(self.points, 2)]
+            axes = (other - one)[:, None] / np.linalg.norm(other - one)
+        return self.nodes @ axes, self.points @ axes
+
+    def _extrapolated(self, what: str) -> str:
+        """Say what becomes of nodes beyond the points, and how far they move if that is farther than any point."""
+        if self.table.rotations is not None:
+            return "they move with the beam's end"
+        known = float(np.linalg.norm(self.table.vectors, axis=1).max())
+        moved = 0.0 if self.moved is None else float(np.linalg.norm(self.moved, axis=1).max())
+        text = f"{what} is extrapolated"
+        return text + (f", to {moved:.4g} where the table's largest is {known:.4g}" if moved > known else "")
+
+    def moved_on(self, patch: str, rows: BoolArray) -> Iterator[str]:
+        """Yield a sentence if the nodes (K,) on another patch move, and the surface more: a root that should stay."""
+        if self.moved is None or not rows.any():
+            return
+        moved = np.linalg.norm(self.moved, axis=1)
+        root, largest = float(moved[rows].max()), float(moved.max())
+        if STILL * largest < root < GOES * largest:
+            row = np.flatnonzero(rows)[first_largest(moved[rows])]
+            yield (
+                f"table: it moves {self.surface} on {patch} by up to {root:.4g} of {largest:.4g}, at "
+                f"({', '.join(f'{x:.6g}' for x in self.nodes[row])}): should that stay, give it points there that do"
             )
 
 
@@ -209,9 +273,10 @@ def _extent(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     return points.min(axis=0), points.max(axis=0)
 
 
-def _principal_extents(points: FloatArray) -> FloatArray:
+def _extents(points: FloatArray) -> list[float]:
+    """Return the extents in the principal directions, rising."""
     centred = points - points.mean(axis=0)
-    return np.asarray(np.ptp(centred @ np.linalg.eigh(centred.T @ centred)[1], axis=0))
+    return sorted(np.ptp(centred @ np.linalg.eigh(centred.T @ centred)[1], axis=0).tolist())
 
 
 def _surrounds(radial: FloatArray, axis: Axis) -> bool:

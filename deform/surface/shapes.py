@@ -12,9 +12,10 @@ from sdm_deflect.meshing.mesh.cells import bounded
 from sdm_deflect.meshing.mesh.edges import edges_of, polygons_of
 from sdm_deflect.meshing.mesh.mesh import Mesh
 
-from .motions import Functions, MotionLaw, Smooth, TableLaw
+from .motions import Functions, MotionLaw, Smooth
 from .placement import UNITS
 from .surface import Surface
+from .tables import TableLaw
 
 # Median ratio of the edges' lengths, after to before, of shapes: exchanged rows make edges as long as the surface, and
 # displacements in place of places shrink them to nothing.

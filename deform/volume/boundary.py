@@ -11,12 +11,13 @@ from sdm_deflect.base.arrays import BoolArray, FloatArray, IntArray, union
 from sdm_deflect.base.errors import InputError, nearest
 from sdm_deflect.base.ties import first_largest
 from sdm_deflect.deform.rbf.data_sites import XYZ
-from sdm_deflect.deform.surface.blended import Blended
-from sdm_deflect.deform.surface.motions import TRACK_UNIT, MotionLaw, Table
+from sdm_deflect.deform.surface.blended import Blended, BlendedLaw
+from sdm_deflect.deform.surface.motions import TRACK_UNIT, MotionLaw
 from sdm_deflect.deform.surface.placement import Placement, TablePlacement, check_aft
 from sdm_deflect.deform.surface.reached_share import ReachedShare
 from sdm_deflect.deform.surface.shapes import AnyShape, Shapes, ShapesLaw
 from sdm_deflect.deform.surface.surface import Surface
+from sdm_deflect.deform.surface.tables import Table
 from sdm_deflect.deform.surface.tail_root import Root
 from sdm_deflect.meshing.mesh.edges import median_edge
 from sdm_deflect.meshing.mesh.faces import node_keys, patch_keys
@@ -228,8 +229,11 @@ class PrescribedMotion:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Signs that a hinge or the tolerance is wrong, as sentences."""
-        placements = _placements(self.job, self.surfaces)
-        texts = [text for placement, _, blended in placements for text in placement.warnings(blended)]
+        texts: list[str] = []
+        for placement, surface, blended in _placements(self.job, self.surfaces, self.laws):
+            texts += placement.warnings(blended)
+            if isinstance(placement, TablePlacement) and not blended:
+                texts += self.moved_roots(placement, surface)
         edge, tolerance = self.edge, self.job.fitting.tolerance
         if (tolerance or 0.0) > COARSE * edge:
             texts.append(f"tolerance = {tolerance:g} is above {COARSE:g} of the surface's median edge, {edge:.3g}")
@@ -241,6 +245,11 @@ class PrescribedMotion:
                     f"nodes on {patch.patch}: {len(rows)} put back into its plane, up to {far:.4g} from the motion"
                 )
         return tuple(texts)
+
+    def moved_roots(self, placement: TablePlacement, surface: Surface) -> Iterator[str]:
+        """Yield a sentence for each sliding patch on which a table moves nodes that should perhaps stay."""
+        for patch in self.sliding:
+            yield from placement.moved_on(patch.patch, surface.on([patch.patch]))
 
     def farthest(self, amounts: Amounts) -> Iterator[tuple[Surface, FloatArray, FloatArray]]:
         """Yield each surface with the place (3,) and displacement (3,) of the node that moves farthest."""
@@ -492,16 +501,20 @@ def _check_motions(job: Job, surfaces: Sequence[Surface]) -> None:
             check_aft(surface, motion.axis)
 
 
-def _placements(job: Job, surfaces: Sequence[Surface]) -> Iterator[tuple[Placement | TablePlacement, Surface, bool]]:
+def _placements(
+    job: Job, surfaces: Sequence[Surface], laws: Sequence[MotionLaw | None] = ()
+) -> Iterator[tuple[Placement | TablePlacement, Surface, bool]]:
     """Yield the placement of each hinge and table, its surface, and whether the motion is blended.
 
-    The hinge of a track may be anywhere.
+    The hinge of a track may be anywhere. What a table moves is known with the laws.
     """
-    for moving, surface in zip(job.surfaces, surfaces, strict=True):
+    for moving, surface, law in zip(job.surfaces, surfaces, laws or [None] * len(surfaces), strict=True):
         motion, blended = moving.motion, isinstance(moving.motion, Blended)
         table = motion.base if isinstance(motion, Blended) else motion
         if isinstance(table, Table):
-            yield TablePlacement.of(surface, table), surface, blended
+            base = law.base if isinstance(law, BlendedLaw) else law
+            moved = base.displacement(1.0) if base else None
+            yield replace(TablePlacement.of(surface, table), moved=moved), surface, blended
         if motion.axis is not None and motion.unit != TRACK_UNIT:
             yield Placement.of(surface, motion.axis), surface, blended
 

@@ -17,7 +17,7 @@ from sdm_deflect.deform.confined import zero_sites
 from sdm_deflect.deform.rbf.data_sites import DataSites, fixed_sites
 from sdm_deflect.deform.rbf.fitting import KERNELS, Fitting
 from sdm_deflect.deform.rbf.kernels import Kernel, kernel_of
-from sdm_deflect.deform.surface.motions import Table
+from sdm_deflect.deform.surface.tables import Table
 from sdm_deflect.meshing.mesh.edges import edges_of, median_edge, polygons_of
 from sdm_deflect.meshing.mesh.images import PLANE_TOLERANCE
 from sdm_deflect.meshing.mesh.sliding import Plane

@@ -12,7 +12,7 @@ from sdm_deflect import InputError, deflect, read
 from sdm_deflect import plan as make_plan
 from sdm_deflect.cases.settings.job_settings import settings_of
 from sdm_deflect.cases.settings.jobs import swept
-from sdm_deflect.deform.surface.motions import Table
+from sdm_deflect.deform.surface.tables import Table
 from sdm_deflect.deform.surface.tracks import Track
 from sdm_deflect.meshing.formats.cgns_hdf5 import HdfNode, create
 from sdm_deflect.meshing.formats.cgns_read import base_of

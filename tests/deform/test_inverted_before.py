@@ -8,7 +8,8 @@ import pytest
 from sdm_deflect.deform.box.automatic import Given
 from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.options import Repair
-from sdm_deflect.deform.surface.motions import Moving, Table
+from sdm_deflect.deform.surface.motions import Moving
+from sdm_deflect.deform.surface.tables import Table
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.plan import Plan

@@ -16,8 +16,9 @@ from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.api import deflect
 from sdm_deflect.deform.surface.blended import Blended
-from sdm_deflect.deform.surface.motions import Rotation, Table
+from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.surface.surface import OnPatches
+from sdm_deflect.deform.surface.tables import Table
 from sdm_deflect.deform.volume.deflection import deflect as carried_out
 from sdm_deflect.meshing.mesh.labelled import Skin, tetrahedral
 from tests.meshing.formats.wing import wing

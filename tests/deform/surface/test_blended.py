@@ -6,8 +6,9 @@ import pytest
 from sdm_deflect.base.errors import InputError
 from sdm_deflect.deform.surface import blended
 from sdm_deflect.deform.surface.blended import Blended, Rib
-from sdm_deflect.deform.surface.motions import Rotation, Table
+from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.surface.surface import Listed, OnPatches, Surface, TrailingEdge
+from sdm_deflect.deform.surface.tables import Table
 from sdm_deflect.meshing.mesh.cells import Patch
 from sdm_deflect.meshing.mesh.mesh import Mesh
 

@@ -178,9 +178,12 @@ def test_a_table_of_its_own_nodes_is_exact_and_silent(wing):
     np.testing.assert_allclose(rounded.displacement[nodes], vectors, atol=1e-14)
 
 
-def test_a_table_on_a_line_or_of_a_larger_wing_is_silent(wing):
+def test_a_table_on_a_line_lacks_rotations_and_one_of_a_larger_wing_is_silent(wing):
     axis = np.column_stack([np.full(40, 2.0), np.linspace(-2.0, 2.0, 40), np.zeros(40)])
-    assert np.abs(deflected(wing, axis, np.outer(axis[:, 1] ** 2, UP) / 40).displacement).max() > 0.09
+    bend, turns = np.outer(axis[:, 1] ** 2, UP) / 40, np.outer(axis[:, 1], [1.0, 0.0, 0.0]) / 20
+    with pytest.warns(UserWarning, match="its points lie on a line and have no rotations, so that sections of body"):
+        assert np.abs(deflected(wing, axis, bend).displacement).max() > 0.09
+    sd.deflect(wing, "body", None, 1.0, table=(axis, bend, turns))
     larger = np.stack(np.meshgrid(np.linspace(0, 5, 21), np.linspace(-8, 8, 41), [-0.25, 0.25]), -1).reshape(-1, 3)
     deflected(wing, larger, wave(larger))
 

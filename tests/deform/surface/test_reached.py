@@ -5,9 +5,10 @@ import pytest
 
 from sdm_deflect.cases.run.metrics import deflection_figures, motions
 from sdm_deflect.deform.surface.blended import Blended, Rib
-from sdm_deflect.deform.surface.motions import Rotation, Table
+from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.surface.reached_share import ReachedShare
 from sdm_deflect.deform.surface.surface import OnPatches, Surface
+from sdm_deflect.deform.surface.tables import Table
 from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.meshing.mesh.cells import Patch

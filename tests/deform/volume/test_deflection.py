@@ -11,7 +11,7 @@ from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.loop import run
 from sdm_deflect.deform.rbf.data_sites import CoincidentSitesError
 from sdm_deflect.deform.rbf.fitting import Fitting
-from sdm_deflect.deform.surface.motions import Table
+from sdm_deflect.deform.surface.tables import Table
 from sdm_deflect.deform.volume import deflection
 from sdm_deflect.deform.volume.deflection import Deflection, deflect
 from sdm_deflect.deform.volume.plan import Plan
