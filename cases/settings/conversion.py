@@ -166,7 +166,8 @@ def parse_spelling(value: Any, setting: Setting, place: str) -> Any:
     try:
         return setting.spelling.read(value) if setting.spelling.read else value
     except InputError as error:
-        raise InputError(f"{place} = {error}") from None
+        text = str(error).removeprefix(f"{place.rpartition('.')[2]}: ")
+        raise InputError(f"{place} = {text}") from None
 
 
 def _of_kind(value: Any, kind: Any, place: str) -> Any:

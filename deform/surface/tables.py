@@ -23,9 +23,14 @@ from .surface import Surface
 
 TABLE = "table of points and displacements"
 TITLES = "x,y,z,dx,dy,dz"
-# Titles of displacements and rotations: ours, and those of ParaView.
-VECTORS = {f"d{name}": (f"d{name}", f"displacement:{i}", f"displacement{name}") for i, name in enumerate("xyz")}
-ROTATIONS = {f"r{name}": (f"r{name}", f"rotation:{i}", f"rotation{name}") for i, name in enumerate("xyz")}
+# Titles of displacements and rotations: ours, those of ParaView, and those of Nastran, T1 to R3.
+VECTORS, ROTATIONS = (
+    {
+        f"{short}{name}": (f"{short}{name}", f"{long}:{i}", f"{long}{name}", f"{letter}{i + 1}")
+        for i, name in enumerate("xyz")
+    }
+    for short, long, letter in (("d", "displacement", "T"), ("r", "rotation", "R"))
+)
 # Sets of columns: in space and in a plane, without and with rotations.
 SPACE, PLANE = {*"xyz", *VECTORS}, {*"xy", "dx", "dy"}
 COLUMNS = (SPACE, PLANE, {*SPACE, *ROTATIONS}, {*PLANE, "rz"})
@@ -84,7 +89,8 @@ class Table:
             raise InputError(f"table: {len(self.points)} points; it needs at least {least}")
         if self.largest_rotation > WHOLE_TURN:
             raise InputError(
-                f"table: a rotation of {self.largest_rotation:.4g} is more than a whole turn: give rotations in radians"
+                f"table: a rotation of {self.largest_rotation:.4g} is more than a whole turn: give radians; a mode may "
+                "be divided, and its amount multiplied"
             )
 
     @classmethod

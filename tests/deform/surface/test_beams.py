@@ -113,7 +113,7 @@ STRAIGHT = [[0.4, y, 0.0] for y in (0.0, 0.5, 1.0, 2.0)]
         ("x,y,z,rx,ry,rz", STRAIGHT, 0.1, "titles must be x,y,z,dx,dy,dz, in a plane mesh x,y,dx,dy; rotations of"),
         ("x,y,z,dx,dy,dz,rx,ry", STRAIGHT, 0.1, "titles must be"),
         ("x,y,dx,dy,rx,ry,rz", STRAIGHT, 0.1, "titles must be"),
-        (CSV, STRAIGHT, 12.0, "table: a rotation of 12.03 is more than a whole turn: give rotations in radians"),
+        (CSV, STRAIGHT, 12.0, "table: a rotation of 12.03 is more than a whole turn: give radians"),
         (CSV, STRAIGHT, np.nan, "not finite"),
         (CSV, [*STRAIGHT, [0.4, 1.0, 0.0]], 0.1, "[0.4, 1.0, 0.0] is given twice, with the rotations"),
         (CSV, [*STRAIGHT, [0.4, 1.0, 1e-9]], 0.1, "are close together: leave one of them out"),
@@ -228,3 +228,15 @@ def test_what_a_table_cannot_say_is_named(half_wing):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         plan(mesh, [{"patches": WING, "table": table, "range": (0.0, 1.0)}], **SLIDES)
+
+
+@pytest.mark.parametrize(("angle", "off"), [(0.3, 0.0008), (1.0, 0.03)])
+def test_rotation_vectors_about_two_axes_are_not_the_shortest_way(angle, off):
+    """The guide says by how much a section halfway between them differs."""
+    ends = np.array([[angle, 0.0, 0.0], [0.0, angle, 0.0]])
+    table = Table(np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), np.zeros((2, 3)), rotations=ends)
+    middle = np.array([0.0, 0.5, 0.0])
+    moved = table.law(cloud(middle + np.eye(3))).displacement(1.0)[[0, 2]] + np.eye(3)[[0, 2]]
+    first, last = map(Turning.from_rotvec, ends)
+    shortest = first * Turning.from_rotvec(0.5 * (first.inv() * last).as_rotvec())
+    assert np.linalg.norm(moved - shortest.apply(np.eye(3)[[0, 2]]), axis=1).max() == pytest.approx(off, rel=0.05)
