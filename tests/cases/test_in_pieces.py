@@ -17,6 +17,7 @@ from sdm_deflect.meshing.mesh.cells import Cells, Patch
 from sdm_deflect.meshing.mesh.mesh import Mesh
 from tests.deform.blocks import two_bodies
 from tests.limits import limited
+from tests.meshing.formats.adf_files import in_adf
 from tests.meshing.formats.gmsh_files import gmsh_data
 from tests.meshing.formats.wing import wing
 
@@ -156,6 +157,13 @@ def test_a_flap_in_cells_of_four_shapes(suffix, change, shared, small, alike, tm
     found = alike(written(change(small), tmp_path / f"wing{suffix}"), *FLAP, "--angle", "8")
     assert found["/passed"]
     assert found["/mesh/cells"] == sum(len(own) for own in small.cells)
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_a_flap_in_adf(order, small, alike, tmp_path):
+    path = written(shuffled(small), tmp_path / "wing.cgns")
+    path.write_bytes(in_adf(path, order))
+    assert alike(path, *FLAP, "--angle", "8")["/passed"]
 
 
 @pytest.fixture(params=(".cgns", *nightly(".lb8.ugrid", ".msh"), CASE))
