@@ -1,4 +1,4 @@
-"""Sixty-four faults of one line, planted one after another in a copy: the tests of unit and contract fail.
+"""Faults of one line, planted one after another in a copy: the tests of unit and contract fail.
 
 python -m tests.faults [NUMBER ...]
 
@@ -49,6 +49,10 @@ class Fault:
 FAULTS = (
     Fault("a rotation of the other sign", "versine = 2.0 * np.sin(0.5 * angle) ** 2",
           "versine = -2.0 * np.sin(0.5 * angle) ** 2", "tests/deform/surface"),
+    Fault("a section turns, and does not swing back", "0.5 * np.sinc(half) ** 2 * np.cross(turn, swing)",
+          "0.0 * np.sinc(half) ** 2 * np.cross(turn, swing)", "tests/deform/surface/test_beams.py"),
+    Fault("digits across a line are a slope", "vectors[rows], thin=THIN)", "vectors[rows])",
+          "tests/deform/surface/test_tables.py"),
     Fault("a coefficient of a series", "0.6666666666655285", "0.6666666676655285", "tests/deform/rbf/test_kernels.py"),
     Fault("the adaptation ends too soon", "if last.max_residual < options.tol_stop:",
           "if last.max_residual < 10.0 * options.tol_stop:", "tests/deform/rbf/test_greedy.py"),
