@@ -15,6 +15,7 @@ from sdm_deflect.deform.surface.motions import Powers
 from sdm_deflect.deform.surface.surface import Surface
 from sdm_deflect.deform.surface.tables import BeamLaw, Table
 from sdm_deflect.meshing.formats.registry import FORMATS
+from sdm_deflect.meshing.mesh.axis import Axis
 from sdm_deflect.meshing.mesh.cells import Patch
 
 # Axes of beams from a share of the span to points.
@@ -242,3 +243,19 @@ def test_rotation_vectors_about_two_axes_are_not_the_shortest_way(angle, off):
     first, last = map(Turning.from_rotvec, ends)
     shortest = first * Turning.from_rotvec(0.5 * (first.inv() * last).as_rotvec())
     assert np.linalg.norm(moved - shortest.apply(np.eye(3)[[0, 2]]), axis=1).max() == pytest.approx(off, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("axis", "normal"),
+    [("swept", [0.0, 1.0, 0.0]), ("along x", [1.0, 0.0, 0.0]), ("fin", [0.0, 0.0, 1.0]), ("given", [0.3, 2.0, 0.1])],
+)  # fmt: skip
+def test_sections_lie_across_the_span_or_across_a_hinge(axis, normal):
+    t = np.linspace(0.0, 1.0, 6)
+    swept, body = BEAMS["swept"](t), np.column_stack([3.0 * t, 0.2 * t, 0.1 * t**2])
+    points = {"along x": body, "fin": swept[:, [0, 2, 1]]}.get(axis, swept)
+    vectors, rotations = bent(np.linspace(0.0, 2.0, 6))
+    hinge = Axis(points[0], np.array(normal)) if axis == "given" else None
+    table = Table(points, vectors, hinge, rotations=rotations)
+    arm = np.cross(normal, [0.3, 0.2, 0.7])
+    expected = vectors + Turning.from_rotvec(rotations).apply(arm) - arm
+    assert np.abs(table.law(cloud(points + arm)).displacement(1.0) - expected).max() < 1e-14
