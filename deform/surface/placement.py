@@ -201,7 +201,7 @@ class TablePlacement:
             yield f"table: it turns by up to {turn:.4g} radians, {np.degrees(turn):.4g} degrees: is it in radians?"
         if len(self.points) == 1:
             at = self.points[0].tolist()
-            yield f"table: all its points are at one place, {at}: {self.surface} moves as one piece"
+            yield f"table: all its points are at one place, {at}, and move {self.surface} as one piece"
             return
         nodes, points = self._along()
         (first, last), distance = _extent(points), cKDTree(points).query(nodes)[0]
