@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from sdm_deflect.deform.box.automatic import BoxRule
     from sdm_deflect.deform.box.hexahedron import Hexahedron
     from sdm_deflect.deform.surface.motions import Motion
-    from sdm_deflect.deform.surface.tables import Table
     from sdm_deflect.deform.surface.surface import NodeSet
+    from sdm_deflect.deform.surface.tables import Table
 
 
 class Options(TypedDict, total=False):

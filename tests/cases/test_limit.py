@@ -24,7 +24,9 @@ MESHES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.nightly) if name.startswith("wing") else name for name in MESHES]
+)
 def test_runs_on_both_sides_confirm_it(name, sdm, tmp_path):
     (make, words), resolution = MESHES[name], 12.0 if "wing" in name else 6.0
     path = tmp_path / name

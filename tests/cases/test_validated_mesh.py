@@ -60,10 +60,16 @@ def test_what_was_written_passes(report, capsys):
     assert json.loads(capsys.readouterr().out)["passed"] is True
 
 
-@pytest.mark.parametrize(("suffix", "words"), [
-    (".lb4.ugrid", ()), (".cgns", ("--strategy", "mv")), (".su2", ("--steps", "4", "--repair", "off")),
-    (".msh", ("--repair", "always")), (".su2", ("--set", "kernel=wendland")),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("suffix", "words"),
+    [
+        pytest.param(".lb4.ugrid", (), marks=pytest.mark.nightly),
+        (".cgns", ("--strategy", "mv")),
+        (".su2", ("--steps", "4", "--repair", "off")),
+        pytest.param(".msh", ("--repair", "always"), marks=pytest.mark.nightly),
+        (".su2", ("--set", "kernel=wendland")),
+    ],
+)
 def test_any_format_step_and_kernel_passes(tmp_path, suffix, words):
     assert failing(deflected(tmp_path, suffix, *words)) == set()
 

@@ -87,7 +87,7 @@ def page(made, opened):
     return open_page
 
 
-@pytest.mark.parametrize("name", ["wing", "plate", "quads", "bodies"])
+@pytest.mark.parametrize("name", [pytest.param("wing", marks=pytest.mark.nightly), "plate", "quads", "bodies"])
 def test_sliders_move_nodes_and_qualities_as_the_plan_does(name, page):
     tab, result, held = page(name)
     affected, mesh = result.plan.affected, result.plan.mesh

@@ -29,7 +29,12 @@ def test_every_check_passes(aileron_run):
 
 
 @pytest.mark.parametrize(
-    ("angle", "least"), [pytest.param(50.0, 0.584, marks=pytest.mark.nightly), (60.0, 0.511), (-60.0, 0.476)]
+    ("angle", "least"),
+    [
+        pytest.param(50.0, 0.584, marks=pytest.mark.nightly),
+        pytest.param(60.0, 0.511, marks=pytest.mark.nightly),
+        (-60.0, 0.476),
+    ],
 )
 def test_sixty_degrees_from_a_box_that_begins_ahead_of_the_hinge(turned, angle, least):
     """On other meshes the skins of the wedge cross at +60 degrees, because the repair slides nodes on its faces."""
@@ -94,7 +99,7 @@ def test_squv_needs_fewest_centres_in_y_and_both_strategies_converge(aileron_run
             assert fit.history[-1].max_residual < run.case.adaptation.tolerance
 
 
-@pytest.mark.parametrize("angle", [5.0, -20.0])
+@pytest.mark.parametrize("angle", [pytest.param(5.0, marks=pytest.mark.nightly), -20.0])
 def test_other_angles_pass(turned, angle):
     assert [check for check in turned(replace(case_named("aileron"), angle=angle))[2] if not check.passed] == []
 

@@ -47,7 +47,7 @@ def test_every_distance_from_rigid_cad_is_judged_and_zero(free_run):
     assert all(check.passed for check in run.checks)
 
 
-@pytest.mark.parametrize("angle", [-12.0, 15.0])
+@pytest.mark.parametrize("angle", [pytest.param(-12.0, marks=pytest.mark.nightly), 15.0])
 def test_other_angles_pass_as_well(turned, angle):
     _, _, checks = turned(replace(CASE, angle=angle))
     assert {check.name for check in checks if not check.passed} == set()
