@@ -1,4 +1,4 @@
-"""Pictures of the motions: a flap that turns, on a track, beside a slot, and mirrored; a device; a tail's root."""
+"""Pictures of the motions: a flap that turns, on a track, beside a slot, and mirrored; a device; a beam's sections."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -7,6 +7,8 @@ from matplotlib.figure import Figure
 from sdm_deflect.base.arrays import FloatArray
 from sdm_deflect.deform.surface.appendix_a import blend
 from sdm_deflect.deform.surface.slots import Slot
+from sdm_deflect.deform.surface.surface import Surface
+from sdm_deflect.deform.surface.tables import Table
 from sdm_deflect.deform.surface.tracks import Track, TrackLaw
 from sdm_deflect.meshing.mesh.axis import Axis
 from sdm_deflect.meshing.mesh.cells import Cells, Patch
@@ -158,7 +160,36 @@ def device() -> Figure:
     return figure
 
 
-PICTURES = {"turned": turned, "track": track, "slot": slot, "mirror": mirror, "device": device}
+def beam() -> Figure:
+    """Draw the sections of a half wing that follow a beam's points: without rotations, and with them."""
+    figure = Figure(figsize=(9.6, 2.3), layout="constrained")
+    stations, profile = np.linspace(0.0, 3.0, 9), section(thickness=0.15)[:, [0, 2, 1]]
+    wing = np.concatenate([profile + np.array([0.0, y, 0.0]) for y in stations])
+    points = np.column_stack([0.4 + 0.0 * stations, stations, 0.0 * stations])
+    vectors, rotations = np.zeros((2, len(points), 3))
+    vectors[:, 2] = 0.06 * stations**2
+    rotations[:, 0], rotations[:, 1] = np.arctan(0.12 * stations), 0.17 * stations
+    surface = Surface.of(Mesh(wing, (), (Patch("wing", (), np.arange(len(wing))),)), ("wing",))
+    titles = ("displacements alone: sections move", "with rotations: sections move and turn")
+    for axes, title, turns in zip(figure.subplots(1, 2), titles, (None, rotations), strict=True):
+        moved = wing + Table(points, vectors, rotations=turns).law(surface).displacement(1.0)
+        for given, colour, label in ((wing, GREY, "before"), (moved, BLUE, "after")):
+            for one in np.split(given, len(stations)):
+                outlined(axes, _oblique(one), colour, label)
+                label = ""
+        axes.plot(*_oblique(points + vectors)[:, :2].T, "o-", color=RED, ms=4, label="beam")
+        plain(axes, title, (-0.1, 3.8), (-0.45, 0.95))
+    axes.legend(fontsize="small", loc="upper left")
+    return figure
+
+
+def _oblique(points: FloatArray) -> FloatArray:
+    """Return points (K, 3) of a half wing as seen from above its tip: y to the right, z up, x towards the reader."""
+    x, y, z = points.T
+    return np.column_stack([y + 0.6 * x, z - 0.2 * x, np.zeros(len(points))])
+
+
+PICTURES = {"turned": turned, "track": track, "slot": slot, "mirror": mirror, "device": device, "beam": beam}
 
 if __name__ == "__main__":
     for name, draw in PICTURES.items():
