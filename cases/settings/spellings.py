@@ -68,7 +68,7 @@ def table_of_arrays(value: Any) -> Any:
     from sdm_deflect.deform.surface.tables import Table
     from sdm_deflect.meshing.mesh.cells import bounded
 
-    points, vectors, *turns = (bounded(array, "arrays") for array in value if array is not None)
+    points, vectors, *turns = (bounded(array, "arrays") for array in (value if value[-1] is not None else value[:2]))
     plane = points.ndim == vectors.ndim == 2 and points.shape[1] == vectors.shape[1] == 2
     if plane:
         points, vectors = (np.column_stack([array, np.zeros(len(array))]) for array in (points, vectors))
