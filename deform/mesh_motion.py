@@ -1,7 +1,8 @@
 """The motion of a mesh: its coordinates at any amounts of its surfaces, as a sum of fixed fields.
 
 x(a) = X0 + sum f_k(a) F_k, where X0 is the undeflected mesh. A hinge gives sin a S + (1 - cos a) V, a table s T,
-or powers of s if it has rotations, and several surfaces add up. The fields are read from deflections, each with its own steps and repair.
+or powers of s if it has rotations, and several surfaces add up. The fields are read from deflections, each with its
+own steps and repair.
 """
 
 from collections.abc import Iterator, Sequence
