@@ -162,7 +162,7 @@ def device() -> Figure:
 
 def beam() -> Figure:
     """Draw the sections of a half wing that follow a beam's points: without rotations, and with them."""
-    figure = Figure(figsize=(9.6, 2.3), layout="constrained")
+    figure = Figure(figsize=(9.6, 2.05), layout="constrained")
     stations, profile = np.linspace(0.0, 3.0, 9), section(thickness=0.15)[:, [0, 2, 1]]
     wing = np.concatenate([profile + np.array([0.0, y, 0.0]) for y in stations])
     points = np.column_stack([0.4 + 0.0 * stations, stations, 0.0 * stations])
