@@ -236,7 +236,7 @@ class SurfaceMap:
         return vectors
 
     def _doubts(self, table: Table, moved: FloatArray) -> Iterator[str]:
-        """Yield signs of a wrong table that moves the surface's nodes by `moved` (K, 3), as sentences."""
+        """Yield warnings about a table that moves the surface's nodes by `moved` (K, 3)."""
         boundary = self.box.boundary
         placement = replace(TablePlacement.of(boundary.surfaces[0], table), moved=moved)
         yield from placement.warnings(blended=False)

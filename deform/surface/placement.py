@@ -21,7 +21,7 @@ UNITS = (1000.0, 0.001, 25.4, 1.0 / 25.4, 0.3048, 1.0 / 0.3048, 39.37, 1.0 / 39.
 HALF, QUARTER = 0.5, 0.25
 # Largest angle without nodes as seen from a hinge between two skins: half a turn with some allowance.
 HALF_TURN = 1.1 * np.pi
-# Width of a line of points as a share of its length: the axis of a cranked wing bows by some hundredths.
+# Largest width of a line of points as a share of its length. A choice: it leaves room for a cranked or bowed axis.
 SLENDER = 0.1
 # Share of a surface's extent along the flow that must lie aft of its hinge, for it to have a trailing edge there.
 AFT = 0.1
@@ -226,12 +226,12 @@ class TablePlacement:
 
     @property
     def on_line(self) -> bool:
-        """Whether the points are a line beside the surface."""
+        """Whether the points are a line: slender, and much narrower than the surface."""
         return self.slender and _extents(self.points)[1] < QUARTER * _extents(self.nodes)[1]
 
     @property
     def slender(self) -> bool:
-        """Whether the points extend across their length by little."""
+        """Whether the points are much narrower than they are long."""
         _, width, length = _extents(self.points)
         return width <= SLENDER * length
 
@@ -256,7 +256,7 @@ class TablePlacement:
         return text + (f", to {moved:.4g} where the table's largest is {known:.4g}" if moved > known else "")
 
     def moved_on(self, patch: str, rows: BoolArray) -> Iterator[str]:
-        """Yield a sentence if the nodes (K,) on another patch move, and the surface more: a root that should stay."""
+        """Yield a sentence if nodes on another patch (a mask (K,)) move, but far less than the surface: a root."""
         if self.moved is None or not rows.any():
             return
         moved = np.linalg.norm(self.moved, axis=1)

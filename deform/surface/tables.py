@@ -41,13 +41,13 @@ NEIGHBOURS = 20
 # A node this near to a point of a table moves with it; a share of the surface's size, as files of six digits round.
 OWN = 1e-6
 # Points that lie in a plane or on a line to this share of their extent say nothing of a slope across it: files of four
-# digits round so far. A beam on a sloping line, written with six, would move nodes beside it by 6,000 times too much.
+# digits round so far. A beam on a sloping line, written with six, moved nodes beside it thousands of times too far.
 THIN = 1e-3
 # Largest rotation in radians: a whole turn, which degrees soon exceed.
 WHOLE_TURN = 2.0 * np.pi
-# Least cosine between a beam's steps and the normal of its sections, which are 76 degrees apart then.
+# Least cosine between a beam's steps and the normal of its sections: 76 degrees. A choice: wings are swept by less.
 STEEP = 0.25
-# Least step of a beam as a share of the mean one. A cubic spline through nearer points swings far beyond them.
+# Least step of a beam as a share of the mean one. A choice: a cubic spline through near points that differ overshoots.
 CLOSE = 1e-3
 
 
@@ -132,9 +132,9 @@ class Table:
 
     @property
     def across(self) -> FloatArray:
-        """Normal (3,) of a beam's sections: the hinge, or y or z along which the beam is longer; x for a beam along x.
+        """Unit normal (3,) of a beam's sections: along the hinge, else y or z, whichever the beam is longer along.
 
-        So the section at a plane of symmetry is that plane, also if the beam is swept.
+        For a beam along x it is x. So the section at a plane of symmetry is that plane, also if the beam is swept.
         """
         if self.hinge:
             return self.hinge.direction
