@@ -20,7 +20,8 @@ def test_the_guide_has_the_table():
 def test_the_limits_are_those_of_the_guide_s_mesh(tmp_path):
     """To a step of the search with repair, which takes other ways on other processors."""
     assert run_study("limits", "--out", tmp_path / "limits", "--quiet") == 0
-    found, kept = (list(csv.DictReader(path.open())) for path in (tmp_path / "limits" / "limits.csv", TABLE))
+    files = tmp_path / "limits" / "limits.csv", TABLE
+    found, kept = (list(csv.DictReader(path.read_text().splitlines())) for path in files)
     assert [row for row in found if row["repair"] == "off"] == [row for row in kept if row["repair"] == "off"]
     for row, other in zip(found, kept, strict=True):
         assert (row["case"], row["repair"]) == (other["case"], other["repair"])
